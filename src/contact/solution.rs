@@ -1,0 +1,88 @@
+//! What a contact solver says about one step.
+
+/// Whether a contact sticks (no slip, impulse inside its friction disc) or slips.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ContactMode {
+    /// No slip.
+    Stick,
+    /// Slip; also a contact without friction or without load.
+    #[default]
+    Slip,
+}
+
+impl ContactMode {
+    /// `stick` or `slip`.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Stick => "stick",
+            Self::Slip => "slip",
+        }
+    }
+}
+
+/// The three contacts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ContactName {
+    /// The left wheel.
+    Left,
+    /// The right wheel.
+    Right,
+    /// The front support.
+    Front,
+}
+
+impl ContactName {
+    /// Left, right, front.
+    pub const ALL: [Self; 3] = [Self::Left, Self::Right, Self::Front];
+
+    /// `left`, `right` or `front`.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+            Self::Front => "front",
+        }
+    }
+}
+
+/// One value per contact.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PerContact<T> {
+    /// The left wheel's value.
+    pub left: T,
+    /// The right wheel's value.
+    pub right: T,
+    /// The front support's value.
+    pub front: T,
+}
+
+impl<T> PerContact<T> {
+    /// From left, right, front.
+    pub fn from_array([left, right, front]: [T; 3]) -> Self {
+        Self { left, right, front }
+    }
+
+    /// The value of one contact.
+    pub fn get(&self, contact: ContactName) -> &T {
+        match contact {
+            ContactName::Left => &self.left,
+            ContactName::Right => &self.right,
+            ContactName::Front => &self.front,
+        }
+    }
+
+    /// Contacts with their values, in the order left, right, front.
+    pub fn iter(&self) -> impl Iterator<Item = (ContactName, &T)> {
+        ContactName::ALL.into_iter().map(|contact| (contact, self.get(contact)))
+    }
+
+    /// Applies `map` to each value.
+    pub fn map<U>(&self, map: impl Fn(&T) -> U) -> PerContact<U> {
+        PerContact { left: map(&self.left), right: map(&self.right), front: map(&self.front) }
+    }
+
+    /// Sums `value` over the contacts.
+    pub fn sum(&self, value: impl Fn(&T) -> f64) -> f64 {
+        value(&self.left) + value(&self.right) + value(&self.front)
+    }
+}

@@ -1,0 +1,2 @@
+//! The slipdrive binary.
+fn main() {}

@@ -1,0 +1,197 @@
+//! Mass matrix and smooth forces, (3) and (13) of the paper, in the body frame of the chassis centre of mass.
+//!
+//! In that frame the mass matrix, the tangent Jacobian and the Delassus matrix are constant, so everything that a step
+//! needs of them is computed once per robot.
+
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+use super::contact_kinematics::{BodyVector, TangentJacobian};
+use super::{NormalLoad, RobotParameters};
+use crate::violation::Violations;
+
+/// A validated robot with all constant matrices of its equations of motion.
+#[derive(Debug, Clone)]
+pub struct Robot {
+    parameters: RobotParameters,
+    tangent_jacobian: TangentJacobian,
+    normal_load: NormalLoad,
+    mass_matrix: SMatrix<f64, 5, 5>,
+    inverse_mass_matrix: SMatrix<f64, 5, 5>,
+    delassus: SMatrix<f64, 5, 5>,
+    impulse_response: SMatrix<f64, 5, 5>,
+    normal_response: SMatrix<f64, 3, 5>,
+    static_moment: [f64; 2],
+}
+
+impl Robot {
+    /// Derives the constant matrices of a robot.
+    ///
+    /// # Errors
+    /// All rules that the parameters violate.
+    ///
+    /// # Panics
+    /// Never for validated parameters: their mass matrix is positive definite.
+    pub fn new(parameters: RobotParameters) -> Result<Self, Violations> {
+        parameters.validate()?;
+        let tangent_jacobian = TangentJacobian::new(&parameters);
+        let normal_load = NormalLoad::new(&parameters);
+        let static_moment = static_moment(&parameters);
+        let mass_matrix = mass_matrix(&parameters, static_moment);
+        let inverse_mass_matrix = inverse_mass_matrix(&mass_matrix);
+        let impulse_response = inverse_mass_matrix * tangent_jacobian.matrix().transpose();
+        let delassus = symmetric_part(&(tangent_jacobian.matrix() * impulse_response));
+        let normal_response = normal_load.velocity_change_map * impulse_response;
+        Ok(Self {
+            parameters,
+            tangent_jacobian,
+            normal_load,
+            mass_matrix,
+            inverse_mass_matrix,
+            delassus,
+            impulse_response,
+            normal_response,
+            static_moment,
+        })
+    }
+
+    /// The parameters that the robot was built from.
+    pub fn parameters(&self) -> &RobotParameters {
+        &self.parameters
+    }
+
+    /// `W_T'` by direction.
+    pub fn tangent_jacobian(&self) -> &TangentJacobian {
+        &self.tangent_jacobian
+    }
+
+    /// The projection that yields the normal impulses.
+    pub fn normal_load(&self) -> &NormalLoad {
+        &self.normal_load
+    }
+
+    /// M in the body frame (right, forward, yaw, left wheel, right wheel).
+    pub fn mass_matrix(&self) -> &SMatrix<f64, 5, 5> {
+        &self.mass_matrix
+    }
+
+    /// The inverse of [`Robot::mass_matrix`].
+    pub fn inverse_mass_matrix(&self) -> &SMatrix<f64, 5, 5> {
+        &self.inverse_mass_matrix
+    }
+
+    /// `W_T' M^-1 W_T` by direction, 1/kg: slip change per friction impulse.
+    pub fn delassus(&self) -> &SMatrix<f64, 5, 5> {
+        &self.delassus
+    }
+
+    /// `M^-1 W_T`: change of body velocity per friction impulse, columns by direction.
+    pub fn impulse_response(&self) -> &SMatrix<f64, 5, 5> {
+        &self.impulse_response
+    }
+
+    /// Change of the normal impulses (left, right, front) per friction impulse, 3x5.
+    pub fn normal_response(&self) -> &SMatrix<f64, 3, 5> {
+        &self.normal_response
+    }
+
+    /// First moment of the wheels' mass about the chassis centre of mass (right, forward), kg m.
+    pub fn static_moment(&self) -> [f64; 2] {
+        self.static_moment
+    }
+
+    /// h in the body frame: centrifugal forces of the wheels' offset, and the wheel torques (N m).
+    pub fn smooth_force(&self, yaw_rate: f64, torque: [f64; 2]) -> BodyVector {
+        let [right, forward] = self.static_moment;
+        let rate_squared = yaw_rate * yaw_rate;
+        BodyVector::from([rate_squared * right, rate_squared * forward, 0.0, torque[0], torque[1]])
+    }
+
+    /// Kinetic energy of a body velocity, J.
+    pub fn kinetic_energy(&self, velocity: &BodyVector) -> f64 {
+        0.5 * velocity.dot(&(self.mass_matrix * velocity))
+    }
+}
+
+fn static_moment(parameters: &RobotParameters) -> [f64; 2] {
+    let [left, right, _] = parameters.contact_points();
+    let moment = (left + right) * parameters.wheel_mass;
+    [moment.x, moment.y]
+}
+
+fn mass_matrix(parameters: &RobotParameters, [moment_right, moment_forward]: [f64; 2]) -> SMatrix<f64, 5, 5> {
+    let [left, right, _] = parameters.contact_points();
+    let mass = parameters.total_mass();
+    let yaw_inertia = parameters.chassis_yaw_inertia
+        + 2.0 * parameters.wheel_diametral_inertia
+        + parameters.wheel_mass * (left.norm_squared() + right.norm_squared());
+    let spin = parameters.wheel_spin_inertia;
+    #[rustfmt::skip]
+    let matrix = SMatrix::from_row_slice(&[
+        mass, 0.0, -moment_forward, 0.0, 0.0,
+        0.0, mass, moment_right, 0.0, 0.0,
+        -moment_forward, moment_right, yaw_inertia, 0.0, 0.0,
+        0.0, 0.0, 0.0, spin, 0.0,
+        0.0, 0.0, 0.0, 0.0, spin,
+    ]);
+    matrix
+}
+
+/// Inverts the planar block and the wheels apart, so that their coupling stays exactly zero.
+fn inverse_mass_matrix(mass_matrix: &SMatrix<f64, 5, 5>) -> SMatrix<f64, 5, 5> {
+    let planar: Matrix3<f64> = mass_matrix.fixed_view::<3, 3>(0, 0).into_owned();
+    let planar_inverse = planar.try_inverse().expect("validated masses and inertias are positive");
+    let mut inverse = SMatrix::from_diagonal(&SVector::<f64, 5>::repeat(1.0).component_div(&mass_matrix.diagonal()));
+    inverse.fixed_view_mut::<3, 3>(0, 0).copy_from(&planar_inverse);
+    inverse
+}
+
+fn symmetric_part(matrix: &SMatrix<f64, 5, 5>) -> SMatrix<f64, 5, 5> {
+    0.5 * (matrix + matrix.transpose())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reference() -> Robot {
+        Robot::new(RobotParameters::default()).unwrap()
+    }
+
+    #[test]
+    fn inverse_mass_matrix_inverts() {
+        let robot = reference();
+        let product = robot.mass_matrix() * robot.inverse_mass_matrix();
+        assert!((product - SMatrix::<f64, 5, 5>::identity()).amax() < 1e-13);
+    }
+
+    #[test]
+    fn kinetic_energy_is_that_of_the_bodies() {
+        let robot = reference();
+        let p = robot.parameters();
+        let velocity = BodyVector::from([0.3, 1.1, -0.7, 12.0, 9.0]);
+        let [left, right, _] = p.contact_points();
+        let wheel = |point: nalgebra::Vector2<f64>, rate: f64| {
+            let (v_r, v_f) = (velocity[0] - point.y * velocity[2], velocity[1] + point.x * velocity[2]);
+            0.5 * p.wheel_mass * (v_r * v_r + v_f * v_f)
+                + 0.5 * p.wheel_diametral_inertia * velocity[2] * velocity[2]
+                + 0.5 * p.wheel_spin_inertia * rate * rate
+        };
+        let chassis = 0.5 * p.chassis_mass * (velocity[0] * velocity[0] + velocity[1] * velocity[1])
+            + 0.5 * p.chassis_yaw_inertia * velocity[2] * velocity[2];
+        let expected = chassis + wheel(left, velocity[3]) + wheel(right, velocity[4]);
+        assert!((robot.kinetic_energy(&velocity) - expected).abs() < 1e-13);
+    }
+
+    #[test]
+    fn lengthwise_friction_does_not_change_the_total_load() {
+        let response = reference().normal_response().row_sum();
+        // Weights are 100 N: a sum of three responses cancels to rounding.
+        assert!(response.amax() < 1e-14);
+    }
+
+    #[test]
+    fn accelerating_loads_the_rear_axle() {
+        let load = reference().normal_load().velocity_change_map * BodyVector::from([0.0, 1.0, 0.0, 0.0, 0.0]);
+        assert!(load[0] > 0.0 && load[1] > 0.0 && load[2] < 0.0);
+    }
+}

@@ -1,0 +1,240 @@
+//! The numbers that describe one robot, with their accepted ranges.
+
+use nalgebra::Vector2;
+
+use crate::violation::{Checks, Violations};
+
+/// Largest accepted product of friction coefficient and relative height of the centre of mass.
+///
+/// Near 1 sliding friction can lift its own contact (Painleve's paradox) and the one-step problem may lose uniqueness.
+const PARADOX_LIMIT: f64 = 0.9;
+
+/// Parameters of the robot; [`Default`] is the reference robot of `docs/model.md`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotParameters {
+    /// Chassis mass without the wheels, kg.
+    pub chassis_mass: f64,
+    /// Mass of each wheel, kg.
+    pub wheel_mass: f64,
+    /// Yaw inertia of the chassis about its centre of mass, kg m2.
+    pub chassis_yaw_inertia: f64,
+    /// Inertia of each wheel about its diameter, kg m2.
+    pub wheel_diametral_inertia: f64,
+    /// Spin inertia of each wheel, rotor and gear included, kg m2.
+    pub wheel_spin_inertia: f64,
+    /// Wheel radius, m.
+    pub wheel_radius: f64,
+    /// Distance of the wheel contacts, m.
+    pub track_width: f64,
+    /// Distance from the axle to the front support, m.
+    pub axle_to_front_support: f64,
+    /// Front support right of the centreline, m.
+    pub front_support_right: f64,
+    /// Centre of mass of the chassis right of the centreline, m.
+    pub center_of_mass_right: f64,
+    /// Centre of mass of the chassis ahead of the axle, m.
+    pub center_of_mass_forward: f64,
+    /// Height of the chassis centre of mass over the floor, m.
+    pub center_of_mass_height: f64,
+    /// Coulomb friction coefficient of the wheels.
+    pub wheel_friction_coefficient: f64,
+    /// Coulomb friction coefficient of the front support; 0 is frictionless.
+    pub front_friction_coefficient: f64,
+    /// Tangential restitution (Newton's law) of all contacts, 0 to 1.
+    pub tangential_restitution: f64,
+    /// Gravity, m/s2.
+    pub gravity: f64,
+}
+
+impl Default for RobotParameters {
+    fn default() -> Self {
+        Self {
+            chassis_mass: 10.33,
+            wheel_mass: 0.6,
+            chassis_yaw_inertia: 0.20,
+            wheel_diametral_inertia: 5.5e-4,
+            wheel_spin_inertia: 3.0e-3,
+            wheel_radius: 0.06,
+            track_width: 0.30,
+            axle_to_front_support: 0.28,
+            front_support_right: 0.0,
+            center_of_mass_right: -0.02,
+            center_of_mass_forward: 0.07,
+            center_of_mass_height: 0.10,
+            wheel_friction_coefficient: 0.45,
+            front_friction_coefficient: 0.0,
+            tangential_restitution: 0.0,
+            gravity: 9.81,
+        }
+    }
+}
+
+impl RobotParameters {
+    /// Checks signs, ranges, the statics of the three contacts and the guard against paradoxes.
+    ///
+    /// # Errors
+    /// All violated rules, with field names of the public contract.
+    pub fn validate(&self) -> Result<(), Violations> {
+        let mut checks = Checks::new();
+        checks.within("robot", |checks| self.check(checks));
+        checks.into_result(())
+    }
+
+    /// Adds the violated rules to `checks`, under field names relative to the robot.
+    pub fn check(&self, checks: &mut Checks) {
+        let before = checks.count();
+        self.check_ranges(checks);
+        // Statics and the paradox guard divide by lengths: judge them only when the lengths are sound.
+        if checks.count() == before {
+            self.check_statics(checks);
+            self.check_paradox_guard(checks);
+        }
+    }
+
+    /// The accepted range of every parameter: contract field, value, lowest, highest, unit.
+    ///
+    /// The bounds span from toys to trucks; they keep every product of the model far from overflow and underflow.
+    pub fn ranges(&self) -> [(&'static str, f64, (f64, f64), &'static str); 16] {
+        [
+            ("chassis_mass_kg", self.chassis_mass, (1e-3, 1e5), "kg"),
+            ("wheel_mass_kg", self.wheel_mass, (1e-4, 1e4), "kg"),
+            ("chassis_yaw_inertia_kg_m2", self.chassis_yaw_inertia, (1e-7, 1e6), "kg m2"),
+            ("wheel_diametral_inertia_kg_m2", self.wheel_diametral_inertia, (1e-9, 1e4), "kg m2"),
+            ("wheel_spin_inertia_kg_m2", self.wheel_spin_inertia, (1e-9, 1e4), "kg m2"),
+            ("wheel_radius_m", self.wheel_radius, (1e-3, 10.0), "m"),
+            ("track_width_m", self.track_width, (1e-2, 100.0), "m"),
+            ("axle_to_front_support_m", self.axle_to_front_support, (1e-2, 100.0), "m"),
+            ("front_support_right_m", self.front_support_right, (-100.0, 100.0), "m"),
+            ("center_of_mass_right_m", self.center_of_mass_right, (-100.0, 100.0), "m"),
+            ("center_of_mass_forward_m", self.center_of_mass_forward, (-100.0, 100.0), "m"),
+            ("center_of_mass_height_m", self.center_of_mass_height, (0.0, 100.0), "m"),
+            ("wheel_friction_coefficient", self.wheel_friction_coefficient, (0.0, 10.0), ""),
+            ("front_friction_coefficient", self.front_friction_coefficient, (0.0, 10.0), ""),
+            ("tangential_restitution", self.tangential_restitution, (0.0, 1.0), ""),
+            ("gravity_m_s2", self.gravity, (1e-2, 1e3), "m/s2"),
+        ]
+    }
+
+    fn check_ranges(&self, checks: &mut Checks) {
+        for (field, value, range, unit) in self.ranges() {
+            // A sign error deserves the shorter rule.
+            if range.0 > 0.0 && (value <= 0.0 || value.is_nan()) {
+                checks.positive(field, value, unit);
+            } else {
+                checks.between(field, value, range, unit);
+            }
+        }
+    }
+
+    fn check_statics(&self, checks: &mut Checks) {
+        let loads = self.static_loads();
+        let names = ["left wheel", "right wheel", "front support"];
+        for (name, load) in names.into_iter().zip(loads) {
+            let rule = format!("such that the {name} carries load at rest (its normal force would be {load} N)");
+            let position = format!("({}, {})", self.center_of_mass_right, self.center_of_mass_forward);
+            let field = if name == "left wheel" || name == "right wheel" {
+                "center_of_mass_right_m"
+            } else {
+                "center_of_mass_forward_m"
+            };
+            checks.require(field, format_args!("{position} (right, forward)"), load >= 0.0, &rule, Some(0.0));
+        }
+    }
+
+    fn check_paradox_guard(&self, checks: &mut Checks) {
+        for (field, friction) in [
+            ("wheel_friction_coefficient", self.wheel_friction_coefficient),
+            ("front_friction_coefficient", self.front_friction_coefficient),
+        ] {
+            for (length_name, length) in
+                [("track_width_m / 2", self.track_width / 2.0), ("axle_to_front_support_m", self.axle_to_front_support)]
+            {
+                let largest = PARADOX_LIMIT * length / self.center_of_mass_height;
+                let rule = format!(
+                    "at most {largest}: {field} * center_of_mass_height_m / ({length_name}) above {PARADOX_LIMIT} \
+                     may lose uniqueness"
+                );
+                let holds = friction * self.center_of_mass_height <= PARADOX_LIMIT * length;
+                checks.require(field, friction, holds, &rule, Some(largest));
+            }
+        }
+    }
+
+    /// Normal forces at rest, N: left, right, front.
+    fn static_loads(&self) -> [f64; 3] {
+        // Moments about the axle and about the centreline, in the frame of the axle midpoint.
+        let chassis_weight = self.chassis_mass * self.gravity;
+        let total_weight = chassis_weight + 2.0 * self.wheel_mass * self.gravity;
+        let front = chassis_weight * self.center_of_mass_forward / self.axle_to_front_support;
+        let axle = total_weight - front;
+        let rolling_moment = chassis_weight * self.center_of_mass_right - front * self.front_support_right;
+        let difference = rolling_moment / (self.track_width / 2.0);
+        [0.5 * (axle - difference), 0.5 * (axle + difference), front]
+    }
+
+    /// Mass of the whole robot, kg.
+    pub fn total_mass(&self) -> f64 {
+        self.chassis_mass + 2.0 * self.wheel_mass
+    }
+
+    /// Contact points of left wheel, right wheel and front support relative to the chassis centre of mass, in the
+    /// body frame (right, forward), m.
+    pub fn contact_points(&self) -> [Vector2<f64>; 3] {
+        let half_track = self.track_width / 2.0;
+        let axle = self.axle_midpoint();
+        [
+            axle + Vector2::new(-half_track, 0.0),
+            axle + Vector2::new(half_track, 0.0),
+            axle + Vector2::new(self.front_support_right, self.axle_to_front_support),
+        ]
+    }
+
+    /// The axle midpoint relative to the chassis centre of mass, in the body frame (right, forward), m.
+    pub fn axle_midpoint(&self) -> Vector2<f64> {
+        Vector2::new(-self.center_of_mass_right, -self.center_of_mass_forward)
+    }
+
+    /// Centre of mass of the whole robot relative to the chassis centre of mass, in the body frame, m.
+    pub fn whole_center_of_mass(&self) -> Vector2<f64> {
+        self.axle_midpoint() * (2.0 * self.wheel_mass / self.total_mass())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reference_robot_is_valid() {
+        assert_eq!(RobotParameters::default().validate(), Ok(()));
+    }
+
+    #[test]
+    fn static_loads_carry_the_weight() {
+        let robot = RobotParameters::default();
+        let total: f64 = robot.static_loads().iter().sum();
+        // Three sums of numbers near 100: rounding stays below 1e-12.
+        assert!((total - robot.total_mass() * robot.gravity).abs() < 1e-12);
+    }
+
+    #[test]
+    fn each_spoiled_field_is_named() {
+        type Spoil = fn(&mut RobotParameters);
+        let cases: [(Spoil, &str); 8] = [
+            (|robot| robot.chassis_mass = -1.0, "robot.chassis_mass_kg"),
+            (|robot| robot.wheel_radius = 0.0, "robot.wheel_radius_m"),
+            (|robot| robot.gravity = f64::NAN, "robot.gravity_m_s2"),
+            (|robot| robot.tangential_restitution = 1.5, "robot.tangential_restitution"),
+            (|robot| robot.wheel_friction_coefficient = -0.1, "robot.wheel_friction_coefficient"),
+            (|robot| robot.center_of_mass_height = 2.0, "robot.wheel_friction_coefficient"),
+            (|robot| robot.center_of_mass_forward = -0.05, "robot.center_of_mass_forward_m"),
+            (|robot| robot.center_of_mass_right = 0.4, "robot.center_of_mass_right_m"),
+        ];
+        for (spoil, field) in cases {
+            let mut robot = RobotParameters::default();
+            spoil(&mut robot);
+            let violations = robot.validate().unwrap_err();
+            assert_eq!(violations.list()[0].field, field, "{violations}");
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! What is asked: a start, a goal in some or all components, and the torque limits.
+
+use nalgebra::{SVector, Vector2};
+
+use crate::robot::{PerWheel, RobotParameters, State};
+use crate::violation::Checks;
+
+/// Largest accepted coordinate, m: beyond it a millimetre is near the rounding of the rollout.
+const POSITION_LIMIT: f64 = 1e4;
+/// Largest accepted angle, rad.
+const ANGLE_LIMIT: f64 = 1e4;
+/// Largest accepted speed, m/s.
+const SPEED_LIMIT: f64 = 100.0;
+/// Largest accepted yaw rate, rad/s.
+const YAW_RATE_LIMIT: f64 = 1e3;
+/// Largest accepted wheel rate, rad/s.
+const WHEEL_RATE_LIMIT: f64 = 1e5;
+/// Largest accepted torque limit, N m.
+const TORQUE_LIMIT: f64 = 1e6;
+
+/// The point of the chassis whose position and velocity the caller speaks of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ReferencePoint {
+    /// Centre of mass of the chassis, as in the paper.
+    #[default]
+    ChassisCenterOfMass,
+    /// Midpoint of the axle, what planners call `base_link`.
+    AxleMidpoint,
+}
+
+impl ReferencePoint {
+    /// The point relative to the chassis centre of mass, in the body frame (right, forward), m.
+    pub fn offset(self, robot: &RobotParameters) -> Vector2<f64> {
+        match self {
+            Self::ChassisCenterOfMass => Vector2::zeros(),
+            Self::AxleMidpoint => robot.axle_midpoint(),
+        }
+    }
+}
+
+/// A component of the state that a goal may fix; the order is that of [`State::to_vector`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StateComponent {
+    /// World x, m.
+    X,
+    /// World y, m.
+    Y,
+    /// Heading, rad.
+    Heading,
+    /// Left wheel angle, rad.
+    WheelAngleLeft,
+    /// Right wheel angle, rad.
+    WheelAngleRight,
+    /// World x velocity, m/s.
+    VelocityX,
+    /// World y velocity, m/s.
+    VelocityY,
+    /// Yaw rate, rad/s.
+    YawRate,
+    /// Left wheel rate, rad/s.
+    WheelRateLeft,
+    /// Right wheel rate, rad/s.
+    WheelRateRight,
+}
+
+impl StateComponent {
+    /// All components in the order of [`State::to_vector`].
+    pub const ALL: [Self; 10] = [
+        Self::X,
+        Self::Y,
+        Self::Heading,
+        Self::WheelAngleLeft,
+        Self::WheelAngleRight,
+        Self::VelocityX,
+        Self::VelocityY,
+        Self::YawRate,
+        Self::WheelRateLeft,
+        Self::WheelRateRight,
+    ];
+
+    /// Position of the component in [`State::to_vector`].
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The field of the public contract.
+    pub const fn field(self) -> &'static str {
+        match self {
+            Self::X => "x_m",
+            Self::Y => "y_m",
+            Self::Heading => "heading_rad",
+            Self::WheelAngleLeft => "wheel_angle_left_rad",
+            Self::WheelAngleRight => "wheel_angle_right_rad",
+            Self::VelocityX => "velocity_x_m_s",
+            Self::VelocityY => "velocity_y_m_s",
+            Self::YawRate => "yaw_rate_rad_s",
+            Self::WheelRateLeft => "wheel_rate_left_rad_s",
+            Self::WheelRateRight => "wheel_rate_right_rad_s",
+        }
+    }
+
+    fn limit(self) -> (f64, &'static str) {
+        match self {
+            Self::X | Self::Y => (POSITION_LIMIT, "m"),
+            Self::Heading | Self::WheelAngleLeft | Self::WheelAngleRight => (ANGLE_LIMIT, "rad"),
+            Self::VelocityX | Self::VelocityY => (SPEED_LIMIT, "m/s"),
+            Self::YawRate => (YAW_RATE_LIMIT, "rad/s"),
+            Self::WheelRateLeft | Self::WheelRateRight => (WHEEL_RATE_LIMIT, "rad/s"),
+        }
+    }
+}
+
+/// The goal: a value per constrained component of the state, `None` where it is free.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Goal([Option<f64>; State::LEN]);
+
+impl Goal {
+    /// At rest at a pose (m, m, rad), with free wheel angles.
+    pub fn at_rest(x: f64, y: f64, heading: f64) -> Self {
+        let zero = Some(0.0);
+        Self([Some(x), Some(y), Some(heading), None, None, zero, zero, zero, zero, zero])
+    }
+
+    /// The value asked of a component, if any.
+    pub fn value(&self, component: StateComponent) -> Option<f64> {
+        self.0[component.index()]
+    }
+
+    /// Fixes or frees a component.
+    pub fn set(&mut self, component: StateComponent, value: Option<f64>) {
+        self.0[component.index()] = value;
+    }
+
+    /// The constrained components with their values.
+    pub fn constrained(&self) -> impl Iterator<Item = (StateComponent, f64)> + '_ {
+        StateComponent::ALL.into_iter().filter_map(|component| Some((component, self.value(component)?)))
+    }
+}
+
+/// Start, goal and torque limits of one maneuver, all at the reference point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Maneuver {
+    /// The point that start and goal speak of.
+    pub reference_point: ReferencePoint,
+    /// Start state at the reference point.
+    pub start: State,
+    /// Goal at the reference point.
+    pub goal: Goal,
+    /// Largest torque magnitude per wheel, N m.
+    pub torque_limit: PerWheel<f64>,
+}
+
+impl Maneuver {
+    /// The paper's case: 5 m forward from rest to rest with 1 N m per wheel.
+    pub fn forward_drive() -> Self {
+        Self {
+            reference_point: ReferencePoint::ChassisCenterOfMass,
+            start: State::default(),
+            goal: Goal::at_rest(0.0, 5.0, 0.0),
+            torque_limit: PerWheel::new(1.0, 1.0),
+        }
+    }
+
+    /// Adds the violated rules to `checks`, under field names relative to the maneuver.
+    pub fn check(&self, checks: &mut Checks) {
+        checks.within("start", |checks| check_state(&self.start, checks));
+        checks.within("goal", |checks| {
+            for (component, value) in self.goal.constrained() {
+                let (limit, unit) = component.limit();
+                checks.within_magnitude(component.field(), value, limit, unit);
+            }
+            let constrained = self.goal.constrained().count();
+            checks.require("free", "every field", constrained > 0, "such that at least one field is constrained", None);
+        });
+        for (field, limit) in
+            [("torque_limit_left_n_m", self.torque_limit.left), ("torque_limit_right_n_m", self.torque_limit.right)]
+        {
+            if limit > 0.0 {
+                checks.within_magnitude(field, limit, TORQUE_LIMIT, "N m");
+            } else {
+                checks.positive(field, limit, "N m");
+            }
+        }
+    }
+
+    /// The start state at the chassis centre of mass.
+    pub fn start_at_center_of_mass(&self, robot: &RobotParameters) -> State {
+        self.start.moved_by(-self.reference_point.offset(robot))
+    }
+
+    /// Constrained components of `end` (a state at the reference point) minus goal; the heading modulo 2 pi, 0 where free.
+    pub fn goal_error(&self, end: &State) -> SVector<f64, { State::LEN }> {
+        let end = end.to_vector();
+        let mut error = SVector::zeros();
+        for (component, value) in self.goal.constrained() {
+            let difference = end[component.index()] - value;
+            error[component.index()] =
+                if component == StateComponent::Heading { wrapped_angle(difference) } else { difference };
+        }
+        error
+    }
+}
+
+/// Adds the violated rules of a start state to `checks`.
+pub fn check_state(state: &State, checks: &mut Checks) {
+    let values = state.to_vector();
+    for component in StateComponent::ALL {
+        let (limit, unit) = component.limit();
+        checks.within_magnitude(component.field(), values[component.index()], limit, unit);
+    }
+}
+
+/// The angle in [-pi, pi] that differs from `angle` by whole turns.
+pub fn wrapped_angle(angle: f64) -> f64 {
+    angle - (angle / std::f64::consts::TAU).round() * std::f64::consts::TAU
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heading_error_is_modulo_whole_turns() {
+        let mut end = State::default();
+        end.configuration.y = 5.0;
+        end.configuration.heading = std::f64::consts::TAU + 0.25;
+        let error = Maneuver::forward_drive().goal_error(&end);
+        // One subtraction of 2 pi rounds to a few 1e-16.
+        assert!((error[StateComponent::Heading.index()] - 0.25).abs() < 1e-15);
+        assert_eq!(error[StateComponent::Y.index()], 0.0);
+    }
+
+    #[test]
+    fn axle_start_lies_behind_the_center_of_mass() {
+        let robot = RobotParameters::default();
+        let maneuver = Maneuver { reference_point: ReferencePoint::AxleMidpoint, ..Maneuver::forward_drive() };
+        let start = maneuver.start_at_center_of_mass(&robot);
+        assert_eq!((start.configuration.x, start.configuration.y), (-0.02, 0.07));
+    }
+
+    #[test]
+    fn all_violations_are_reported_at_once() {
+        let mut maneuver = Maneuver::forward_drive();
+        maneuver.torque_limit = PerWheel::new(-1.0, 0.0);
+        maneuver.start.velocity.x = f64::INFINITY;
+        let mut checks = Checks::new();
+        maneuver.check(&mut checks);
+        assert_eq!(checks.count(), 3);
+    }
+}

@@ -1,0 +1,3 @@
+//! Shooting.
+mod maneuver;
+pub use maneuver::{Goal, Maneuver, ReferencePoint, StateComponent, check_state, wrapped_angle};

@@ -1,0 +1,101 @@
+//! The contact-mode timeline of a trajectory, its separations and its slip reversals.
+
+use super::trajectory::{ContactSample, Trajectory};
+use crate::contact::{ContactMode, ContactName, PerContact};
+
+/// A time span in which no contact changes its mode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactModeSpan {
+    /// Start of the span, s.
+    pub start: f64,
+    /// End of the span, s.
+    pub end: f64,
+    /// Mode per contact.
+    pub mode: PerContact<ContactMode>,
+    /// Degrees of freedom in the span.
+    pub degrees_of_freedom: u8,
+}
+
+/// A step in which a contact would have had to pull.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Separation {
+    /// Start of the step, s.
+    pub time: f64,
+    /// The contact.
+    pub contact: ContactName,
+    /// Its raw normal force, N, negative.
+    pub normal_force: f64,
+}
+
+/// Normal forces down to minus this fraction of the weight per step are rounding, not separation.
+const SEPARATION_TOLERANCE: f64 = 1e-12;
+
+impl Trajectory {
+    /// Merges equal modes of neighbouring steps.
+    pub fn contact_modes(&self) -> Vec<ContactModeSpan> {
+        let mut spans: Vec<ContactModeSpan> = Vec::new();
+        for (step, contacts) in self.contact.iter().enumerate() {
+            let mode = contacts.map(|sample| sample.mode);
+            let (start, end) = (self.time[step], self.time[step + 1]);
+            match spans.last_mut() {
+                Some(span) if span.mode == mode => span.end = end,
+                _ => {
+                    spans.push(ContactModeSpan { start, end, mode, degrees_of_freedom: self.degrees_of_freedom[step] })
+                }
+            }
+        }
+        spans
+    }
+
+    /// Every step and contact with a negative normal force.
+    pub fn separations(&self) -> Vec<Separation> {
+        let mut separations = Vec::new();
+        for (step, contacts) in self.contact.iter().enumerate() {
+            let weight = contacts.sum(|sample| sample.normal_force);
+            for (contact, sample) in contacts.iter() {
+                if sample.normal_force < -SEPARATION_TOLERANCE * weight {
+                    separations.push(Separation { time: self.time[step], contact, normal_force: sample.normal_force });
+                }
+            }
+        }
+        separations
+    }
+
+    /// Counts opposite slip of one contact before and after at most one sticking step.
+    ///
+    /// There the derivative of any fixed-step scheme is wrong (`docs/model.md`). Contacts without friction force do
+    /// not count.
+    pub fn slip_reversals(&self) -> usize {
+        ContactName::ALL.into_iter().map(|contact| self.slip_reversals_of(contact)).sum()
+    }
+
+    fn slip_reversals_of(&self, contact: ContactName) -> usize {
+        let sample = |step: usize| *self.contact[step].get(contact);
+        let mut reversals = 0;
+        for step in 1..self.contact.len() {
+            if sample(step).mode == ContactMode::Stick || !has_friction(&sample(step)) {
+                continue;
+            }
+            let skip = usize::from(sample(step - 1).mode == ContactMode::Stick);
+            if step < 1 + skip {
+                continue;
+            }
+            let before = sample(step - 1 - skip);
+            let opposite = before.lateral_slip * sample(step).lateral_slip
+                + before.longitudinal_slip * sample(step).longitudinal_slip
+                < 0.0;
+            reversals += usize::from(before.mode == ContactMode::Slip && opposite);
+        }
+        reversals
+    }
+
+    /// Time that a contact slips, s.
+    pub fn slip_time(&self, contact: ContactName) -> f64 {
+        let slips = |step: &usize| self.contact[*step].get(contact).mode == ContactMode::Slip;
+        (0..self.step_count()).filter(slips).map(|step| self.time[step + 1] - self.time[step]).sum()
+    }
+}
+
+fn has_friction(sample: &ContactSample) -> bool {
+    sample.lateral_force != 0.0 || sample.longitudinal_force != 0.0
+}

@@ -1,0 +1,46 @@
+//! The samples of one rollout.
+
+use crate::contact::{ContactMode, PerContact};
+use crate::robot::State;
+
+/// States at the nodes and contacts of the steps of one rollout.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Trajectory {
+    /// Node times, s; one more than there are steps.
+    pub time: Vec<f64>,
+    /// States at the nodes, at the chassis centre of mass.
+    pub state: Vec<State>,
+    /// Contacts per step.
+    pub contact: Vec<PerContact<ContactSample>>,
+    /// Degrees of freedom per step: 5 - rank of the sticking directions.
+    pub degrees_of_freedom: Vec<u8>,
+    /// Largest residual of the contact law over all steps, relative to m g dt.
+    pub worst_contact_residual: f64,
+    /// Steps whose friction problem has several solutions.
+    pub indeterminate_steps: usize,
+}
+
+impl Trajectory {
+    /// Number of steps.
+    pub fn step_count(&self) -> usize {
+        self.contact.len()
+    }
+}
+
+/// One contact during one step: forces are the step's means, slips are `gamma_E` with W at `q_M`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactSample {
+    /// Normal force, N; negative means that the contact would separate.
+    pub normal_force: f64,
+    /// Friction force on the robot to the right, N. While both wheels stick only the wheels' sum is physical; the
+    /// split follows the remaining friction capacity, by convention.
+    pub lateral_force: f64,
+    /// Friction force on the robot to the front, N.
+    pub longitudinal_force: f64,
+    /// Slip to the right, m/s.
+    pub lateral_slip: f64,
+    /// Slip to the front, m/s.
+    pub longitudinal_slip: f64,
+    /// Whether the contact sticks or slips.
+    pub mode: ContactMode,
+}

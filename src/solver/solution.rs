@@ -1,0 +1,158 @@
+//! The answer of a solve: a plan, its status, and what it states about itself.
+
+use nalgebra::SVector;
+
+use super::Method;
+use crate::robot::State;
+use crate::simulation::{ContactModeSpan, Separation, TorqueSchedule, Trajectory};
+
+/// How good the plan is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Status {
+    /// Goal met, first-order measure small, no separation, contact law kept.
+    Converged,
+    /// Goal met, but not shown to be a local optimum.
+    Feasible,
+    /// Best iterate; the goal is missed.
+    NotConverged,
+    /// Shown to be impossible.
+    Infeasible,
+}
+
+impl Status {
+    /// The name in the public contract.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::Feasible => "feasible",
+            Self::NotConverged => "not_converged",
+            Self::Infeasible => "infeasible",
+        }
+    }
+}
+
+/// Why the search ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopReason {
+    /// The whole search asked for was done.
+    Finished,
+    /// The stop flag was set from outside.
+    Stopped,
+    /// The rollout limit was used up.
+    RolloutLimit,
+}
+
+/// The first requirement that a plan does not meet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reason {
+    /// Stable `snake_case` code.
+    pub code: &'static str,
+    /// The field of the input that could not be met, such as `goal.y_m`.
+    pub field: String,
+    /// When it fails, s.
+    pub time: f64,
+    /// What was reached.
+    pub value: f64,
+    /// What was required.
+    pub limit: f64,
+    /// One sentence for people.
+    pub message: String,
+}
+
+/// A local optimum and how many starts led to it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DistinctOptimum {
+    /// Its final time, s.
+    pub final_time: f64,
+    /// Number of starts.
+    pub count: usize,
+}
+
+/// What a lower bound on the final time rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LowerBoundAssumption {
+    /// Friction bounds the acceleration of the whole robot's centre of mass.
+    Friction,
+}
+
+impl LowerBoundAssumption {
+    /// The name in the public contract.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Friction => "friction",
+        }
+    }
+}
+
+/// The plan's torques on a finer grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Replay {
+    /// Number of steps of the fine grid.
+    pub step_count: usize,
+    /// Distance of its end from the goal position, m.
+    pub miss_position: f64,
+    /// Difference of its heading, rad.
+    pub miss_heading: f64,
+    /// Difference of its velocity, m/s.
+    pub miss_speed: f64,
+    /// Whether position and heading are within the asked tolerance.
+    pub within_tolerance: bool,
+}
+
+/// What a plan states about itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report {
+    /// The optimiser used.
+    pub method: Method,
+    /// Steps of the plan's grid.
+    pub step_count: usize,
+    /// Torques per wheel.
+    pub control_count: usize,
+    /// Iterations of the optimiser, over all starts.
+    pub iterations: u64,
+    /// Rollouts spent.
+    pub rollouts: u64,
+    /// Starts tried.
+    pub starts_tried: usize,
+    /// Local optima seen, fastest first.
+    pub distinct_optima: Vec<DistinctOptimum>,
+    /// Largest residual of the contact law, relative to m g dt.
+    pub worst_contact_residual: f64,
+    /// First-order measure: decrease of the final time that the linear model still predicts, s.
+    pub predicted_decrease: f64,
+    /// Rigorous lower bound on the final time, s.
+    pub lower_bound: f64,
+    /// What the bound rests on.
+    pub lower_bound_assumption: LowerBoundAssumption,
+    /// Steps in which a contact would have had to pull.
+    pub separations: Vec<Separation>,
+    /// Steps whose friction problem has several solutions.
+    pub indeterminate_steps: usize,
+    /// Slip reversals, where derivatives mislead.
+    pub slip_reversals: usize,
+    /// The plan on a finer grid.
+    pub replay: Replay,
+}
+
+/// A plan with its status and report.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// How good the plan is.
+    pub status: Status,
+    /// Why the search ended.
+    pub stop_reason: StopReason,
+    /// Goal met, no separation, replay within tolerance.
+    pub executable: bool,
+    /// The first requirement that fails, for plans that miss the goal.
+    pub reason: Option<Reason>,
+    /// The torques.
+    pub schedule: TorqueSchedule,
+    /// End state minus goal at the reference point, 0 where free, in the order of [`State::to_vector`].
+    pub goal_error: SVector<f64, { State::LEN }>,
+    /// The motion; its states are those of the reference point.
+    pub trajectory: Trajectory,
+    /// Contact modes over time.
+    pub contact_modes: Vec<ContactModeSpan>,
+    /// What the plan states about itself.
+    pub report: Report,
+}
