@@ -1,0 +1,178 @@
+//! Counted admission and the line of waiting jobs.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::mem;
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::Duration;
+
+use super::job::{self, Departure, Job, Ticket};
+use super::lock;
+use super::stop::{StopCause, StopHandle};
+
+/// Why no place was given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// All places are taken.
+    Full,
+    /// The queue was closed.
+    Closed,
+}
+
+/// The places, and the jobs that wait for a worker.
+#[derive(Debug)]
+pub(super) struct BoundedQueue {
+    state: Mutex<State>,
+    /// Wakes workers: a job came, or the last one ended after closing.
+    changed: Condvar,
+    capacity: usize,
+}
+
+#[derive(Debug)]
+struct State {
+    open: bool,
+    /// Set once everything in flight has to stop, also places that are filled later.
+    cancelled: Option<StopCause>,
+    in_flight: usize,
+    next_id: u64,
+    waiting: VecDeque<Job>,
+    /// Stop handles of all filled places, waiting and running.
+    stops: BTreeMap<u64, StopHandle>,
+}
+
+impl BoundedQueue {
+    pub(super) fn new(capacity: usize) -> Self {
+        let state = State {
+            open: true,
+            cancelled: None,
+            in_flight: 0,
+            next_id: 0,
+            waiting: VecDeque::new(),
+            stops: BTreeMap::new(),
+        };
+        Self { state: Mutex::new(state), changed: Condvar::new(), capacity }
+    }
+
+    pub(super) fn reserve(self: &Arc<Self>) -> Result<Place, Refusal> {
+        let mut state = lock(&self.state);
+        if !state.open {
+            return Err(Refusal::Closed);
+        }
+        if state.in_flight >= self.capacity {
+            return Err(Refusal::Full);
+        }
+        state.in_flight += 1;
+        let id = state.next_id;
+        state.next_id += 1;
+        Ok(Place { queue: Arc::clone(self), id })
+    }
+
+    pub(super) fn is_open(&self) -> bool {
+        lock(&self.state).open
+    }
+
+    pub(super) fn in_flight(&self) -> usize {
+        lock(&self.state).in_flight
+    }
+
+    pub(super) fn close(&self) {
+        lock(&self.state).open = false;
+        self.changed.notify_all();
+    }
+
+    pub(super) fn cancel_all(&self, cause: StopCause) {
+        let (waiting, stops) = {
+            let mut state = lock(&self.state);
+            state.open = false;
+            state.cancelled = Some(cause);
+            (mem::take(&mut state.waiting), state.stops.values().cloned().collect::<Vec<_>>())
+        };
+        for stop in stops {
+            stop.stop(cause);
+        }
+        // Outside the lock: the jobs give their places back.
+        drop(waiting);
+        self.changed.notify_all();
+    }
+
+    /// The oldest waiting job; blocks until there is one. `None` once the queue is closed and nothing is in flight.
+    pub(super) fn next(&self) -> Option<Job> {
+        let mut state = lock(&self.state);
+        loop {
+            if let Some(job) = state.waiting.pop_front() {
+                return Some(job);
+            }
+            // A reserved place may yet be filled: workers stay until the last one is given back.
+            if !state.open && state.in_flight == 0 {
+                return None;
+            }
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Takes a job out of the line, if it still waits there.
+    pub(super) fn remove(&self, id: u64) {
+        let removed = {
+            let mut state = lock(&self.state);
+            let position = state.waiting.iter().position(|job| job.id() == id);
+            position.and_then(|position| state.waiting.remove(position))
+        };
+        // Outside the lock: the job gives its place back.
+        drop(removed);
+    }
+
+    fn push(&self, job: Job, stop: StopHandle) {
+        let mut state = lock(&self.state);
+        if let Some(cause) = state.cancelled {
+            stop.stop(cause);
+        }
+        state.stops.insert(job.id(), stop);
+        state.waiting.push_back(job);
+        drop(state);
+        self.changed.notify_one();
+    }
+
+    fn give_back(&self, id: u64) {
+        let mut state = lock(&self.state);
+        state.in_flight -= 1;
+        // Bound to a name so that it is dropped after the lock.
+        let _stop = state.stops.remove(&id);
+        let was_last = !state.open && state.in_flight == 0;
+        drop(state);
+        if was_last {
+            self.changed.notify_all();
+        }
+    }
+}
+
+/// The right to put one job into the queue; given back on drop.
+#[derive(Debug)]
+pub struct Place {
+    queue: Arc<BoundedQueue>,
+    id: u64,
+}
+
+impl Place {
+    /// The number of the job in this process, for logs.
+    pub fn job_id(&self) -> u64 {
+        self.id
+    }
+
+    /// Queues `work`; it hears of its time limit, counted from its start, through the stop handle.
+    pub fn fill<T: Send + 'static>(
+        self,
+        time_limit: Option<Duration>,
+        work: impl FnOnce(&StopHandle) -> T + Send + 'static,
+    ) -> Ticket<T> {
+        let (queue, id, stop) = (Arc::clone(&self.queue), self.id, StopHandle::new());
+        let departure = Departure::new(stop.clone(), Arc::downgrade(&queue), id);
+        let (job, ticket) = job::pair(self, id, (stop.clone(), departure), time_limit, work);
+        queue.push(job, stop);
+        ticket
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.queue.give_back(self.id);
+    }
+}

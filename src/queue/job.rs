@@ -1,0 +1,160 @@
+//! One job: the work, its clock, its panic border and its answer.
+
+use std::any::Any;
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Weak;
+use std::time::{Duration, Instant};
+
+use tokio::sync::oneshot;
+
+use super::bounded_queue::{BoundedQueue, Place};
+use super::stop::{StopCause, StopHandle};
+use super::watchdog::Watchdog;
+
+/// How a job ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum JobOutcome<T> {
+    /// The work returned, by itself or because it was told to stop.
+    Finished {
+        /// What it returned.
+        value: T,
+        /// How long it ran, waiting excluded.
+        duration: Duration,
+        /// What told it to stop, if anything did before it returned.
+        stop_cause: Option<StopCause>,
+    },
+    /// The work panicked.
+    Panicked {
+        /// The panic message, for the log only.
+        message: String,
+    },
+    /// The work was told to stop before it started.
+    NeverStarted {
+        /// What told it.
+        cause: StopCause,
+    },
+}
+
+/// The caller's hold on a job. Dropping it tells the job to stop: nobody waits any more.
+#[derive(Debug)]
+pub struct Ticket<T> {
+    answer: oneshot::Receiver<JobOutcome<T>>,
+    departure: Departure,
+}
+
+impl<T> Ticket<T> {
+    /// Waits for the end of the job.
+    pub async fn outcome(self) -> JobOutcome<T> {
+        let Self { answer, departure } = self;
+        answer.await.unwrap_or_else(|_| departure.never_started())
+    }
+
+    /// Waits for the end of the job on a thread that may block.
+    ///
+    /// # Panics
+    /// When called on a thread of an async runtime.
+    pub fn blocking_outcome(self) -> JobOutcome<T> {
+        let Self { answer, departure } = self;
+        answer.blocking_recv().unwrap_or_else(|_| departure.never_started())
+    }
+}
+
+/// Stops the job when the caller's ticket goes, and takes it out of the line.
+#[derive(Debug)]
+pub(super) struct Departure {
+    stop: StopHandle,
+    queue: Weak<BoundedQueue>,
+    id: u64,
+}
+
+impl Departure {
+    pub(super) fn new(stop: StopHandle, queue: Weak<BoundedQueue>, id: u64) -> Self {
+        Self { stop, queue, id }
+    }
+
+    /// The outcome of a job that was dropped without an answer.
+    fn never_started<T>(&self) -> JobOutcome<T> {
+        JobOutcome::NeverStarted { cause: self.stop.cause().unwrap_or(StopCause::Shutdown) }
+    }
+}
+
+impl Drop for Departure {
+    fn drop(&mut self) {
+        self.stop.stop(StopCause::CallerGone);
+        if let Some(queue) = self.queue.upgrade() {
+            queue.remove(self.id);
+        }
+    }
+}
+
+/// A job in the line, with its types erased.
+pub(super) struct Job {
+    id: u64,
+    run: Box<dyn FnOnce(&Watchdog) + Send>,
+}
+
+impl Job {
+    pub(super) fn id(&self) -> u64 {
+        self.id
+    }
+
+    /// Runs the work, gives the place back, then answers.
+    pub(super) fn run(self, watchdog: &Watchdog) {
+        (self.run)(watchdog);
+    }
+}
+
+impl fmt::Debug for Job {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Job").field("id", &self.id).finish_non_exhaustive()
+    }
+}
+
+/// The two ends of a job: the worker's and the caller's.
+pub(super) fn pair<T: Send + 'static>(
+    place: Place,
+    id: u64,
+    (stop, departure): (StopHandle, Departure),
+    time_limit: Option<Duration>,
+    work: impl FnOnce(&StopHandle) -> T + Send + 'static,
+) -> (Job, Ticket<T>) {
+    let (sender, answer) = oneshot::channel();
+    let run = move |watchdog: &Watchdog| {
+        let outcome = match stop.cause() {
+            Some(cause) => JobOutcome::NeverStarted { cause },
+            None => run_timed(&stop, time_limit, work, watchdog),
+        };
+        // Before the answer, so that an answered caller finds the place free.
+        drop(place);
+        // A caller who left needs no answer.
+        let _ = sender.send(outcome);
+    };
+    (Job { id, run: Box::new(run) }, Ticket { answer, departure })
+}
+
+fn run_timed<T>(
+    stop: &StopHandle,
+    time_limit: Option<Duration>,
+    work: impl FnOnce(&StopHandle) -> T,
+    watchdog: &Watchdog,
+) -> JobOutcome<T> {
+    let start = Instant::now();
+    // A limit beyond the clock's range never passes.
+    let end = time_limit.and_then(|limit| start.checked_add(limit));
+    let watch = end.map(|end| watchdog.watch(stop, end, StopCause::TimeLimit));
+    // The work owns all it touches, so nothing half-changed outlives a panic.
+    let result = catch_unwind(AssertUnwindSafe(|| work(stop)));
+    let duration = start.elapsed();
+    let stop_cause = stop.cause();
+    drop(watch);
+    match result {
+        Ok(value) => JobOutcome::Finished { value, duration, stop_cause },
+        Err(payload) => JobOutcome::Panicked { message: panic_message(payload.as_ref()) },
+    }
+}
+
+fn panic_message(payload: &(dyn Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+    text.unwrap_or("a panic without a message").to_owned()
+}

@@ -1,0 +1,68 @@
+//! Why and how a job is told to stop.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+
+/// What told a job to stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopCause {
+    /// Its time limit, counted from its start on the worker, has passed.
+    TimeLimit,
+    /// The deadline of its caller, counted from arrival, is near.
+    Deadline,
+    /// Nobody waits for the answer any more.
+    CallerGone,
+    /// The process ends.
+    Shutdown,
+}
+
+/// The stop flag of one job and the first cause that set it; clones speak of the same job.
+#[derive(Debug, Clone, Default)]
+pub struct StopHandle {
+    state: Arc<StopState>,
+}
+
+#[derive(Debug, Default)]
+struct StopState {
+    flag: AtomicBool,
+    cause: OnceLock<StopCause>,
+}
+
+impl StopHandle {
+    /// A handle of a job that nobody has stopped.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Tells the job to stop; only the first cause is kept.
+    pub fn stop(&self, cause: StopCause) {
+        let first = self.state.cause.set(cause).is_ok();
+        if first {
+            self.state.flag.store(true, Ordering::Release);
+        }
+    }
+
+    /// What stopped the job, if anything did.
+    pub fn cause(&self) -> Option<StopCause> {
+        self.state.cause.get().copied()
+    }
+
+    /// The flag itself, for work that polls.
+    pub fn flag(&self) -> &AtomicBool {
+        &self.state.flag
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_cause_is_kept() {
+        let stop = StopHandle::new();
+        assert_eq!((stop.cause(), stop.flag().load(Ordering::Acquire)), (None, false));
+        stop.stop(StopCause::TimeLimit);
+        stop.clone().stop(StopCause::CallerGone);
+        assert_eq!((stop.cause(), stop.flag().load(Ordering::Acquire)), (Some(StopCause::TimeLimit), true));
+    }
+}

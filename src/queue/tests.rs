@@ -1,0 +1,165 @@
+//! Facts about the whole queue, held in place by channels.
+
+use std::num::NonZeroUsize;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
+
+use super::*;
+
+fn one_worker(queue_length: usize) -> Queue {
+    Queue::start(NonZeroUsize::MIN, queue_length).unwrap()
+}
+
+/// Occupies the only worker until the returned sender is dropped.
+fn hold_worker(queue: &Queue) -> (Ticket<()>, Sender<()>) {
+    let (release, released): (Sender<()>, Receiver<()>) = channel();
+    let (started, has_started) = channel();
+    let ticket = queue.reserve().unwrap().fill(None, move |_| {
+        started.send(()).unwrap();
+        let _ = released.recv();
+    });
+    has_started.recv().unwrap();
+    (ticket, release)
+}
+
+fn value_of<T>(outcome: JobOutcome<T>) -> T {
+    match outcome {
+        JobOutcome::Finished { value, .. } => value,
+        JobOutcome::Panicked { message } => panic!("the job panicked: {message}"),
+        JobOutcome::NeverStarted { cause } => panic!("the job was never started: {cause:?}"),
+    }
+}
+
+fn spin_until_stopped(stop: &StopHandle) {
+    while !stop.flag().load(Ordering::Acquire) {
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn places_are_workers_plus_queue_length() {
+    let queue = one_worker(4);
+    let places: Vec<_> = (0..5).map(|_| queue.reserve().unwrap()).collect();
+    assert_eq!(queue.reserve().unwrap_err(), Refusal::Full);
+    drop(places);
+    assert_eq!(queue.in_flight(), 0);
+    assert!(queue.reserve().is_ok());
+}
+
+#[test]
+fn answered_caller_finds_its_place_free() {
+    let queue = one_worker(0);
+    for round in 0..100 {
+        let place = queue.reserve().expect("the place of the round before is free");
+        assert_eq!(value_of(place.fill(None, move |_| round).blocking_outcome()), round);
+    }
+}
+
+#[test]
+fn jobs_start_in_order_of_arrival() {
+    let queue = one_worker(8);
+    let (_held, release) = hold_worker(&queue);
+    let (order, seen) = channel();
+    let tickets: Vec<_> = (0..8)
+        .map(|number| {
+            let order = order.clone();
+            queue.reserve().unwrap().fill(None, move |_| order.send(number).unwrap())
+        })
+        .collect();
+    drop((release, order));
+    assert_eq!(seen.iter().collect::<Vec<_>>(), (0..8).collect::<Vec<_>>());
+    drop(tickets);
+}
+
+#[test]
+fn panicking_job_leaves_the_worker_alive() {
+    let queue = one_worker(0);
+    let outcome = queue.reserve().unwrap().fill(None, |_| panic!("injected")).blocking_outcome();
+    assert_eq!(outcome, JobOutcome::<()>::Panicked { message: "injected".to_owned() });
+    assert_eq!(value_of(queue.reserve().unwrap().fill(None, |_| 7).blocking_outcome()), 7);
+}
+
+#[test]
+fn time_limit_counts_from_the_start_and_sets_the_flag() {
+    let queue = one_worker(1);
+    let (_held, release) = hold_worker(&queue);
+    let ticket = queue.reserve().unwrap().fill(Some(Duration::ZERO), |stop| {
+        // Even a limit of nothing does not pass while the job waits.
+        spin_until_stopped(stop);
+        stop.cause()
+    });
+    drop(release);
+    assert_eq!(value_of(ticket.blocking_outcome()), Some(StopCause::TimeLimit));
+}
+
+#[test]
+fn dropped_ticket_stops_the_running_job() {
+    let queue = one_worker(0);
+    let (started, has_started) = channel();
+    let (ended, end) = channel();
+    let ticket = queue.reserve().unwrap().fill(None, move |stop| {
+        started.send(()).unwrap();
+        spin_until_stopped(stop);
+        ended.send(stop.cause()).unwrap();
+    });
+    has_started.recv().unwrap();
+    drop(ticket);
+    assert_eq!(end.recv().unwrap(), Some(StopCause::CallerGone));
+}
+
+#[test]
+fn waiting_job_whose_caller_left_is_never_started_and_frees_its_place_at_once() {
+    let queue = one_worker(1);
+    let (_held, release) = hold_worker(&queue);
+    let (started, has_started) = channel();
+    let ticket = queue.reserve().unwrap().fill(None, move |_| started.send(()).unwrap());
+    assert_eq!(queue.reserve().unwrap_err(), Refusal::Full);
+    drop(ticket);
+    let place = queue.reserve().expect("the place of the caller who left is free");
+    drop(release);
+    assert_eq!(value_of(place.fill(None, |_| 1).blocking_outcome()), 1);
+    // The sender went with the job that never ran.
+    assert!(has_started.recv().is_err());
+}
+
+#[test]
+fn join_finishes_what_is_in_flight() {
+    let queue = one_worker(1);
+    let (held, release) = hold_worker(&queue);
+    let waiting = queue.reserve().unwrap().fill(None, |_| 3);
+    queue.close();
+    assert_eq!(queue.reserve().unwrap_err(), Refusal::Closed);
+    drop(release);
+    queue.join();
+    assert_eq!((value_of(held.blocking_outcome()), value_of(waiting.blocking_outcome())), ((), 3));
+}
+
+#[test]
+fn place_reserved_before_closing_may_still_be_filled() {
+    let queue = one_worker(0);
+    let place = queue.reserve().unwrap();
+    queue.close();
+    assert_eq!(value_of(place.fill(None, |_| 5).blocking_outcome()), 5);
+    queue.join();
+}
+
+#[test]
+fn cancelling_stops_running_waiting_and_reserved_jobs() {
+    let queue = one_worker(2);
+    let (started, has_started) = channel();
+    let running = queue.reserve().unwrap().fill(None, move |stop| {
+        started.send(()).unwrap();
+        spin_until_stopped(stop);
+        stop.cause()
+    });
+    has_started.recv().unwrap();
+    let waiting = queue.reserve().unwrap().fill(None, |_| ());
+    let reserved = queue.reserve().unwrap();
+    queue.cancel_all(StopCause::Shutdown);
+    let never = JobOutcome::NeverStarted { cause: StopCause::Shutdown };
+    assert_eq!(value_of(running.blocking_outcome()), Some(StopCause::Shutdown));
+    assert_eq!(waiting.blocking_outcome(), never);
+    assert_eq!(reserved.fill(None, |_| ()).blocking_outcome(), never);
+    queue.join();
+}

@@ -1,0 +1,137 @@
+//! One thread that sets stop flags when their time comes.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::{Builder, JoinHandle};
+use std::time::Instant;
+use std::{io, mem};
+
+use super::lock;
+use super::stop::{StopCause, StopHandle};
+
+/// The watchdog thread and what it watches.
+#[derive(Debug)]
+pub(super) struct Watchdog {
+    watched: Arc<Watched>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+#[derive(Debug, Default)]
+struct Watched {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+/// Sorted by time, so that the next one due is the first; the number keeps equal times apart.
+type Due = BTreeMap<(Instant, u64), (StopHandle, StopCause)>;
+
+#[derive(Debug, Default)]
+struct State {
+    due: Due,
+    next_number: u64,
+    closed: bool,
+}
+
+impl Watchdog {
+    pub(super) fn start() -> io::Result<Self> {
+        let watched = Arc::new(Watched::default());
+        let thread = {
+            let watched = Arc::clone(&watched);
+            Builder::new().name("slipdrive-watchdog".to_owned()).spawn(move || watched.watch_until_closed())?
+        };
+        Ok(Self { watched, thread: Mutex::new(Some(thread)) })
+    }
+
+    /// Stops the job at `time` for `cause`, unless the watch is dropped before.
+    pub(super) fn watch(&self, stop: &StopHandle, time: Instant, cause: StopCause) -> Watch {
+        let mut state = lock(&self.watched.state);
+        let key = (time, state.next_number);
+        state.next_number += 1;
+        state.due.insert(key, (stop.clone(), cause));
+        drop(state);
+        self.watched.changed.notify_one();
+        Watch { watched: Arc::clone(&self.watched), key }
+    }
+
+    pub(super) fn join(&self) {
+        self.close();
+        if let Some(thread) = mem::take(&mut *lock(&self.thread)) {
+            // The thread runs no foreign code: it cannot have panicked.
+            let _ = thread.join();
+        }
+    }
+
+    fn close(&self) {
+        lock(&self.watched.state).closed = true;
+        self.watched.changed.notify_one();
+    }
+}
+
+impl Drop for Watchdog {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+impl Watched {
+    fn watch_until_closed(&self) {
+        let mut state = lock(&self.state);
+        while !state.closed {
+            let now = Instant::now();
+            while let Some(entry) = state.due.first_entry().filter(|entry| entry.key().0 <= now) {
+                let (stop, cause) = entry.remove();
+                stop.stop(cause);
+            }
+            state = match state.due.first_key_value() {
+                Some(((time, _), _)) => {
+                    let wait = time.saturating_duration_since(now);
+                    self.changed.wait_timeout(state, wait).unwrap_or_else(PoisonError::into_inner).0
+                }
+                None => self.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
+            };
+        }
+    }
+}
+
+/// One watched time; dropping it ends the watch.
+#[derive(Debug)]
+pub(super) struct Watch {
+    watched: Arc<Watched>,
+    key: (Instant, u64),
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        lock(&self.watched.state).due.remove(&self.key);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn dropped_watch_is_forgotten() {
+        let watchdog = Watchdog::start().unwrap();
+        let stop = StopHandle::new();
+        let watch = watchdog.watch(&stop, Instant::now() + Duration::from_secs(3600), StopCause::TimeLimit);
+        drop(watch);
+        assert!(lock(&watchdog.watched.state).due.is_empty());
+        watchdog.join();
+        assert_eq!(stop.cause(), None);
+    }
+
+    #[test]
+    fn earlier_time_overtakes_a_later_one() {
+        let watchdog = Watchdog::start().unwrap();
+        let (late, early) = (StopHandle::new(), StopHandle::new());
+        let _late = watchdog.watch(&late, Instant::now() + Duration::from_secs(3600), StopCause::TimeLimit);
+        let _early = watchdog.watch(&early, Instant::now(), StopCause::Deadline);
+        while early.cause().is_none() {
+            std::thread::yield_now();
+        }
+        assert_eq!((early.cause(), late.cause()), (Some(StopCause::Deadline), None));
+    }
+}

@@ -1,0 +1,40 @@
+//! The worker threads.
+
+use std::num::NonZeroUsize;
+use std::sync::{Arc, Mutex};
+use std::thread::{Builder, JoinHandle};
+use std::{io, mem};
+
+use super::bounded_queue::BoundedQueue;
+use super::lock;
+use super::watchdog::Watchdog;
+
+/// A fixed number of threads, each running one job after the other.
+#[derive(Debug)]
+pub(super) struct Workers {
+    threads: Mutex<Vec<JoinHandle<()>>>,
+}
+
+impl Workers {
+    pub(super) fn start(count: NonZeroUsize, queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> io::Result<Self> {
+        let spawn = |number: usize| {
+            let (queue, watchdog) = (Arc::clone(queue), Arc::clone(watchdog));
+            let work = move || {
+                while let Some(job) = queue.next() {
+                    job.run(&watchdog);
+                }
+            };
+            Builder::new().name(format!("slipdrive-worker-{number}")).spawn(work)
+        };
+        let threads = (0..count.get()).map(spawn).collect::<io::Result<Vec<_>>>()?;
+        Ok(Self { threads: Mutex::new(threads) })
+    }
+
+    /// Waits until the closed queue has run dry.
+    pub(super) fn join(&self) {
+        for thread in mem::take(&mut *lock(&self.threads)) {
+            // Panics of the work are caught inside the job.
+            let _ = thread.join();
+        }
+    }
+}
