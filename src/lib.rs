@@ -26,11 +26,13 @@
 //! - [`solver`]: the search, and what its answer states about itself.
 //! - [`queue`]: a bounded queue that feeds blocking worker threads.
 //! - [`service`]: solve, simulate and validate behind the queue.
-//! - [`api`]: REST.
+//! - [`api`] offers the service over REST.
 
+pub mod api;
 pub mod contact;
 pub mod queue;
 pub mod robot;
+pub mod service;
 pub mod shooting;
 pub mod simulation;
 pub mod solver;

@@ -1,4 +1,5 @@
 //! Solver.
+pub mod domain;
 mod run_control;
 mod schedule_check;
 mod settings;

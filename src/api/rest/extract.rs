@@ -1,0 +1,145 @@
+//! Receives a JSON body: readiness, size and type are judged before the first byte is parsed.
+
+use std::future::poll_fn;
+use std::pin::Pin;
+use std::time::Duration;
+
+use axum::body::{Body, HttpBody};
+use axum::extract::Request;
+use axum::http::{HeaderMap, header};
+use tokio::time::timeout;
+
+use super::problem::Problem;
+use crate::api::error_table::ErrorCode;
+use crate::service::Service;
+
+/// A caller that sends 256 KiB over the slowest mobile link needs less than this.
+const BODY_TIMEOUT: Duration = Duration::from_secs(30);
+/// Refused bodies are read on for this long, and up to [`MAX_DISCARDED_BYTES`]: a connection closed with unread bytes
+/// is reset, and the caller never sees the refusal.
+const DISCARD_TIMEOUT: Duration = Duration::from_secs(1);
+const MAX_DISCARDED_BYTES: usize = 16 * 1024 * 1024;
+
+/// The body of a JSON request, as bytes.
+///
+/// # Errors
+/// `unavailable`, `body_too_large`, `unsupported_media`, `body_timeout`, in the order of the contract.
+pub(super) async fn receive(service: &Service, request: Request) -> Result<Vec<u8>, Problem> {
+    let (head, mut body) = request.into_parts();
+    let limit = service.limits().max_body_bytes;
+    let admitted = admit(service, &head.headers, limit);
+    let received = match admitted {
+        Ok(()) => timeout(BODY_TIMEOUT, read_within(&mut body, limit)).await.unwrap_or_else(|_| Err(too_slow())),
+        Err(problem) => Err(problem),
+    };
+    if received.is_err() {
+        // Whether the rest came in time or not, the refusal is the same.
+        let _ = timeout(DISCARD_TIMEOUT, discard(&mut body)).await;
+    }
+    received
+}
+
+fn admit(service: &Service, headers: &HeaderMap, limit: usize) -> Result<(), Problem> {
+    service.check_ready()?;
+    let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
+    if declared.is_some_and(|length| length > limit as u64) {
+        return Err(too_large(limit));
+    }
+    check_media_type(headers)
+}
+
+fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
+    let unsupported = |detail: String| Err(Problem::new(ErrorCode::UnsupportedMedia, detail));
+    if let Some(encoding) = headers.get(header::CONTENT_ENCODING)
+        && !encoding.as_bytes().eq_ignore_ascii_case(b"identity")
+    {
+        return unsupported(format!("`content-encoding` is {encoding:?}, must be identity"));
+    }
+    let Some(given) = headers.get(header::CONTENT_TYPE) else {
+        return unsupported("`content-type` is missing, must be application/json".to_owned());
+    };
+    let text = given.to_str().unwrap_or_default();
+    let mut parts = text.split(';').map(str::trim);
+    let is_json = parts.next().is_some_and(|media_type| media_type.eq_ignore_ascii_case("application/json"));
+    let is_utf8 = parts.all(|parameter| match parameter.split_once('=') {
+        Some((name, value)) if name.eq_ignore_ascii_case("charset") => {
+            value.trim_matches('"').eq_ignore_ascii_case("utf-8")
+        }
+        _ => true,
+    });
+    if is_json && is_utf8 {
+        Ok(())
+    } else {
+        unsupported(format!("`content-type` is {given:?}, must be application/json in UTF-8"))
+    }
+}
+
+async fn read_within(body: &mut Body, limit: usize) -> Result<Vec<u8>, Problem> {
+    let mut bytes = Vec::new();
+    while let Some(chunk) = next_chunk(body).await {
+        let chunk = chunk.map_err(|error| {
+            Problem::new(ErrorCode::MalformedBody, format!("the body ended before it was complete: {error}"))
+        })?;
+        if bytes.len() + chunk.len() > limit {
+            return Err(too_large(limit));
+        }
+        bytes.extend_from_slice(&chunk);
+    }
+    Ok(bytes)
+}
+
+async fn discard(body: &mut Body) {
+    let mut discarded = 0;
+    while let Some(Ok(chunk)) = next_chunk(body).await {
+        discarded += chunk.len();
+        if discarded > MAX_DISCARDED_BYTES {
+            return;
+        }
+    }
+}
+
+/// The next bytes of the body; trailers count as no bytes.
+async fn next_chunk(body: &mut Body) -> Option<Result<axum::body::Bytes, axum::Error>> {
+    let frame = poll_fn(|context| Pin::new(&mut *body).poll_frame(context)).await?;
+    Some(frame.map(|frame| frame.into_data().unwrap_or_default()))
+}
+
+fn too_large(limit: usize) -> Problem {
+    Problem::new(ErrorCode::BodyTooLarge, format!("the body is larger than {limit} bytes"))
+}
+
+fn too_slow() -> Problem {
+    let seconds = BODY_TIMEOUT.as_secs();
+    Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {seconds} s"))
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::http::HeaderValue;
+
+    use super::*;
+
+    fn is_supported(content_type: &'static str) -> bool {
+        let headers = HeaderMap::from_iter([(header::CONTENT_TYPE, HeaderValue::from_static(content_type))]);
+        check_media_type(&headers).is_ok()
+    }
+
+    #[test]
+    fn json_in_utf8_is_supported_and_nothing_else() {
+        for supported in ["application/json", "Application/JSON; charset=UTF-8", "application/json;charset=\"utf-8\""] {
+            assert!(is_supported(supported), "{supported}");
+        }
+        for unsupported in ["", "text/plain", "application/jsonp", "application/json; charset=latin1"] {
+            assert!(!is_supported(unsupported), "{unsupported}");
+        }
+    }
+
+    #[test]
+    fn compressed_bodies_are_not_supported() {
+        let headers = HeaderMap::from_iter([
+            (header::CONTENT_TYPE, HeaderValue::from_static("application/json")),
+            (header::CONTENT_ENCODING, HeaderValue::from_static("gzip")),
+        ]);
+        assert_eq!(check_media_type(&headers).unwrap_err().code(), ErrorCode::UnsupportedMedia);
+    }
+}

@@ -1,0 +1,67 @@
+//! One handler per endpoint. The checks come in the order of the contract: readiness, size and type, queue room, syntax,
+//! values.
+
+use std::sync::Arc;
+
+use axum::extract::{Request, State};
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+
+use super::convert_request::{forward_drive_body, read_simulate, read_solve};
+use super::convert_response::{simulate_answer, solve_answer, validate_answer};
+use super::extract::receive;
+use super::problem::Problem;
+use crate::service::Service;
+
+/// `POST /solve`. When the caller leaves, the server drops this future, which stops the solve.
+pub(super) async fn solve(State(service): State<Arc<Service>>, request: Request) -> Result<Response, Problem> {
+    let body = receive(&service, request).await?;
+    let place = service.reserve()?;
+    let accepted = read_solve(&body, service.limits())?;
+    let solved = place.solve(accepted.input.clone(), accepted.time_limit).await?;
+    let (report, time) = (&solved.solution.report, solved.solve_time);
+    tracing::debug!(
+        solution.status = solved.solution.status.as_str(),
+        solve.stop_reason = solved.stop_reason.as_str(),
+        solve.rollouts = report.rollouts,
+        solve.duration_ms = time.as_secs_f64() * 1e3,
+        "solved"
+    );
+    Ok(json(solve_answer(&accepted, &solved)))
+}
+
+/// `POST /simulate`.
+pub(super) async fn simulate(State(service): State<Arc<Service>>, request: Request) -> Result<Response, Problem> {
+    let body = receive(&service, request).await?;
+    let place = service.reserve()?;
+    let input = read_simulate(&body, service.limits())?;
+    let simulated = place.simulate(input).await?;
+    Ok(json(simulate_answer(&simulated)))
+}
+
+/// `POST /validate`: nothing is queued.
+pub(super) async fn validate(State(service): State<Arc<Service>>, request: Request) -> Result<Response, Problem> {
+    let body = receive(&service, request).await?;
+    let accepted = read_solve(&body, service.limits())?;
+    Ok(json(validate_answer(&accepted)))
+}
+
+/// `GET /examples/forward-drive`: a complete body for `/solve`.
+pub(super) async fn forward_drive() -> Response {
+    json(forward_drive_body())
+}
+
+/// `GET /livez`: the process answers.
+pub(super) async fn livez() -> Response {
+    json(br#"{"status":"live"}"#.to_vec())
+}
+
+/// `GET /readyz`: the service takes work; a full queue is ready too.
+pub(super) async fn readyz(State(service): State<Arc<Service>>) -> Result<Response, Problem> {
+    service.check_ready()?;
+    Ok(json(br#"{"status":"ready"}"#.to_vec()))
+}
+
+fn json(body: Vec<u8>) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], body).into_response()
+}

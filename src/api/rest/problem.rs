@@ -1,0 +1,217 @@
+//! Errors as RFC 9457 `application/problem+json`.
+//!
+//! A handler returns a [`Problem`]; it travels in the response's extensions to the border
+//! ([`super::border`]), which knows the request and writes the body.
+
+use std::fmt;
+use std::time::Duration;
+
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+
+use crate::api::error_table::ErrorCode;
+use crate::service::ServiceError;
+use crate::violation::{Violation, ViolationCode, Violations};
+
+/// Most violations that one answer lists: a body of nothing but faults must not be answered by megabytes.
+const MAX_LISTED_ERRORS: usize = 100;
+/// Longest text that may echo a caller's own words, characters.
+const MAX_ECHO: usize = 400;
+
+/// A refusal or failure on its way to the caller.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Problem {
+    code: ErrorCode,
+    detail: String,
+    retry_after: Option<Duration>,
+    errors: Vec<FieldError>,
+}
+
+/// One fault of one field.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FieldError {
+    /// JSON pointer as a URI fragment, such as `#/robot/wheel_radius_m`.
+    pub pointer: String,
+    /// The code of the broken rule.
+    pub code: &'static str,
+    /// Field, value and rule.
+    pub message: String,
+    /// The bound that was passed, where the rule is a bound.
+    pub limit: Option<f64>,
+}
+
+impl Problem {
+    /// A problem without field errors.
+    pub fn new(code: ErrorCode, detail: impl Into<String>) -> Self {
+        Self { code, detail: shortened(detail.into()), retry_after: None, errors: Vec::new() }
+    }
+
+    /// A problem of the one field at `pointer`.
+    pub(super) fn at_field(code: ErrorCode, pointer: String, message: String) -> Self {
+        let message = shortened(message);
+        let error = FieldError { pointer, code: code.entry().code, message: message.clone(), limit: None };
+        Self { code, detail: message, retry_after: None, errors: vec![error] }
+    }
+
+    /// The code from the error table.
+    pub fn code(&self) -> ErrorCode {
+        self.code
+    }
+
+    /// The faults of single fields.
+    pub fn errors(&self) -> &[FieldError] {
+        &self.errors
+    }
+
+    /// The body that the caller of `instance` gets.
+    pub(super) fn body(&self, instance: &str, request_id: &str) -> Vec<u8> {
+        let entry = self.code.entry();
+        let body = ProblemBody {
+            kind: format!("urn:slipdrive:problem:{}", entry.code),
+            title: entry.title,
+            status: entry.http_status,
+            detail: &self.detail,
+            instance,
+            code: entry.code,
+            retryable: entry.retryable,
+            retry_after_ms: self.retry_after.map(|wait| u64::try_from(wait.as_millis()).unwrap_or(u64::MAX)),
+            request_id,
+            errors: &self.errors,
+        };
+        serde_json::to_vec(&body).expect("a problem of strings and numbers is valid JSON")
+    }
+}
+
+#[derive(Serialize)]
+struct ProblemBody<'a> {
+    #[serde(rename = "type")]
+    kind: String,
+    title: &'a str,
+    status: u16,
+    detail: &'a str,
+    instance: &'a str,
+    code: &'a str,
+    retryable: bool,
+    retry_after_ms: Option<u64>,
+    request_id: &'a str,
+    errors: &'a [FieldError],
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let entry = self.code.entry();
+        write!(formatter, "{} ({}): {}", entry.title, entry.code, self.detail)
+    }
+}
+
+impl std::error::Error for Problem {}
+
+impl From<ServiceError> for Problem {
+    fn from(error: ServiceError) -> Self {
+        let retry_after = match error {
+            ServiceError::QueueFull { retry_after, .. } | ServiceError::Unavailable { retry_after } => {
+                Some(retry_after)
+            }
+            ServiceError::Cancelled | ServiceError::SolverPanic => None,
+        };
+        Self { retry_after, ..Self::new(ErrorCode::from(&error), error.to_string()) }
+    }
+}
+
+impl From<Violations> for Problem {
+    fn from(violations: Violations) -> Self {
+        let list = violations.list();
+        // A request with a wrong value stays wrong on a larger server: that code speaks first.
+        let only_too_large = list.iter().all(|violation| violation.code == ViolationCode::ProblemTooLarge);
+        let code = if only_too_large { ErrorCode::ProblemTooLarge } else { ErrorCode::InvalidValue };
+        let errors: Vec<_> = list.iter().take(MAX_LISTED_ERRORS).map(FieldError::from).collect();
+        let detail = match list {
+            [only] => only.message.clone(),
+            _ if list.len() > errors.len() => {
+                format!("{} values break their rules; the first {} are listed", list.len(), errors.len())
+            }
+            _ => format!("{} values break their rules", list.len()),
+        };
+        Self { errors, ..Self::new(code, detail) }
+    }
+}
+
+impl From<&Violation> for FieldError {
+    fn from(violation: &Violation) -> Self {
+        let Violation { field, code, message, limit } = violation;
+        Self {
+            pointer: pointer_of_path(field),
+            code: code.as_str(),
+            message: shortened(message.clone()),
+            limit: *limit,
+        }
+    }
+}
+
+/// `robot.wheel_radius_m` as `#/robot/wheel_radius_m`, `a.b[3]` as `#/a/b/3`.
+fn pointer_of_path(path: &str) -> String {
+    format!("#/{}", path.replace(['.', '['], "/").replace(']', ""))
+}
+
+/// Cuts a text that may hold the caller's own words.
+fn shortened(mut text: String) -> String {
+    if let Some((cut, _)) = text.char_indices().nth(MAX_ECHO) {
+        text.truncate(cut);
+        text.push_str("...");
+    }
+    text
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.code.entry().http_status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let mut response = status.into_response();
+        if let Some(wait) = self.retry_after {
+            // The header counts whole seconds; rounding up keeps callers from coming too early.
+            let seconds = wait.as_secs_f64().ceil().max(1.0);
+            let value = HeaderValue::try_from(format!("{seconds:.0}"));
+            response.headers_mut().insert(header::RETRY_AFTER, value.unwrap_or(HeaderValue::from_static("1")));
+        }
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::violation::Checks;
+
+    #[test]
+    fn pointer_follows_fields_and_indices() {
+        assert_eq!(pointer_of_path("initial_guess.torque_left_n_m[3]"), "#/initial_guess/torque_left_n_m/3");
+    }
+
+    #[test]
+    fn value_faults_outrank_size_faults() {
+        let mut checks = Checks::new();
+        checks.at_most("grid.steps", 2.0, 1.0);
+        checks.positive("robot.wheel_radius_m", 0.0, "m");
+        let problem = Problem::from(checks.into_result(()).unwrap_err());
+        assert_eq!((problem.code(), problem.errors().len()), (ErrorCode::InvalidValue, 2));
+    }
+
+    #[test]
+    fn long_list_of_faults_is_cut() {
+        let mut checks = Checks::new();
+        for index in 0..1000 {
+            checks.positive(&format!("field[{index}]"), 0.0, "");
+        }
+        let problem = Problem::from(checks.into_result(()).unwrap_err());
+        assert_eq!(problem.errors().len(), MAX_LISTED_ERRORS);
+        assert!(problem.to_string().contains("1000 values"));
+    }
+
+    #[test]
+    fn retry_after_is_whole_seconds_of_at_least_one() {
+        let error = ServiceError::Unavailable { retry_after: Duration::from_millis(1) };
+        let response = Problem::from(error).into_response();
+        assert_eq!(response.headers()[header::RETRY_AFTER], "1");
+    }
+}
