@@ -1,0 +1,191 @@
+//! A server on a free port with a solver that the test controls.
+
+#![allow(dead_code, reason = "each test binary uses its own part of the support")]
+
+use std::net::SocketAddr;
+use std::num::NonZeroUsize;
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+
+use nalgebra::SVector;
+use serde_json::Value;
+use slipdrive::api::rest;
+use slipdrive::service::domain::{
+    LowerBoundAssumption, Method, Replay, Report, SimulateInput, Simulation, Solution, SolveInput, State, Status,
+    TorqueSchedule, Trajectory,
+};
+use slipdrive::service::{InProcessSolver, Limits, ManeuverSolver, Service, ServiceSettings};
+use slipdrive::solver::{RunControl, StopReason};
+use tokio::net::TcpListener;
+use tokio::task::JoinHandle;
+
+/// Far beyond anything that these tests wait for: passing it means that something hangs.
+pub const HANG_BOUND: Duration = Duration::from_secs(60);
+
+/// A solution that nothing was computed for.
+pub fn small_solution(stop_reason: StopReason) -> Solution {
+    Solution {
+        status: Status::Converged,
+        stop_reason,
+        executable: true,
+        reason: None,
+        schedule: TorqueSchedule { final_time: 1.5, left: vec![1.0, -1.0], right: vec![1.0, -1.0] },
+        goal_error: SVector::zeros(),
+        trajectory: Trajectory { time: vec![0.0], state: vec![State::default()], ..Trajectory::default() },
+        contact_modes: Vec::new(),
+        report: small_report(),
+    }
+}
+
+fn small_report() -> Report {
+    Report {
+        method: Method::SequentialLinear,
+        step_count: 200,
+        control_count: 2,
+        iterations: 1,
+        rollouts: 2,
+        starts_tried: 1,
+        distinct_optima: Vec::new(),
+        worst_contact_residual: 0.0,
+        predicted_decrease: 0.0,
+        lower_bound: 1.0,
+        lower_bound_assumption: LowerBoundAssumption::Friction,
+        separations: Vec::new(),
+        indeterminate_steps: 0,
+        slip_reversals: 0,
+        replay: Replay {
+            step_count: 3200,
+            miss_position: 0.0,
+            miss_heading: 0.0,
+            miss_speed: 0.0,
+            within_tolerance: true,
+        },
+    }
+}
+
+/// A solver made of one function; simulations are empty.
+pub struct FakeSolver<F>(pub F);
+
+impl<F: Fn(&SolveInput, &RunControl<'_>) -> Solution + Send + Sync> ManeuverSolver for FakeSolver<F> {
+    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Solution {
+        (self.0)(input, control)
+    }
+
+    fn simulate(&self, _input: &SimulateInput) -> Simulation {
+        let trajectory = Trajectory { time: vec![0.0], state: vec![State::default()], ..Trajectory::default() };
+        Simulation { trajectory, contact_modes: Vec::new(), separations: Vec::new(), slip_reversals: 0 }
+    }
+}
+
+/// A solver that answers at once.
+pub fn instant_solver() -> Arc<dyn ManeuverSolver> {
+    Arc::new(FakeSolver(|_: &SolveInput, _: &RunControl<'_>| small_solution(StopReason::Finished)))
+}
+
+/// The solver of the crate.
+pub fn real_solver() -> Arc<dyn ManeuverSolver> {
+    Arc::new(InProcessSolver)
+}
+
+/// Holds whoever waits at it until it is opened.
+#[derive(Default)]
+pub struct Gate {
+    is_open: Mutex<bool>,
+    opened: Condvar,
+}
+
+impl Gate {
+    pub fn open(&self) {
+        *self.is_open.lock().unwrap() = true;
+        self.opened.notify_all();
+    }
+
+    pub fn wait(&self) {
+        let is_open = self.is_open.lock().unwrap();
+        drop(self.opened.wait_while(is_open, |is_open| !*is_open).unwrap());
+    }
+}
+
+/// A running server.
+pub struct TestServer {
+    pub address: SocketAddr,
+    pub service: Arc<Service>,
+    pub client: reqwest::Client,
+    task: JoinHandle<std::io::Result<()>>,
+}
+
+impl TestServer {
+    /// Starts a server with one worker.
+    pub async fn start(queue_length: usize, solver: Arc<dyn ManeuverSolver>) -> Self {
+        let settings = ServiceSettings { workers: NonZeroUsize::MIN, queue_length, limits: Limits::default() };
+        let service = Arc::new(Service::start(settings, solver).unwrap());
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let task = tokio::spawn(rest::serve(listener, Arc::clone(&service), std::future::pending()));
+        let client = reqwest::Client::builder().timeout(HANG_BOUND).no_proxy().build().unwrap();
+        Self { address, service, client, task }
+    }
+
+    pub fn url(&self, path: &str) -> String {
+        format!("http://{}{path}", self.address)
+    }
+
+    /// Posts bytes as JSON.
+    pub async fn post(&self, path: &str, body: impl Into<reqwest::Body>) -> Answer {
+        let request = self.client.post(self.url(path)).header("content-type", "application/json").body(body);
+        Answer::of(request).await
+    }
+
+    pub async fn get(&self, path: &str) -> Answer {
+        Answer::of(self.client.get(self.url(path))).await
+    }
+}
+
+impl Drop for TestServer {
+    fn drop(&mut self) {
+        self.task.abort();
+        self.service.cancel_all();
+    }
+}
+
+/// An answer, read to its end.
+#[derive(Debug)]
+pub struct Answer {
+    pub status: u16,
+    pub headers: reqwest::header::HeaderMap,
+    pub bytes: Vec<u8>,
+}
+
+impl Answer {
+    pub async fn of(request: reqwest::RequestBuilder) -> Self {
+        let response = request.send().await.expect("the server answers");
+        let (status, headers) = (response.status().as_u16(), response.headers().clone());
+        let bytes = response.bytes().await.expect("the answer is complete").to_vec();
+        Self { status, headers, bytes }
+    }
+
+    pub fn header(&self, name: &str) -> &str {
+        self.headers.get(name).map_or("", |value| value.to_str().unwrap())
+    }
+
+    pub fn json(&self) -> Value {
+        serde_json::from_slice(&self.bytes).unwrap_or_else(|error| panic!("{error}: {}", self.text()))
+    }
+
+    pub fn text(&self) -> String {
+        String::from_utf8_lossy(&self.bytes).into_owned()
+    }
+
+    /// The body, after checking that it is a complete problem of this status.
+    pub fn problem(&self) -> Value {
+        assert_eq!(self.header("content-type"), "application/problem+json", "{}", self.text());
+        let problem = self.json();
+        assert_eq!(problem["status"], self.status, "{problem}");
+        for field in ["type", "title", "detail", "instance", "code", "request_id"] {
+            assert!(problem[field].as_str().is_some_and(|text| !text.is_empty()), "{field}: {problem}");
+        }
+        assert_eq!(problem["request_id"], self.header("x-request-id"));
+        assert!(problem["retryable"].is_boolean() && problem["errors"].is_array(), "{problem}");
+        problem
+    }
+}
