@@ -1,6 +1,6 @@
 //! A server on a free port with a solver that the test controls.
 
-#![allow(dead_code, reason = "each test binary uses its own part of the support")]
+#![allow(dead_code, unreachable_pub, reason = "each test binary uses its own part of the support")]
 
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
