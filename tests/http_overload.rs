@@ -1,5 +1,7 @@
 //! Overload, panics and departures over real HTTP, held in place by gates.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod support;
 
 use std::io::Write as _;
@@ -220,4 +222,12 @@ async fn cancelled_service_answers_unavailable() {
     server.service.cancel_all();
     let answer = running.await.unwrap();
     assert_eq!((answer.status, answer.problem()["code"].as_str()), (503, Some("unavailable")));
+}
+
+#[tokio::test]
+async fn solver_that_claims_a_stop_that_nobody_asked_for_is_a_fault_of_the_server() {
+    let solver = FakeSolver(|_: &SolveInput, _: &RunControl<'_>| small_solution(StopReason::Stopped));
+    let server = TestServer::start(0, Arc::new(solver)).await;
+    let answer = server.post("/solve", BODY).await;
+    assert_eq!((answer.status, answer.problem()["code"].as_str()), (500, Some("solver_panic")));
 }

@@ -1,5 +1,7 @@
 //! Bad input over real HTTP: each fault is refused as a problem that names field, value and rule.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod support;
 
 use serde_json::{Value, json};

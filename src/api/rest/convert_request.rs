@@ -38,21 +38,27 @@ pub struct AcceptedSolve {
 /// Reads, validates and completes the body of a solve.
 ///
 /// # Errors
-/// `malformed_body`, `invalid_field`, or all violated rules and limits at once.
+/// `body_too_large`, `malformed_body`, `invalid_field`, or all violated rules and limits at once.
 pub fn read_solve(body: &[u8], limits: &Limits) -> Result<AcceptedSolve, Problem> {
-    accept_solve(read_object(body)?, limits)
+    accept_solve(read_object(within_limit(body, limits)?)?, limits)
 }
 
 /// Reads and validates the body of a simulation.
 ///
 /// # Errors
-/// `malformed_body`, `invalid_field`, or all violated rules and limits at once.
+/// `body_too_large`, `malformed_body`, `invalid_field`, or all violated rules and limits at once.
 pub fn read_simulate(body: &[u8], limits: &Limits) -> Result<SimulateInput, Problem> {
-    accept_simulate(read_object(body)?, limits)
+    accept_simulate(read_object(within_limit(body, limits)?)?, limits)
 }
 
-/// The complete body of the paper's case.
-pub(super) fn forward_drive_body() -> Vec<u8> {
+/// Transports refuse large bodies while they read them; files come whole.
+fn within_limit<'a>(body: &'a [u8], limits: &Limits) -> Result<&'a [u8], Problem> {
+    let limit = limits.max_body_bytes;
+    if body.len() <= limit { Ok(body) } else { Err(Problem::body_too_large(limit)) }
+}
+
+/// The complete body of the paper's case: 5 m forward from rest to rest on 200 steps.
+pub fn forward_drive_body() -> Vec<u8> {
     let mut request = SolveRequest::default();
     request.maneuver.goal = goal_to_wire(&Maneuver::forward_drive().goal);
     canonical_bytes(&request)

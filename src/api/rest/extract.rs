@@ -43,7 +43,7 @@ fn admit(service: &Service, headers: &HeaderMap, limit: usize) -> Result<(), Pro
     service.check_ready()?;
     let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
     if declared.is_some_and(|length| length > limit as u64) {
-        return Err(too_large(limit));
+        return Err(Problem::body_too_large(limit));
     }
     check_media_type(headers)
 }
@@ -81,7 +81,7 @@ async fn read_within(body: &mut Body, limit: usize) -> Result<Vec<u8>, Problem> 
             Problem::new(ErrorCode::MalformedBody, format!("the body ended before it was complete: {error}"))
         })?;
         if bytes.len() + chunk.len() > limit {
-            return Err(too_large(limit));
+            return Err(Problem::body_too_large(limit));
         }
         bytes.extend_from_slice(&chunk);
     }
@@ -102,10 +102,6 @@ async fn discard(body: &mut Body) {
 async fn next_chunk(body: &mut Body) -> Option<Result<axum::body::Bytes, axum::Error>> {
     let frame = poll_fn(|context| Pin::new(&mut *body).poll_frame(context)).await?;
     Some(frame.map(|frame| frame.into_data().unwrap_or_default()))
-}
-
-fn too_large(limit: usize) -> Problem {
-    Problem::new(ErrorCode::BodyTooLarge, format!("the body is larger than {limit} bytes"))
 }
 
 fn too_slow() -> Problem {

@@ -23,7 +23,7 @@ use axum::serve::ListenerExt;
 use tokio::net::TcpListener;
 use tower_http::catch_panic::CatchPanicLayer;
 
-pub use convert_request::{AcceptedSolve, read_simulate, read_solve};
+pub use convert_request::{AcceptedSolve, forward_drive_body, read_simulate, read_solve};
 pub use convert_response::{simulate_answer, solve_answer};
 pub use problem::{FieldError, Problem};
 pub use wire_request::View;
@@ -33,14 +33,19 @@ use crate::service::Service;
 
 /// All endpoints over one service.
 pub fn router(service: Arc<Service>) -> Router {
-    Router::new()
+    let endpoints = Router::new()
         .route("/solve", post(handlers::solve))
         .route("/simulate", post(handlers::simulate))
         .route("/validate", post(handlers::validate))
         .route("/examples/forward-drive", get(handlers::forward_drive))
         .route("/livez", get(handlers::livez))
         .route("/readyz", get(handlers::readyz))
-        .with_state(service)
+        .with_state(service);
+    behind_border(endpoints)
+}
+
+fn behind_border(endpoints: Router) -> Router {
+    endpoints
         // Inside the border, so that the answer to a panic is a problem with an id too.
         .layer(CatchPanicLayer::custom(|panic: Box<dyn Any + Send>| problem_of_panic(panic.as_ref())))
         .layer(from_fn(border::pass))
@@ -68,4 +73,35 @@ fn problem_of_panic(panic: &(dyn Any + Send)) -> Response {
     let text = panic.downcast_ref::<&str>().copied().or_else(|| panic.downcast_ref::<String>().map(String::as_str));
     tracing::error!(panic.message = text.unwrap_or("none"), "a handler panicked");
     Problem::new(ErrorCode::Internal, "the log holds the cause").into_response()
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::body::{Body, to_bytes};
+    use axum::http::{Request, StatusCode};
+    use tower::ServiceExt as _;
+
+    use super::*;
+
+    async fn panicking() -> StatusCode {
+        panic!("a secret")
+    }
+
+    #[tokio::test]
+    async fn panic_in_a_handler_is_a_problem_without_internals() {
+        let router = behind_border(Router::new().route("/panic", get(panicking)));
+        let response = router.oneshot(Request::get("/panic").body(Body::empty()).unwrap()).await.unwrap();
+        assert_eq!(response.status(), StatusCode::INTERNAL_SERVER_ERROR);
+        assert_eq!(response.headers()["content-type"], "application/problem+json");
+        let body = to_bytes(response.into_body(), 10_000).await.unwrap();
+        let text = String::from_utf8(body.to_vec()).unwrap();
+        assert!(text.contains("\"internal\"") && !text.contains("secret"), "{text}");
+    }
+
+    #[tokio::test]
+    async fn plain_errors_of_the_framework_become_problems() {
+        let router = behind_border(Router::new().route("/teapot", get(|| async { StatusCode::IM_A_TEAPOT })));
+        let response = router.oneshot(Request::get("/teapot").body(Body::empty()).unwrap()).await.unwrap();
+        assert_eq!(response.headers()["content-type"], "application/problem+json");
+    }
 }

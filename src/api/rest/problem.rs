@@ -47,6 +47,11 @@ impl Problem {
         Self { code, detail: shortened(detail.into()), retry_after: None, errors: Vec::new() }
     }
 
+    /// The refusal of a body above the limit.
+    pub(super) fn body_too_large(limit_bytes: usize) -> Self {
+        Self::new(ErrorCode::BodyTooLarge, format!("the body is larger than {limit_bytes} bytes"))
+    }
+
     /// A problem of the one field at `pointer`.
     pub(super) fn at_field(code: ErrorCode, pointer: String, message: String) -> Self {
         let message = shortened(message);
