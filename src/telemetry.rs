@@ -1,6 +1,9 @@
 //! Logs: to standard error, so that standard output carries answers only.
 
+use std::backtrace::{Backtrace, BacktraceStatus};
 use std::io::{self, IsTerminal as _};
+use std::panic::{self, PanicHookInfo};
+use std::thread;
 
 use anyhow::Context as _;
 use tracing_subscriber::EnvFilter;
@@ -20,5 +23,19 @@ pub(crate) fn start(arguments: &LogArguments) -> anyhow::Result<()> {
         LogFormat::Text => lines.init(),
         LogFormat::Json => lines.json().flatten_event(true).init(),
     }
+    panic::set_hook(Box::new(log_panic));
     Ok(())
+}
+
+/// Panics are lines of the log like all others; the default hook writes several lines, in its own form.
+fn log_panic(panic: &PanicHookInfo<'_>) {
+    let backtrace = Backtrace::capture();
+    tracing::error!(
+        panic.message = panic.payload_as_str(),
+        panic.location = panic.location().map(tracing::field::display),
+        panic.backtrace =
+            (backtrace.status() == BacktraceStatus::Captured).then(|| tracing::field::display(&backtrace)),
+        thread.name = thread::current().name(),
+        "a thread panicked"
+    );
 }

@@ -23,6 +23,6 @@ pub enum ServiceError {
     #[error("the caller left before the answer")]
     Cancelled,
     /// The solver panicked or broke its promise; the log holds the cause.
-    #[error("the solver failed on this input")]
+    #[error("the solver gave no answer; the log of the server holds the cause")]
     SolverPanic,
 }
