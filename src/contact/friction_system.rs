@@ -61,8 +61,7 @@ impl<const N: usize> FrictionSystem<N> {
         for contact in 0..contact_count::<N>() {
             prox_step[contact] = safe_prox_step(&delassus, ROWS[contact]);
         }
-        let mut system =
-            Self { delassus, normal_response, friction_coefficient, prox_step, linear_modes: None };
+        let mut system = Self { delassus, normal_response, friction_coefficient, prox_step, linear_modes: None };
         system.linear_modes = system.solve_linear_modes();
         system
     }

@@ -75,9 +75,7 @@ impl<const N: usize> ModeEquations<N> {
     /// Jacobian of the equations by the friction impulse.
     #[inline]
     pub(super) fn jacobian(&self, system: &FrictionSystem<N>) -> SMatrix<f64, N, N> {
-        SMatrix::from_diagonal(&self.own)
-            + self.by_slip * system.delassus()
-            + self.by_normal * system.normal_response()
+        SMatrix::from_diagonal(&self.own) + self.by_slip * system.delassus() + self.by_normal * system.normal_response()
     }
 
     /// Derivatives of the impulse by the data, by the implicit function theorem.

@@ -74,6 +74,15 @@ impl Simulator {
         }
     }
 
+    /// As [`Simulator::end_state`], by the paper's fixed point: the slow reference.
+    pub fn end_state_by_fixed_point(&self, rollout: &Rollout) -> State {
+        let mut solver = FixedPointSolver::new(FixedPointSettings::default());
+        match &self.model {
+            Model::Wheels(model) => integrate(model, rollout, &mut solver, |_, _| {}),
+            Model::WheelsAndFront(model) => integrate(model, rollout, &mut solver, |_, _| {}),
+        }
+    }
+
     /// The whole rollout: states, contacts, residuals; each step is also checked for further solutions.
     pub fn trajectory(&self, rollout: &Rollout, method: ContactMethod) -> Trajectory {
         match &self.model {
