@@ -29,6 +29,7 @@
 //! - [`api`]: REST.
 
 pub mod contact;
+pub mod optimizer;
 pub mod robot;
 pub mod shooting;
 pub mod simulation;
