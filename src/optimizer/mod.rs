@@ -8,4 +8,4 @@ mod sequential_linear;
 pub use evaluation::{Budget, Interruption, Problem};
 pub use linear_program::{ElasticProgram, ElasticSolution, ElasticSolver};
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
-pub use sequential_linear::{SequentialLinearResult, SequentialLinearSettings, minimise_sequentially, Ending};
+pub use sequential_linear::{Ending, SequentialLinearResult, SequentialLinearSettings, minimise_sequentially};

@@ -48,7 +48,8 @@ const SHRINK_FACTOR: f64 = 0.4;
 const CORRECTION_RATIO: f64 = 0.1;
 /// Residual norm at which small gains start to count as convergence.
 const NEAR_FEASIBLE: f64 = 1e-4;
-const RESTORATION_LIMIT: usize = 8;
+const RESTORATION_LIMIT: usize = 20;
+const SHORTENING_LIMIT: usize = 4;
 /// Singular values below this share of the largest carry no information: a plan that ends sticking has dependent rows.
 const RANK_TOLERANCE: f64 = 1e-7;
 
@@ -254,13 +255,33 @@ impl<'a> Search<'a> {
             }
             self.linearise(budget)?;
             let Some(change) = self.least_change(&self.x, &self.residual) else { return Ok(()) };
-            let trial = self.evaluate(&self.x - change, budget)?;
-            if trial.residual.amax() >= self.residual.amax() {
+            if !self.shorten_until_better(&change, budget)? {
                 return Ok(());
             }
-            self.accept(trial);
         }
         Ok(())
+    }
+
+    /// Takes the change, or a half, a quarter, ... of it: at a kink only a part helps. False when nothing does.
+    fn shorten_until_better(&mut self, change: &DVector<f64>, budget: &mut Budget) -> Result<bool, Interruption> {
+        let mut share = 1.0;
+        for _ in 0..SHORTENING_LIMIT {
+            let trial = self.evaluate(&self.x - change * share, budget)?;
+            if trial.residual.amax() < self.residual.amax() {
+                self.accept(trial);
+                return Ok(true);
+            }
+            share *= 0.5;
+        }
+        Ok(false)
+    }
+
+    /// Decrease of the merit that the linear model predicts in a trust region of the given radius.
+    fn predicted_decrease_within(&mut self, radius: f64, budget: &mut Budget) -> Result<f64, Interruption> {
+        self.linearise(budget)?;
+        self.radius = radius;
+        let step = self.linear_step();
+        Ok(self.merit(&self.x, &self.residual) - self.model(&step))
     }
 
     /// The smallest change (in units of reach) of the variables off their bounds whose linear effect is `residual`.

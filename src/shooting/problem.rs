@@ -50,9 +50,13 @@ impl<'a> ShootingProblem<'a> {
         let mut cost = DVector::zeros(decision_len(control_count));
         cost[final_time_index] = 1.0;
         let limit = maneuver.torque_limit;
-        let mut upper = DVector::from_fn(decision_len(control_count), |index, _| {
-            if index < control_count { limit.left } else { limit.right }
-        });
+        let mut upper =
+            DVector::from_fn(
+                decision_len(control_count),
+                |index, _| {
+                    if index < control_count { limit.left } else { limit.right }
+                },
+            );
         let mut lower = -&upper;
         lower[final_time_index] = SHORTEST_FINAL_TIME;
         upper[final_time_index] = LONGEST_FINAL_TIME;
