@@ -30,6 +30,7 @@
 
 pub mod api;
 pub mod contact;
+pub mod optimizer;
 pub mod queue;
 pub mod robot;
 pub mod service;

@@ -30,8 +30,10 @@ pub(crate) fn start(arguments: &LogArguments) -> anyhow::Result<()> {
 /// Panics are lines of the log like all others; the default hook writes several lines, in its own form.
 fn log_panic(panic: &PanicHookInfo<'_>) {
     let backtrace = Backtrace::capture();
+    let payload = panic.payload();
+    let message = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref().map(String::as_str));
     tracing::error!(
-        panic.message = panic.payload_as_str(),
+        panic.message = message,
         panic.location = panic.location().map(tracing::field::display),
         panic.backtrace =
             (backtrace.status() == BacktraceStatus::Captured).then(|| tracing::field::display(&backtrace)),

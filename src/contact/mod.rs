@@ -1,3 +1,33 @@
-//! The one-step friction problem.
+//! The one-step friction problem as plain data, and its solvers.
+//!
+//! Given the slip and the normal impulses that a step would have without friction, find the friction impulses:
+//!
+//! ```text
+//! xi       = free_slip   + delassus Lambda_T               impact slip, (19): gamma+ + e gamma-
+//! Lambda_N = free_normal + normal_response Lambda_T        normal impulses by projection, (22)
+//! -xi_i in N_C(Lambda_T,i),  C = disc of radius mu_i max(Lambda_N,i, 0)      spatial Coulomb friction, (23)
+//! ```
+//!
+//! The two wheels share one lateral direction. The problem therefore has N = 3 directions (left longitudinal, right
+//! longitudinal, axle lateral), or N = 5 when the front support has friction (front longitudinal, front lateral). In
+//! these directions the Delassus matrix is positive definite; only the split of the lateral impulse between two
+//! sticking wheels is not determined.
+//!
+//! One residual, the [natural map](natural_map), judges every solver. This module knows no robot.
+
+mod directions;
+mod exact;
+mod fixed_point;
+mod friction_system;
+mod mode_equations;
+pub mod natural_map;
+mod pattern;
+mod prox;
 mod solution;
-pub use solution::{ContactMode, ContactName, PerContact};
+
+pub use exact::{ExactSolver, Guess, SolvePath};
+pub use fixed_point::{FixedPointSettings, FixedPointSolver};
+pub use friction_system::{FrictionProblem, FrictionSystem, ImpulseDerivative};
+pub use pattern::{ContactPattern, SlipSign, WheelPattern};
+pub use prox::{project_onto_disc, project_onto_half_line};
+pub use solution::{ContactImpulse, ContactMode, ContactName, ContactSolution, PerContact};

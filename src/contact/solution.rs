@@ -1,5 +1,27 @@
 //! What a contact solver says about one step.
 
+use nalgebra::{SVector, Vector3};
+
+use super::pattern::ContactPattern;
+
+/// Friction impulse of one contact: (longitudinal, lateral), N s.
+pub type ContactImpulse = [f64; 2];
+
+/// The friction impulses of one step and what follows from them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactSolution<const N: usize> {
+    /// Friction impulse per direction, N s; the axle's lateral impulse is the sum of both wheels'.
+    pub impulse: SVector<f64, N>,
+    /// Impact slip xi per direction, m/s.
+    pub impact_slip: SVector<f64, N>,
+    /// Raw normal impulses of left wheel, right wheel and front support, N s.
+    pub normal_impulse: Vector3<f64>,
+    /// Modes of the contacts.
+    pub pattern: ContactPattern,
+    /// Residual of the natural map, relative to the weight's impulse m g dt.
+    pub residual: f64,
+}
+
 /// Whether a contact sticks (no slip, impulse inside its friction disc) or slips.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ContactMode {

@@ -1,3 +1,11 @@
-//! Shooting.
+//! From a maneuver to a decision vector, goal errors and their Jacobian.
+
+mod decision;
 mod maneuver;
+mod penalty;
+mod problem;
+
+pub use decision::{decision_from_schedule, decision_len, write_schedule};
 pub use maneuver::{Goal, Maneuver, ReferencePoint, StateComponent, check_state, wrapped_angle};
+pub use penalty::Penalty;
+pub use problem::{LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem};

@@ -1,7 +1,14 @@
-//! Simulation.
+//! Moreau time stepping, rollouts and their trajectories.
+
 mod contact_timeline;
+mod moreau_step;
+mod rollout;
+mod sensitivity;
 mod torque_schedule;
 mod trajectory;
+
 pub use contact_timeline::{ContactModeSpan, Separation};
+pub use rollout::{ContactMethod, Rollout, Simulator};
+pub use sensitivity::{EndDerivative, EndSensitivity};
 pub use torque_schedule::{TorqueSchedule, control_interval};
 pub use trajectory::{ContactSample, Trajectory};

@@ -1,0 +1,215 @@
+//! The exact contact solver: find the contact pattern, solve its equations.
+//!
+//! Patterns with at most one slipping wheel are linear, and their solution maps are constants of the robot. Only
+//! spatial slip (both wheels, or the front support) needs a small Newton iteration. A candidate is accepted only if
+//! the natural map says that it solves the friction problem.
+
+use nalgebra::SVector;
+
+use super::fixed_point::{FixedPointSettings, FixedPointSolver};
+use super::friction_system::{FrictionProblem, FrictionSystem};
+use super::mode_equations::ModeEquations;
+use super::natural_map::{residual, split};
+use super::pattern::{ContactPattern, WheelPattern};
+use super::solution::{ContactMode, ContactSolution};
+
+/// Accepted residual relative to m g dt: well above the rounding of a solved pattern (1e-15), and far below what a
+/// wrong pattern leaves.
+const ACCEPTED_RESIDUAL: f64 = 1e-12;
+/// Rounding of the slip itself, in units in the last place of the largest slip.
+const SLIP_ROUNDING: f64 = 16.0 * f64::EPSILON;
+/// Newton converges in 2 to 4 iterations from the last step, or it is in the wrong pattern.
+const NEWTON_LIMIT: usize = 12;
+/// Below this update, relative to m g dt, quadratic convergence has arrived at rounding.
+const NEWTON_UPDATE: f64 = 1e-8;
+/// Sweeps before the first look at the pattern that the fixed point tends to; doubled after each look.
+const FIRST_SWEEPS: usize = 20;
+/// Solutions that differ by more than this, relative to m g dt, are different motions.
+const DISTINCT_IMPULSE: f64 = 1e-6;
+
+/// Where the search for the pattern starts: the last step's solution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Guess<const N: usize> {
+    /// Pattern to try first.
+    pub pattern: ContactPattern,
+    /// Friction impulse to start Newton from, N s.
+    pub impulse: SVector<f64, N>,
+}
+
+impl<const N: usize> Default for Guess<N> {
+    fn default() -> Self {
+        Self { pattern: ContactPattern::default(), impulse: SVector::zeros() }
+    }
+}
+
+impl<const N: usize> From<&ContactSolution<N>> for Guess<N> {
+    #[inline]
+    fn from(solution: &ContactSolution<N>) -> Self {
+        Self { pattern: solution.pattern, impulse: solution.impulse }
+    }
+}
+
+/// How a solution was found, cheapest first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SolvePath {
+    /// In the pattern of the guess.
+    GuessedPattern,
+    /// In another pattern.
+    OtherPattern,
+    /// After fixed-point sweeps had shown the pattern.
+    FixedPoint,
+}
+
+/// The exact solver; stateless.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ExactSolver;
+
+impl ExactSolver {
+    /// Solves one step.
+    ///
+    /// The residual of the answer tells whether the friction law was met; it is at most 1e-10 but for steps so short
+    /// that the slip's rounding exceeds that.
+    #[inline]
+    pub fn solve<const N: usize>(
+        self,
+        system: &FrictionSystem<N>,
+        problem: &FrictionProblem<N>,
+        guess: &Guess<N>,
+    ) -> (ContactSolution<N>, SolvePath) {
+        let search = Search::new(system, problem);
+        if let Some(solution) = search.in_pattern(guess.pattern, &guess.impulse) {
+            return (solution, SolvePath::GuessedPattern);
+        }
+        if let Some(solution) = search.in_other_patterns(guess) {
+            return (solution, SolvePath::OtherPattern);
+        }
+        (search.after_sweeps(), SolvePath::FixedPoint)
+    }
+
+    /// Whether another pattern also solves the step, with a different motion than `solution`.
+    pub fn is_indeterminate<const N: usize>(
+        self,
+        system: &FrictionSystem<N>,
+        problem: &FrictionProblem<N>,
+        solution: &ContactSolution<N>,
+    ) -> bool {
+        let search = Search::new(system, problem);
+        let differs = |other: &ContactSolution<N>| {
+            (other.impulse - solution.impulse).amax() > DISTINCT_IMPULSE * problem.weight_impulse()
+        };
+        let starts = [solution.impulse, -solution.impulse, search.impulse_against_free_slip()];
+        all_patterns::<N>().any(|pattern| {
+            // A linear pattern has one solution wherever the search for it starts.
+            let count = if system.linear_index(pattern).is_some() { 1 } else { starts.len() };
+            starts[..count].iter().filter_map(|start| search.in_pattern(pattern, start)).any(|other| differs(&other))
+        })
+    }
+}
+
+struct Search<'a, const N: usize> {
+    system: &'a FrictionSystem<N>,
+    problem: &'a FrictionProblem<N>,
+    tolerance: f64,
+}
+
+impl<'a, const N: usize> Search<'a, N> {
+    #[inline]
+    fn new(system: &'a FrictionSystem<N>, problem: &'a FrictionProblem<N>) -> Self {
+        let [left, right, _] = system.prox_step();
+        let rounding = SLIP_ROUNDING * problem.free_slip.amax() * left.max(right);
+        Self { system, problem, tolerance: ACCEPTED_RESIDUAL + rounding / problem.weight_impulse() }
+    }
+
+    #[inline]
+    fn in_pattern(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
+        match self.system.linear_index(pattern) {
+            Some(index) => self.in_linear_pattern(pattern, index),
+            None => self.by_newton(pattern, start),
+        }
+    }
+
+    #[inline]
+    fn in_linear_pattern(&self, pattern: ContactPattern, index: usize) -> Option<ContactSolution<N>> {
+        let map = self.system.linear_mode(index)?;
+        let impulse = map.by_free_slip * self.problem.free_slip + map.by_free_normal * self.problem.free_normal;
+        self.accepted(self.candidate(pattern, impulse))
+    }
+
+    fn by_newton(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
+        let small_update = NEWTON_UPDATE * self.problem.weight_impulse();
+        let mut impulse = *start;
+        for _ in 0..NEWTON_LIMIT {
+            let slip = self.system.impact_slip(self.problem, &impulse);
+            let normal = self.system.normal_impulse(self.problem, &impulse);
+            let equations = ModeEquations::at(self.system, pattern, &slip, &normal)?;
+            let update = equations.jacobian(self.system).try_inverse()? * equations.residual(&impulse);
+            impulse -= update;
+            if update.amax() <= small_update {
+                let candidate = self.accepted(self.candidate(pattern, impulse));
+                if candidate.is_some() {
+                    return candidate;
+                }
+            }
+        }
+        None
+    }
+
+    fn in_other_patterns(&self, guess: &Guess<N>) -> Option<ContactSolution<N>> {
+        let start = self.impulse_against_free_slip();
+        all_patterns::<N>()
+            .filter(|pattern| *pattern != guess.pattern)
+            .find_map(|pattern| self.in_pattern(pattern, &start))
+    }
+
+    /// Sweeps until the pattern that the fixed point tends to can be solved, or the fixed point has converged.
+    #[cold]
+    fn after_sweeps(&self) -> ContactSolution<N> {
+        let settings = FixedPointSettings::default();
+        let mut fixed_point = FixedPointSolver::new(settings);
+        let mut sweeps = FIRST_SWEEPS;
+        // Motions that overflowed have no solution: their residual says so without any sweep.
+        let is_finite = self.problem.free_slip.sum().is_finite() && self.problem.weight_impulse().is_finite();
+        while is_finite && sweeps < settings.sweep_limit {
+            for _ in 0..sweeps {
+                fixed_point.sweep(self.system, self.problem);
+            }
+            let seen = fixed_point.solution(self.system, self.problem);
+            if let Some(solution) = self.in_pattern(seen.pattern, &seen.impulse) {
+                return solution;
+            }
+            sweeps *= 2;
+        }
+        fixed_point.solution(self.system, self.problem)
+    }
+
+    /// Full friction against the slip that the step would have without friction.
+    fn impulse_against_free_slip(&self) -> SVector<f64, N> {
+        let slipping = ContactPattern { wheels: WheelPattern::BothSlip, front: ContactMode::Slip };
+        let zero = SVector::zeros();
+        ModeEquations::at(self.system, slipping, &self.problem.free_slip, &self.problem.free_normal)
+            .map_or(zero, |equations| -equations.residual(&zero))
+    }
+
+    #[inline]
+    fn candidate(&self, pattern: ContactPattern, impulse: SVector<f64, N>) -> ContactSolution<N> {
+        let impact_slip = self.system.impact_slip(self.problem, &impulse);
+        let normal_impulse = self.system.normal_impulse(self.problem, &impulse);
+        let parts = split(self.system, pattern, &impulse, &impact_slip, &normal_impulse);
+        let residual = residual(self.system, self.problem, &parts, &impact_slip, &normal_impulse);
+        ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual }
+    }
+
+    #[inline]
+    fn accepted(&self, candidate: ContactSolution<N>) -> Option<ContactSolution<N>> {
+        (candidate.residual <= self.tolerance).then_some(candidate)
+    }
+}
+
+/// Every pattern, the linear ones first.
+fn all_patterns<const N: usize>() -> impl Iterator<Item = ContactPattern> {
+    let fronts: &[ContactMode] = if N == 5 { &[ContactMode::Stick, ContactMode::Slip] } else { &[ContactMode::Slip] };
+    fronts.iter().flat_map(|&front| {
+        let wheels = WheelPattern::LINEAR.into_iter().chain([WheelPattern::BothSlip]);
+        wheels.map(move |wheels| ContactPattern { wheels, front })
+    })
+}

@@ -1,0 +1,145 @@
+//! The paper's contact solver: Gauss-Seidel sweeps of the prox map (27) with normal impulses by projection.
+//!
+//! Slow (tens to thousands of sweeps), simple and robust: the reference that the exact solver is checked against, and
+//! its last resort.
+
+use nalgebra::{SVector, Vector3};
+
+use super::directions::{AXLE, ROWS, contact_count};
+use super::friction_system::{FrictionProblem, FrictionSystem};
+use super::natural_map::{friction_radius, prox_argument, residual};
+use super::pattern::{ContactPattern, SlipSign, WheelPattern};
+use super::prox::project_onto_disc;
+use super::solution::{ContactImpulse, ContactMode, ContactSolution};
+
+/// When the sweeps end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FixedPointSettings {
+    /// Largest change of any impulse in one sweep, relative to m g dt, at which the sweeps end.
+    pub tolerance: f64,
+    /// Most sweeps of one step.
+    pub sweep_limit: usize,
+}
+
+impl Default for FixedPointSettings {
+    /// Rounding level; the limit is far above the 5,000 sweeps that hard steps were seen to take.
+    fn default() -> Self {
+        Self { tolerance: 1e-15, sweep_limit: 200_000 }
+    }
+}
+
+/// The prox iteration, warm-started from the last step's impulses.
+#[derive(Debug, Clone)]
+pub struct FixedPointSolver {
+    settings: FixedPointSettings,
+    impulse: [ContactImpulse; 3],
+    sweeps: u64,
+}
+
+impl FixedPointSolver {
+    /// A solver that starts from zero impulses.
+    pub fn new(settings: FixedPointSettings) -> Self {
+        Self { settings, impulse: [[0.0; 2]; 3], sweeps: 0 }
+    }
+
+    /// Sweeps done so far.
+    pub fn sweeps(&self) -> u64 {
+        self.sweeps
+    }
+
+    /// Solves one step.
+    #[inline]
+    pub fn solve<const N: usize>(
+        &mut self,
+        system: &FrictionSystem<N>,
+        problem: &FrictionProblem<N>,
+    ) -> ContactSolution<N> {
+        let smallest_change = self.settings.tolerance * problem.weight_impulse();
+        for _ in 0..self.settings.sweep_limit {
+            if self.sweep(system, problem) <= smallest_change {
+                break;
+            }
+        }
+        self.solution(system, problem)
+    }
+
+    /// Updates each contact once; returns the largest change of an impulse component, N s.
+    #[inline]
+    pub(super) fn sweep<const N: usize>(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> f64 {
+        self.sweeps += 1;
+        let mut total = sum_by_direction::<N>(&self.impulse);
+        let mut largest_change = 0.0_f64;
+        for contact in 0..contact_count::<N>() {
+            let normal = system.normal_impulse(problem, &total);
+            let slip = system.impact_slip(problem, &total);
+            let old = self.impulse[contact];
+            let point = prox_argument(system, contact, old, &slip);
+            let new = project_onto_disc(point, friction_radius(system, contact, &normal));
+            for axis in 0..2 {
+                let change = new[axis] - old[axis];
+                total[ROWS[contact][axis]] += change;
+                largest_change = largest_change.max(change.abs());
+            }
+            self.impulse[contact] = new;
+        }
+        largest_change
+    }
+
+    /// The current iterate as a solution, with the pattern read off the branch of each prox map.
+    #[inline]
+    pub(super) fn solution<const N: usize>(
+        &self,
+        system: &FrictionSystem<N>,
+        problem: &FrictionProblem<N>,
+    ) -> ContactSolution<N> {
+        let impulse = sum_by_direction::<N>(&self.impulse);
+        let impact_slip = system.impact_slip(problem, &impulse);
+        let normal_impulse = system.normal_impulse(problem, &impulse);
+        ContactSolution {
+            impulse,
+            impact_slip,
+            normal_impulse,
+            pattern: self.pattern(system, &impact_slip, &normal_impulse),
+            residual: residual(system, problem, &self.impulse, &impact_slip, &normal_impulse),
+        }
+    }
+
+    fn pattern<const N: usize>(
+        &self,
+        system: &FrictionSystem<N>,
+        impact_slip: &SVector<f64, N>,
+        normal_impulse: &Vector3<f64>,
+    ) -> ContactPattern {
+        let sticks = |contact: usize| {
+            let [a, b] = prox_argument(system, contact, self.impulse[contact], impact_slip);
+            let radius = friction_radius(system, contact, normal_impulse);
+            radius > 0.0 && a * a + b * b <= radius * radius
+        };
+        let sign = |wheel: usize| match () {
+            () if normal_impulse[wheel] <= 0.0 => SlipSign::Unloaded,
+            () if impact_slip[wheel] < 0.0 => SlipSign::Backward,
+            () => SlipSign::Forward,
+        };
+        let wheels = match (sticks(0), sticks(1)) {
+            (true, true) => WheelPattern::BothStick,
+            (true, false) => WheelPattern::RightSlips(sign(1)),
+            (false, true) => WheelPattern::LeftSlips(sign(0)),
+            (false, false) => WheelPattern::BothSlip,
+        };
+        let front_sticks = contact_count::<N>() == 3 && sticks(2);
+        ContactPattern { wheels, front: if front_sticks { ContactMode::Stick } else { ContactMode::Slip } }
+    }
+}
+
+#[inline]
+fn sum_by_direction<const N: usize>(impulse: &[ContactImpulse; 3]) -> SVector<f64, N> {
+    let mut total = SVector::zeros();
+    total[0] = impulse[0][0];
+    total[1] = impulse[1][0];
+    total[AXLE] = impulse[0][1] + impulse[1][1];
+    if N == 5 {
+        total[ROWS[2][0]] = impulse[2][0];
+        total[ROWS[2][1]] = impulse[2][1];
+    }
+    total
+}

@@ -1,0 +1,119 @@
+//! The natural map of the friction law, (27): the one residual that judges every contact solver.
+//!
+//! `Lambda_i = prox_C(Lambda_i - r_i xi_i)` holds for any r > 0 exactly at a solution. The residual is the largest
+//! `|Lambda_i - prox_C(Lambda_i - r_i xi_i)|` over the contacts with r of [`FrictionSystem::prox_step`], relative to the
+//! weight's impulse m g dt.
+
+use nalgebra::{SVector, Vector3};
+
+use super::directions::{AXLE, ROWS, contact_count};
+use super::friction_system::{FrictionProblem, FrictionSystem};
+use super::pattern::{ContactPattern, WheelPattern};
+use super::prox::{project_onto_disc, project_onto_half_line};
+use super::solution::{ContactImpulse, ContactSolution};
+
+/// Relative residual of the friction law at given impulses per contact.
+#[inline]
+pub fn residual<const N: usize>(
+    system: &FrictionSystem<N>,
+    problem: &FrictionProblem<N>,
+    contact_impulse: &[ContactImpulse; 3],
+    impact_slip: &SVector<f64, N>,
+    normal_impulse: &Vector3<f64>,
+) -> f64 {
+    let mut worst = 0.0_f64;
+    for contact in 0..contact_count::<N>() {
+        let impulse = contact_impulse[contact];
+        let point = prox_argument(system, contact, impulse, impact_slip);
+        let nearest = project_onto_disc(point, friction_radius(system, contact, normal_impulse));
+        let miss = [impulse[0] - nearest[0], impulse[1] - nearest[1]];
+        worst = worst.max(miss[0] * miss[0] + miss[1] * miss[1]);
+    }
+    worst.sqrt() / problem.weight_impulse()
+}
+
+/// `Lambda_i - r_i xi_i`.
+#[inline]
+pub(super) fn prox_argument<const N: usize>(
+    system: &FrictionSystem<N>,
+    contact: usize,
+    impulse: ContactImpulse,
+    impact_slip: &SVector<f64, N>,
+) -> [f64; 2] {
+    let [longitudinal, lateral] = ROWS[contact];
+    let step = system.prox_step()[contact];
+    [impulse[0] - step * impact_slip[longitudinal], impulse[1] - step * impact_slip[lateral]]
+}
+
+/// Radius of a contact's friction disc, N s.
+#[inline]
+pub(super) fn friction_radius<const N: usize>(
+    system: &FrictionSystem<N>,
+    contact: usize,
+    normal_impulse: &Vector3<f64>,
+) -> f64 {
+    system.friction_coefficient()[contact] * project_onto_half_line(normal_impulse[contact])
+}
+
+/// Friction impulse per contact (left, right, front) of a solution.
+///
+/// While both wheels stick, only the sum of their lateral impulses is physical: it is split in proportion to the
+/// remaining friction capacity, by convention.
+#[inline]
+pub fn contact_impulses<const N: usize>(
+    system: &FrictionSystem<N>,
+    solution: &ContactSolution<N>,
+) -> [ContactImpulse; 3] {
+    split(system, solution.pattern, &solution.impulse, &solution.impact_slip, &solution.normal_impulse)
+}
+
+#[inline]
+pub(super) fn split<const N: usize>(
+    system: &FrictionSystem<N>,
+    pattern: ContactPattern,
+    impulse: &SVector<f64, N>,
+    impact_slip: &SVector<f64, N>,
+    normal_impulse: &Vector3<f64>,
+) -> [ContactImpulse; 3] {
+    let lateral = impulse[AXLE];
+    let left_lateral = match pattern.wheels {
+        WheelPattern::RightSlips(_) => lateral,
+        WheelPattern::LeftSlips(_) => 0.0,
+        WheelPattern::BothStick => {
+            let left = lateral_capacity(system, 0, impulse, normal_impulse);
+            let right = lateral_capacity(system, 1, impulse, normal_impulse);
+            if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
+        }
+        WheelPattern::BothSlip => {
+            let left = lateral_share(system, 0, impact_slip, normal_impulse);
+            let right = lateral_share(system, 1, impact_slip, normal_impulse);
+            if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
+        }
+    };
+    let front = if N == 5 { [impulse[ROWS[2][0]], impulse[ROWS[2][1]]] } else { [0.0, 0.0] };
+    [[impulse[0], left_lateral], [impulse[1], lateral - left_lateral], front]
+}
+
+/// What a sticking wheel can still take sideways, N s.
+#[inline]
+fn lateral_capacity<const N: usize>(
+    system: &FrictionSystem<N>,
+    wheel: usize,
+    impulse: &SVector<f64, N>,
+    normal_impulse: &Vector3<f64>,
+) -> f64 {
+    let radius = friction_radius(system, wheel, normal_impulse);
+    project_onto_half_line(radius * radius - impulse[wheel] * impulse[wheel]).sqrt()
+}
+
+/// Friction radius over slip speed: both wheels share the lateral slip, so this is their share of the lateral impulse.
+#[inline]
+fn lateral_share<const N: usize>(
+    system: &FrictionSystem<N>,
+    wheel: usize,
+    impact_slip: &SVector<f64, N>,
+    normal_impulse: &Vector3<f64>,
+) -> f64 {
+    let speed = (impact_slip[wheel] * impact_slip[wheel] + impact_slip[AXLE] * impact_slip[AXLE]).sqrt();
+    if speed > 0.0 { friction_radius(system, wheel, normal_impulse) / speed } else { 0.0 }
+}

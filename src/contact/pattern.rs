@@ -1,0 +1,123 @@
+//! Contact patterns: which contacts stick, and which way a single slipping wheel slips.
+
+use super::solution::ContactMode;
+
+/// Way in which a wheel slips lengthwise while the other one sticks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SlipSign {
+    /// The contact point slides backwards: negative longitudinal slip, as when accelerating.
+    Backward,
+    /// The wheel carries no load, so its slip meets no friction.
+    Unloaded,
+    /// The contact point slides forwards, as when braking.
+    Forward,
+}
+
+impl SlipSign {
+    /// -1, 0 or 1.
+    pub const fn value(self) -> f64 {
+        match self {
+            Self::Backward => -1.0,
+            Self::Unloaded => 0.0,
+            Self::Forward => 1.0,
+        }
+    }
+}
+
+/// Modes of the two wheels. Both share one lateral slip: when one sticks, the other slips purely lengthwise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum WheelPattern {
+    /// Both wheels stick.
+    #[default]
+    BothStick,
+    /// The left wheel sticks, the right one slips.
+    RightSlips(SlipSign),
+    /// The right wheel sticks, the left one slips.
+    LeftSlips(SlipSign),
+    /// Both wheels slip.
+    BothSlip,
+}
+
+/// Modes of all contacts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ContactPattern {
+    /// Modes of the wheels.
+    pub wheels: WheelPattern,
+    /// Mode of the front support; `Slip` when it has no friction.
+    pub front: ContactMode,
+}
+
+impl WheelPattern {
+    /// The patterns in which the friction problem is linear (with a sticking or frictionless front support).
+    pub const LINEAR: [Self; 7] = [
+        Self::BothStick,
+        Self::RightSlips(SlipSign::Forward),
+        Self::RightSlips(SlipSign::Backward),
+        Self::LeftSlips(SlipSign::Forward),
+        Self::LeftSlips(SlipSign::Backward),
+        Self::RightSlips(SlipSign::Unloaded),
+        Self::LeftSlips(SlipSign::Unloaded),
+    ];
+
+    /// The pattern's place in [`WheelPattern::LINEAR`]; none while both wheels slip.
+    pub const fn linear_index(self) -> Option<usize> {
+        match self {
+            Self::BothStick => Some(0),
+            Self::RightSlips(SlipSign::Forward) => Some(1),
+            Self::RightSlips(SlipSign::Backward) => Some(2),
+            Self::LeftSlips(SlipSign::Forward) => Some(3),
+            Self::LeftSlips(SlipSign::Backward) => Some(4),
+            Self::RightSlips(SlipSign::Unloaded) => Some(5),
+            Self::LeftSlips(SlipSign::Unloaded) => Some(6),
+            Self::BothSlip => None,
+        }
+    }
+}
+
+impl ContactPattern {
+    /// Modes of left wheel, right wheel and front support.
+    pub const fn modes(self) -> [ContactMode; 3] {
+        let (left, right) = match self.wheels {
+            WheelPattern::BothStick => (ContactMode::Stick, ContactMode::Stick),
+            WheelPattern::RightSlips(_) => (ContactMode::Stick, ContactMode::Slip),
+            WheelPattern::LeftSlips(_) => (ContactMode::Slip, ContactMode::Stick),
+            WheelPattern::BothSlip => (ContactMode::Slip, ContactMode::Slip),
+        };
+        [left, right, self.front]
+    }
+
+    /// 5 - rank of the sticking directions.
+    pub fn degrees_of_freedom(self) -> u8 {
+        let wheels = match self.wheels {
+            WheelPattern::BothStick => 3,
+            WheelPattern::RightSlips(_) | WheelPattern::LeftSlips(_) => 2,
+            WheelPattern::BothSlip => 0,
+        };
+        let front = match self.front {
+            ContactMode::Stick => 2,
+            ContactMode::Slip => 0,
+        };
+        5 - wheels - front
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn degrees_of_freedom_are_those_of_the_paper() {
+        let dof = |wheels| ContactPattern { wheels, front: ContactMode::Slip }.degrees_of_freedom();
+        assert_eq!(dof(WheelPattern::BothStick), 2);
+        assert_eq!(dof(WheelPattern::RightSlips(SlipSign::Forward)), 3);
+        assert_eq!(dof(WheelPattern::LeftSlips(SlipSign::Backward)), 3);
+        assert_eq!(dof(WheelPattern::BothSlip), 5);
+    }
+
+    #[test]
+    fn linear_index_points_at_itself() {
+        for (index, wheels) in WheelPattern::LINEAR.into_iter().enumerate() {
+            assert_eq!(wheels.linear_index(), Some(index));
+        }
+    }
+}

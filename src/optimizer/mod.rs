@@ -1,0 +1,11 @@
+//! Optimisers that know no mechanics: sequential linear programming and Nelder-Mead.
+
+mod evaluation;
+mod linear_program;
+mod nelder_mead;
+mod sequential_linear;
+
+pub use evaluation::{Budget, Interruption, Problem};
+pub use linear_program::{ElasticProgram, ElasticSolution, ElasticSolver};
+pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
+pub use sequential_linear::{Ending, SequentialLinearResult, SequentialLinearSettings, minimise_sequentially};

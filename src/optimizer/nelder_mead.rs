@@ -1,0 +1,278 @@
+//! The downhill simplex of Nelder & Mead, the paper's optimiser, with adaptive coefficients and restarts.
+//!
+//! In 81 dimensions the classical coefficients collapse the simplex. Those of Gao & Han ("Implementing the Nelder-Mead
+//! simplex algorithm with adaptive parameters", 2012) depend on the dimension n:
+//!
+//! ```text
+//! reflection 1     expansion 1 + 2/n     contraction 3/4 - 1/(2n)     shrinkage 1 - 1/n
+//! ```
+
+use nalgebra::DVector;
+
+use super::evaluation::{Budget, Interruption};
+
+/// Size of the search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NelderMeadSettings {
+    /// Edge of the first simplex per variable.
+    pub edge: DVector<f64>,
+    /// Most restarts about the best point, each with a new simplex.
+    pub restart_limit: usize,
+    /// A simplex whose values differ by less is spent.
+    pub value_tolerance: f64,
+    /// Restarts that gain less, several times in a row, end the search.
+    pub smallest_gain: f64,
+}
+
+/// Later simplices shrink by this factor, so that restarts search ever closer.
+const RESTART_SHRINKAGE: f64 = 0.7;
+/// Smallest edge of a restarted simplex, relative to the first.
+const SMALLEST_EDGE: f64 = 0.05;
+/// Restarts without gain that end the search.
+const IDLE_RESTARTS: usize = 3;
+/// Reflections per dimension after which a simplex that creeps is given up.
+const CYCLE_LENGTH: usize = 400;
+
+/// The best point found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NelderMeadResult {
+    /// The point.
+    pub x: DVector<f64>,
+    /// Its value.
+    pub value: f64,
+    /// Moves of the simplex.
+    pub iterations: u64,
+    /// What ended the search early, if anything.
+    pub interruption: Option<Interruption>,
+}
+
+/// Minimises `value` from `start`; each call of `value` takes one rollout from the budget.
+///
+/// `on_improvement` hears of each new best point.
+pub fn minimise_by_nelder_mead(
+    value: &mut dyn FnMut(&DVector<f64>) -> f64,
+    start: &DVector<f64>,
+    settings: &NelderMeadSettings,
+    budget: &mut Budget,
+    on_improvement: &mut dyn FnMut(&DVector<f64>),
+) -> NelderMeadResult {
+    let mut search =
+        Search { value, budget, on_improvement, best: start.clone(), best_value: f64::INFINITY, iterations: 0 };
+    let interruption = search.run(settings).err();
+    NelderMeadResult { x: search.best, value: search.best_value, iterations: search.iterations, interruption }
+}
+
+struct Search<'a, 'b> {
+    value: &'a mut dyn FnMut(&DVector<f64>) -> f64,
+    budget: &'a mut Budget<'b>,
+    on_improvement: &'a mut dyn FnMut(&DVector<f64>),
+    best: DVector<f64>,
+    best_value: f64,
+    iterations: u64,
+}
+
+/// n + 1 vertices in ascending order of their values, with their sum.
+struct Simplex {
+    vertices: Vec<(f64, DVector<f64>)>,
+    sum: DVector<f64>,
+}
+
+struct Coefficients {
+    expansion: f64,
+    contraction: f64,
+    shrinkage: f64,
+}
+
+impl Coefficients {
+    fn adaptive(dimension: f64) -> Self {
+        Self { expansion: 1.0 + 2.0 / dimension, contraction: 0.75 - 0.5 / dimension, shrinkage: 1.0 - 1.0 / dimension }
+    }
+}
+
+impl Search<'_, '_> {
+    fn run(&mut self, settings: &NelderMeadSettings) -> Result<(), Interruption> {
+        let mut relative_edge = 1.0;
+        let mut idle = 0;
+        for restart in 0..=settings.restart_limit {
+            let before = self.best_value;
+            // Alternating orientation: the new simplex does not repeat the directions of the last.
+            let orientation = if restart % 2 == 0 { 1.0 } else { -1.0 };
+            let mut simplex = self.simplex_about_best(&(&settings.edge * (orientation * relative_edge)))?;
+            self.descend(&mut simplex, settings.value_tolerance)?;
+            idle = if before - self.best_value < settings.smallest_gain { idle + 1 } else { 0 };
+            if idle >= IDLE_RESTARTS {
+                break;
+            }
+            relative_edge = (relative_edge * RESTART_SHRINKAGE).max(SMALLEST_EDGE);
+        }
+        Ok(())
+    }
+
+    fn simplex_about_best(&mut self, edge: &DVector<f64>) -> Result<Simplex, Interruption> {
+        let center = self.best.clone();
+        let mut vertices = vec![(self.evaluate(&center)?, center.clone())];
+        for axis in 0..center.len() {
+            let mut vertex = center.clone();
+            vertex[axis] += edge[axis];
+            vertices.push((self.evaluate(&vertex)?, vertex));
+        }
+        Ok(Simplex::new(vertices))
+    }
+
+    fn descend(&mut self, simplex: &mut Simplex, value_tolerance: f64) -> Result<(), Interruption> {
+        let dimension = self.best.len();
+        let coefficients = Coefficients::adaptive(dimension as f64);
+        for _ in 0..CYCLE_LENGTH * dimension {
+            if simplex.spread() <= value_tolerance {
+                break;
+            }
+            self.iterations += 1;
+            match self.replacement(simplex, &coefficients)? {
+                Some((value, vertex)) => simplex.replace_worst(value, vertex),
+                None => self.shrink(simplex, coefficients.shrinkage)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Reflection, expansion or contraction of the worst vertex; none when the simplex must shrink.
+    fn replacement(
+        &mut self,
+        simplex: &Simplex,
+        coefficients: &Coefficients,
+    ) -> Result<Option<(f64, DVector<f64>)>, Interruption> {
+        let (best, second_worst, worst) = simplex.key_values();
+        let reflected = simplex.along_centroid(1.0);
+        let reflected_value = self.evaluate(&reflected)?;
+        if reflected_value < best {
+            let expanded = simplex.along_centroid(coefficients.expansion);
+            let expanded_value = self.evaluate(&expanded)?;
+            let expansion_wins = expanded_value < reflected_value;
+            return Ok(Some(if expansion_wins { (expanded_value, expanded) } else { (reflected_value, reflected) }));
+        }
+        if reflected_value < second_worst {
+            return Ok(Some((reflected_value, reflected)));
+        }
+        let outside = reflected_value < worst;
+        let factor = if outside { coefficients.contraction } else { -coefficients.contraction };
+        let contracted = simplex.along_centroid(factor);
+        let contracted_value = self.evaluate(&contracted)?;
+        let bar = if outside { reflected_value } else { worst };
+        Ok((contracted_value <= bar).then_some((contracted_value, contracted)))
+    }
+
+    /// Pulls all vertices towards the best one.
+    fn shrink(&mut self, simplex: &mut Simplex, shrinkage: f64) -> Result<(), Interruption> {
+        let best = simplex.vertices[0].1.clone();
+        let mut vertices = vec![simplex.vertices[0].clone()];
+        for (_, vertex) in &simplex.vertices[1..] {
+            let moved = &best + (vertex - &best) * shrinkage;
+            vertices.push((self.evaluate(&moved)?, moved));
+        }
+        *simplex = Simplex::new(vertices);
+        Ok(())
+    }
+
+    fn evaluate(&mut self, x: &DVector<f64>) -> Result<f64, Interruption> {
+        self.budget.spend()?;
+        let value = (self.value)(x);
+        if value < self.best_value {
+            self.best_value = value;
+            self.best.copy_from(x);
+            (self.on_improvement)(x);
+        }
+        Ok(value)
+    }
+}
+
+impl Simplex {
+    fn new(mut vertices: Vec<(f64, DVector<f64>)>) -> Self {
+        vertices.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut sum = DVector::zeros(vertices[0].1.len());
+        for (_, vertex) in &vertices {
+            sum += vertex;
+        }
+        Self { vertices, sum }
+    }
+
+    fn spread(&self) -> f64 {
+        let (best, _, worst) = self.key_values();
+        worst - best
+    }
+
+    /// Values of the best, the second worst and the worst vertex.
+    fn key_values(&self) -> (f64, f64, f64) {
+        let count = self.vertices.len();
+        (self.vertices[0].0, self.vertices[count - 2].0, self.vertices[count - 1].0)
+    }
+
+    /// centroid + factor (centroid - worst), with the centroid of all vertices but the worst.
+    fn along_centroid(&self, factor: f64) -> DVector<f64> {
+        let worst = &self.vertices[self.vertices.len() - 1].1;
+        let mut point = (&self.sum - worst) * ((1.0 + factor) / (self.vertices.len() - 1) as f64);
+        point.axpy(-factor, worst, 1.0);
+        point
+    }
+
+    fn replace_worst(&mut self, value: f64, vertex: DVector<f64>) {
+        if let Some((_, worst)) = self.vertices.pop() {
+            self.sum -= worst;
+        }
+        self.sum += &vertex;
+        let position = self.vertices.partition_point(|(other, _)| *other <= value);
+        self.vertices.insert(position, (value, vertex));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+
+    fn minimise(value: impl Fn(&DVector<f64>) -> f64, start: &[f64]) -> NelderMeadResult {
+        let stop = AtomicBool::new(false);
+        let settings = NelderMeadSettings {
+            edge: DVector::repeat(start.len(), 0.5),
+            restart_limit: 20,
+            value_tolerance: 1e-16,
+            smallest_gain: 1e-14,
+        };
+        let mut budget = Budget::new(&stop, 200_000);
+        let start = DVector::from_column_slice(start);
+        minimise_by_nelder_mead(&mut |x| value(x), &start, &settings, &mut budget, &mut |_| {})
+    }
+
+    #[test]
+    fn rosenbrock_valley_is_followed_to_its_minimum() {
+        let result = minimise(|x| (1.0 - x[0]).powi(2) + 100.0 * (x[1] - x[0] * x[0]).powi(2), &[-1.2, 1.0]);
+        // The value tolerance of 1e-16 leaves sqrt(1e-16) in x.
+        assert!((result.x - DVector::from_vec(vec![1.0, 1.0])).amax() < 1e-6);
+        assert_eq!(result.interruption, None);
+    }
+
+    #[test]
+    fn quadratic_in_thirty_dimensions_does_not_collapse() {
+        let result =
+            minimise(|x| x.iter().enumerate().map(|(i, v)| (i + 1) as f64 * (v - 1.0).powi(2)).sum(), &[0.0; 30]);
+        assert!(result.value < 1e-8, "value {}", result.value);
+    }
+
+    #[test]
+    fn budget_ends_the_search_with_the_best_point() {
+        let stop = AtomicBool::new(false);
+        let settings = NelderMeadSettings {
+            edge: DVector::repeat(2, 0.5),
+            restart_limit: 1000,
+            value_tolerance: 0.0,
+            smallest_gain: 0.0,
+        };
+        let mut budget = Budget::new(&stop, 25);
+        let mut value = |x: &DVector<f64>| x.norm_squared();
+        let start = DVector::from_vec(vec![3.0, 4.0]);
+        let result = minimise_by_nelder_mead(&mut value, &start, &settings, &mut budget, &mut |_| {});
+        assert_eq!(result.interruption, Some(Interruption::RolloutLimit));
+        assert!(result.value < 25.0);
+        assert_eq!(result.value, result.x.norm_squared());
+    }
+}

@@ -1,0 +1,313 @@
+//! Trust-region sequential linear programming on an exact l1 penalty.
+//!
+//! ```text
+//! merit(x) = cost' x + weight |residual(x)|_1
+//! ```
+//!
+//! Each iteration minimises the merit's linear model in a box about x (an elastic program), tries the step, corrects it
+//! once by least squares when the residuals curve, and keeps whichever point is better. The merit, never the model,
+//! decides: at a contact's slip reversal the derivative can be wrong. Time-optimal torques are bang-bang, so most
+//! variables end at a bound and the linear model is as good as a quadratic one.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::evaluation::{Budget, Interruption, Problem};
+use super::linear_program::{ElasticProgram, ElasticSolver};
+
+/// Parameters of the iteration; the defaults were measured on the paper's forward drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SequentialLinearSettings {
+    /// Price of a unit of residual, above every multiplier of the problem.
+    pub weight: f64,
+    /// First trust radius, as a fraction of each variable's reach.
+    pub first_radius: f64,
+    /// Residuals of at most this magnitude are met.
+    pub feasibility_tolerance: f64,
+    /// Most iterations.
+    pub iteration_limit: usize,
+}
+
+impl Default for SequentialLinearSettings {
+    fn default() -> Self {
+        Self { weight: 5.0, first_radius: 0.3, feasibility_tolerance: 1e-9, iteration_limit: 400 }
+    }
+}
+
+const LARGEST_RADIUS: f64 = 1.0;
+const SMALLEST_RADIUS: f64 = 1e-6;
+/// The model predicts no decrease beyond rounding of the merit.
+const SMALLEST_PREDICTION: f64 = 1e-7;
+/// Gains below this, several times in a row at feasibility, are not worth a rollout.
+const SMALL_GAIN: f64 = 1e-5;
+const SMALL_GAIN_LIMIT: usize = 6;
+const GROW_RATIO: f64 = 0.5;
+const GROW_FACTOR: f64 = 2.0;
+const SHRINK_RATIO: f64 = 0.1;
+const SHRINK_FACTOR: f64 = 0.4;
+/// A trial that gains less than this share of the prediction is corrected.
+const CORRECTION_RATIO: f64 = 0.1;
+/// Residual norm at which small gains start to count as convergence.
+const NEAR_FEASIBLE: f64 = 1e-4;
+const RESTORATION_LIMIT: usize = 20;
+const SHORTENING_LIMIT: usize = 4;
+/// Singular values below this share of the largest carry no information: a plan that ends sticking has dependent rows.
+const RANK_TOLERANCE: f64 = 1e-7;
+
+/// Why the iteration ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// The linear model predicts no further decrease.
+    Stationary,
+    /// Steps gain nothing worth having.
+    SmallGains,
+    /// The trust region shrank to nothing: a kink of the merit.
+    SmallRadius,
+    /// The iteration limit.
+    IterationLimit,
+    /// The budget ended it.
+    Interrupted(Interruption),
+}
+
+/// The best point found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SequentialLinearResult {
+    /// The point.
+    pub x: DVector<f64>,
+    /// Its scaled residuals.
+    pub residual: DVector<f64>,
+    /// Decrease of the merit that the last linear model still predicted.
+    pub predicted_decrease: f64,
+    /// Linear programs solved.
+    pub iterations: u64,
+    /// Why it ended.
+    pub ending: Ending,
+}
+
+/// Minimises `cost' x` subject to vanishing residuals and bounds, from `start`.
+///
+/// `on_improvement` hears of each accepted point (the point and its residuals).
+pub fn minimise_sequentially(
+    problem: &mut dyn Problem,
+    start: &DVector<f64>,
+    settings: &SequentialLinearSettings,
+    budget: &mut Budget,
+    on_improvement: &mut dyn FnMut(&DVector<f64>, &DVector<f64>),
+) -> SequentialLinearResult {
+    let mut search = Search::new(problem, start, settings);
+    let ending = match search.descend(budget, on_improvement) {
+        Ok(ending) => match search.restore(budget) {
+            Ok(()) => ending,
+            Err(interruption) => Ending::Interrupted(interruption),
+        },
+        Err(interruption) => Ending::Interrupted(interruption),
+    };
+    SequentialLinearResult {
+        x: search.x,
+        residual: search.residual,
+        predicted_decrease: search.predicted_decrease,
+        iterations: search.iterations,
+        ending,
+    }
+}
+
+struct Search<'a> {
+    problem: &'a mut dyn Problem,
+    settings: &'a SequentialLinearSettings,
+    programs: ElasticSolver,
+    x: DVector<f64>,
+    residual: DVector<f64>,
+    jacobian: DMatrix<f64>,
+    jacobian_is_current: bool,
+    radius: f64,
+    predicted_decrease: f64,
+    iterations: u64,
+}
+
+/// A point with its residuals and merit.
+struct Trial {
+    x: DVector<f64>,
+    residual: DVector<f64>,
+    merit: f64,
+}
+
+impl<'a> Search<'a> {
+    fn new(problem: &'a mut dyn Problem, start: &DVector<f64>, settings: &'a SequentialLinearSettings) -> Self {
+        let (rows, columns) = (problem.residual_count(), start.len());
+        let x = clamped(start, problem.lower(), problem.upper());
+        Self {
+            problem,
+            settings,
+            programs: ElasticSolver::new(),
+            x,
+            residual: DVector::zeros(rows),
+            jacobian: DMatrix::zeros(rows, columns),
+            jacobian_is_current: false,
+            radius: settings.first_radius,
+            predicted_decrease: f64::INFINITY,
+            iterations: 0,
+        }
+    }
+
+    fn descend(
+        &mut self,
+        budget: &mut Budget,
+        on_improvement: &mut dyn FnMut(&DVector<f64>, &DVector<f64>),
+    ) -> Result<Ending, Interruption> {
+        let mut small_gains = 0;
+        for _ in 0..self.settings.iteration_limit {
+            self.linearise(budget)?;
+            let merit = self.merit(&self.x, &self.residual);
+            let step = self.linear_step();
+            self.iterations += 1;
+            self.predicted_decrease = merit - self.model(&step);
+            if self.predicted_decrease <= SMALLEST_PREDICTION {
+                return Ok(Ending::Stationary);
+            }
+            let trial = self.try_step(&step, merit, budget)?;
+            let gain = merit - trial.merit;
+            self.adapt_radius(gain / self.predicted_decrease);
+            if gain > 0.0 {
+                self.accept(trial);
+                on_improvement(&self.x, &self.residual);
+                let is_small = gain < SMALL_GAIN && self.residual.amax() < NEAR_FEASIBLE;
+                small_gains = if is_small { small_gains + 1 } else { 0 };
+                if small_gains >= SMALL_GAIN_LIMIT {
+                    return Ok(Ending::SmallGains);
+                }
+            }
+            if self.radius < SMALLEST_RADIUS {
+                return Ok(Ending::SmallRadius);
+            }
+        }
+        Ok(Ending::IterationLimit)
+    }
+
+    fn linearise(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
+        if !self.jacobian_is_current {
+            budget.spend()?;
+            self.problem.linearise(&self.x, &mut self.residual, &mut self.jacobian);
+            self.jacobian_is_current = true;
+        }
+        Ok(())
+    }
+
+    /// The minimiser of the linear model in the trust region.
+    fn linear_step(&mut self) -> DVector<f64> {
+        let reach = self.problem.reach(&self.x) * self.radius;
+        let lower = (self.problem.lower() - &self.x).zip_map(&reach, |bound, reach| bound.max(-reach));
+        let upper = (self.problem.upper() - &self.x).zip_map(&reach, f64::min);
+        let program = ElasticProgram {
+            matrix: &self.jacobian,
+            target: &-&self.residual,
+            cost: self.problem.cost(),
+            lower: &lower,
+            upper: &upper,
+            weight: self.settings.weight,
+        };
+        self.programs.solve(&program).x
+    }
+
+    /// The merit's linear model after a step.
+    fn model(&self, step: &DVector<f64>) -> f64 {
+        self.merit(&(&self.x + step), &(&self.residual + &self.jacobian * step))
+    }
+
+    /// The point after the step, or after its correction where that is better.
+    fn try_step(&mut self, step: &DVector<f64>, merit: f64, budget: &mut Budget) -> Result<Trial, Interruption> {
+        let trial = self.evaluate(&self.x + step, budget)?;
+        if merit - trial.merit >= CORRECTION_RATIO * self.predicted_decrease {
+            return Ok(trial);
+        }
+        let modelled = &self.residual + &self.jacobian * step;
+        let Some(correction) = self.least_change(&trial.x, &(&trial.residual - modelled)) else { return Ok(trial) };
+        let corrected = self.evaluate(&trial.x - correction, budget)?;
+        Ok(if corrected.merit < trial.merit { corrected } else { trial })
+    }
+
+    fn evaluate(&mut self, x: DVector<f64>, budget: &mut Budget) -> Result<Trial, Interruption> {
+        budget.spend()?;
+        let x = clamped(&x, self.problem.lower(), self.problem.upper());
+        let mut residual = DVector::zeros(self.residual.len());
+        self.problem.residual(&x, &mut residual);
+        let merit = self.merit(&x, &residual);
+        Ok(Trial { x, residual, merit })
+    }
+
+    fn accept(&mut self, trial: Trial) {
+        self.x = trial.x;
+        self.residual = trial.residual;
+        self.jacobian_is_current = false;
+    }
+
+    fn adapt_radius(&mut self, ratio: f64) {
+        if ratio > GROW_RATIO {
+            self.radius = (GROW_FACTOR * self.radius).min(LARGEST_RADIUS);
+        } else if ratio < SHRINK_RATIO || ratio.is_nan() {
+            self.radius *= SHRINK_FACTOR;
+        }
+    }
+
+    /// Drives the residuals of the final point to zero by least changes of the variables that are off their bounds.
+    fn restore(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
+        for _ in 0..RESTORATION_LIMIT {
+            if self.residual.amax() <= self.settings.feasibility_tolerance {
+                return Ok(());
+            }
+            self.linearise(budget)?;
+            let Some(change) = self.least_change(&self.x, &self.residual) else { return Ok(()) };
+            if !self.shorten_until_better(&change, budget)? {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the change, or a half, a quarter, ... of it: at a kink only a part helps. False when nothing does.
+    fn shorten_until_better(&mut self, change: &DVector<f64>, budget: &mut Budget) -> Result<bool, Interruption> {
+        let mut share = 1.0;
+        for _ in 0..SHORTENING_LIMIT {
+            let trial = self.evaluate(&self.x - change * share, budget)?;
+            if trial.residual.amax() < self.residual.amax() {
+                self.accept(trial);
+                return Ok(true);
+            }
+            share *= 0.5;
+        }
+        Ok(false)
+    }
+
+    /// Decrease of the merit that the linear model predicts in a trust region of the given radius.
+    fn predicted_decrease_within(&mut self, radius: f64, budget: &mut Budget) -> Result<f64, Interruption> {
+        self.linearise(budget)?;
+        self.radius = radius;
+        let step = self.linear_step();
+        Ok(self.merit(&self.x, &self.residual) - self.model(&step))
+    }
+
+    /// The smallest change (in units of reach) of the variables off their bounds whose linear effect is `residual`.
+    fn least_change(&self, x: &DVector<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
+        let mut reach = self.problem.reach(x);
+        for (index, reach) in reach.iter_mut().enumerate() {
+            if x[index] <= self.problem.lower()[index] || x[index] >= self.problem.upper()[index] {
+                *reach = 0.0;
+            }
+        }
+        let mut scaled = self.jacobian.clone();
+        for (mut column, reach) in scaled.column_iter_mut().zip(reach.iter()) {
+            column *= *reach;
+        }
+        // The rows are few: the pseudo-inverse by the m x m Gram matrix keeps the cost at m^2 n.
+        let gram = &scaled * scaled.transpose();
+        let tolerance = RANK_TOLERANCE * RANK_TOLERANCE * gram.norm();
+        let inverse = gram.pseudo_inverse(tolerance).ok()?;
+        Some((scaled.transpose() * (inverse * residual)).component_mul(&reach))
+    }
+
+    fn merit(&self, x: &DVector<f64>, residual: &DVector<f64>) -> f64 {
+        self.problem.cost().dot(x) + self.settings.weight * residual.lp_norm(1)
+    }
+}
+
+fn clamped(x: &DVector<f64>, lower: &DVector<f64>, upper: &DVector<f64>) -> DVector<f64> {
+    x.zip_zip_map(lower, upper, f64::clamp)
+}

@@ -1,0 +1,42 @@
+//! The unknowns of a shooting problem: y = (left torques, right torques, final time), section 4 of the paper.
+//!
+//! The paper lists the right wheel first; here the order is left, right everywhere.
+
+use nalgebra::DVector;
+
+use crate::simulation::TorqueSchedule;
+
+/// Number of unknowns with `control_count` torques per wheel.
+pub fn decision_len(control_count: usize) -> usize {
+    2 * control_count + 1
+}
+
+/// The decision vector of a schedule.
+pub fn decision_from_schedule(schedule: &TorqueSchedule) -> DVector<f64> {
+    let torques = schedule.left.iter().chain(&schedule.right).copied();
+    DVector::from_iterator(decision_len(schedule.control_count()), torques.chain([schedule.final_time]))
+}
+
+/// Writes a decision vector into a schedule of the same number of intervals.
+pub fn write_schedule(decision: &DVector<f64>, schedule: &mut TorqueSchedule) {
+    let control_count = schedule.control_count();
+    let torques = decision.as_slice();
+    schedule.left.copy_from_slice(&torques[..control_count]);
+    schedule.right.copy_from_slice(&torques[control_count..2 * control_count]);
+    schedule.final_time = torques[2 * control_count];
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn schedule_round_trips() {
+        let schedule = TorqueSchedule { final_time: 2.5, left: vec![1.0, 2.0], right: vec![-3.0, 4.0] };
+        let decision = decision_from_schedule(&schedule);
+        assert_eq!(decision.as_slice(), [1.0, 2.0, -3.0, 4.0, 2.5]);
+        let mut copy = TorqueSchedule { final_time: 0.0, left: vec![0.0; 2], right: vec![0.0; 2] };
+        write_schedule(&decision, &mut copy);
+        assert_eq!(copy, schedule);
+    }
+}

@@ -1,0 +1,215 @@
+//! A maneuver as a shooting problem: from a decision vector to scaled goal errors and their Jacobian.
+
+use nalgebra::{DMatrix, DVector, Vector2};
+
+use super::decision::{decision_len, write_schedule};
+use super::maneuver::{Maneuver, StateComponent, wrapped_angle};
+use crate::optimizer::Problem;
+use crate::robot::State;
+use crate::simulation::{EndDerivative, EndSensitivity, Rollout, Simulator, TorqueSchedule};
+
+/// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): what is left of a maneuver shows first in its end.
+const SPEED_SCALE: f64 = 0.3;
+/// A trust region of radius 1 spans the torque limit, and this fraction of the final time.
+const FINAL_TIME_REACH: f64 = 0.5;
+/// Shortest final time that is searched, s: without a bound the linear model would let it collapse.
+pub const SHORTEST_FINAL_TIME: f64 = 0.02;
+/// Longest final time that is searched, s.
+pub const LONGEST_FINAL_TIME: f64 = 1e4;
+
+/// Goal errors of one maneuver as a function of torques and final time.
+#[derive(Debug, Clone)]
+pub struct ShootingProblem<'a> {
+    simulator: &'a Simulator,
+    start: State,
+    reference_offset: Vector2<f64>,
+    rows: Vec<GoalRow>,
+    step_count: usize,
+    cost: DVector<f64>,
+    lower: DVector<f64>,
+    upper: DVector<f64>,
+    schedule: TorqueSchedule,
+    sensitivity: EndSensitivity,
+}
+
+/// One constrained component of the end state.
+#[derive(Debug, Clone, Copy)]
+struct GoalRow {
+    component: usize,
+    target: f64,
+    scale: f64,
+}
+
+impl<'a> ShootingProblem<'a> {
+    /// Formulates a maneuver on a grid of `step_count` steps and `control_count` torques per wheel.
+    ///
+    /// The heading is aimed at in the winding nearest to the start's.
+    pub fn new(simulator: &'a Simulator, maneuver: &Maneuver, step_count: usize, control_count: usize) -> Self {
+        let parameters = simulator.robot().parameters();
+        let final_time_index = decision_len(control_count) - 1;
+        let mut cost = DVector::zeros(decision_len(control_count));
+        cost[final_time_index] = 1.0;
+        let limit = maneuver.torque_limit;
+        let mut upper =
+            DVector::from_fn(
+                decision_len(control_count),
+                |index, _| {
+                    if index < control_count { limit.left } else { limit.right }
+                },
+            );
+        let mut lower = -&upper;
+        lower[final_time_index] = SHORTEST_FINAL_TIME;
+        upper[final_time_index] = LONGEST_FINAL_TIME;
+        Self {
+            simulator,
+            start: maneuver.start_at_center_of_mass(parameters),
+            reference_offset: maneuver.reference_point.offset(parameters),
+            rows: goal_rows(maneuver, parameters.wheel_radius),
+            step_count,
+            cost,
+            lower,
+            upper,
+            schedule: TorqueSchedule {
+                final_time: 0.0,
+                left: vec![0.0; control_count],
+                right: vec![0.0; control_count],
+            },
+            sensitivity: EndSensitivity::default(),
+        }
+    }
+
+    /// Largest magnitude of the unscaled goal errors (m, rad, m/s, rad/s) behind scaled residuals.
+    pub fn largest_goal_error(&self, residual: &DVector<f64>) -> f64 {
+        self.rows.iter().zip(residual.iter()).fold(0.0, |worst, (row, value)| (value / row.scale).abs().max(worst))
+    }
+
+    /// The smallest scale of a row: scaled residuals below `tolerance * smallest_scale` keep every error in tolerance.
+    pub fn smallest_scale(&self) -> f64 {
+        self.rows.iter().fold(f64::INFINITY, |smallest, row| row.scale.min(smallest))
+    }
+
+    fn write_residual(&self, end: &State, residual: &mut DVector<f64>) {
+        let end = end.moved_by(self.reference_offset).to_vector();
+        for (value, row) in residual.iter_mut().zip(&self.rows) {
+            *value = row.scale * (end[row.component] - row.target);
+        }
+    }
+
+    fn write_column(&self, derivative: &EndDerivative, end: &State, mut column: nalgebra::DVectorViewMut<f64>) {
+        let derivative = moved_derivative(derivative, end, self.reference_offset);
+        for (value, row) in column.iter_mut().zip(&self.rows) {
+            *value = row.scale * derivative[row.component];
+        }
+    }
+}
+
+impl Problem for ShootingProblem<'_> {
+    fn cost(&self) -> &DVector<f64> {
+        &self.cost
+    }
+
+    fn lower(&self) -> &DVector<f64> {
+        &self.lower
+    }
+
+    fn upper(&self) -> &DVector<f64> {
+        &self.upper
+    }
+
+    fn reach(&self, decision: &DVector<f64>) -> DVector<f64> {
+        let mut reach = self.upper.clone();
+        let last = reach.len() - 1;
+        reach[last] = FINAL_TIME_REACH * decision[last];
+        reach
+    }
+
+    fn residual_count(&self) -> usize {
+        self.rows.len()
+    }
+
+    fn residual(&mut self, decision: &DVector<f64>, residual: &mut DVector<f64>) {
+        write_schedule(decision, &mut self.schedule);
+        let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
+        let end = self.simulator.end_state(&rollout);
+        self.write_residual(&end, residual);
+    }
+
+    fn linearise(&mut self, decision: &DVector<f64>, residual: &mut DVector<f64>, jacobian: &mut DMatrix<f64>) {
+        write_schedule(decision, &mut self.schedule);
+        let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
+        self.simulator.end_sensitivity(&rollout, &mut self.sensitivity);
+        let sensitivity = &self.sensitivity;
+        self.write_residual(&sensitivity.end, residual);
+        let torques = sensitivity.by_left_torque.iter().chain(&sensitivity.by_right_torque);
+        for (index, derivative) in torques.chain([&sensitivity.by_final_time]).enumerate() {
+            self.write_column(derivative, &sensitivity.end, jacobian.column_mut(index));
+        }
+    }
+}
+
+fn goal_rows(maneuver: &Maneuver, wheel_radius: f64) -> Vec<GoalRow> {
+    let start_heading = maneuver.start.configuration.heading;
+    let row = |(component, value): (StateComponent, f64)| GoalRow {
+        component: component.index(),
+        target: if component == StateComponent::Heading {
+            start_heading + wrapped_angle(value - start_heading)
+        } else {
+            value
+        },
+        scale: residual_scale(component, wheel_radius),
+    };
+    maneuver.goal.constrained().map(row).collect()
+}
+
+/// Scales turn every residual into metres or radians.
+fn residual_scale(component: StateComponent, wheel_radius: f64) -> f64 {
+    match component {
+        StateComponent::X | StateComponent::Y | StateComponent::Heading => 1.0,
+        StateComponent::WheelAngleLeft | StateComponent::WheelAngleRight => wheel_radius,
+        StateComponent::VelocityX | StateComponent::VelocityY | StateComponent::YawRate => SPEED_SCALE,
+        StateComponent::WheelRateLeft | StateComponent::WheelRateRight => SPEED_SCALE * wheel_radius,
+    }
+}
+
+/// Derivative of [`State::moved_by`] along a derivative of the state.
+fn moved_derivative(derivative: &EndDerivative, end: &State, offset: Vector2<f64>) -> EndDerivative {
+    let (sin, cos) = end.configuration.heading.sin_cos();
+    let (x, y) = (cos * offset.x - sin * offset.y, sin * offset.x + cos * offset.y);
+    let (heading, yaw_rate) = (derivative[2], derivative[7]);
+    let mut moved = *derivative;
+    moved[0] -= y * heading;
+    moved[1] += x * heading;
+    moved[5] -= y * yaw_rate + x * heading * end.velocity.yaw_rate;
+    moved[6] += x * yaw_rate - y * heading * end.velocity.yaw_rate;
+    moved
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::{Robot, RobotParameters};
+    use crate::shooting::ReferencePoint;
+
+    #[test]
+    fn jacobian_agrees_with_differences_at_the_axle_midpoint() {
+        let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
+        let maneuver = Maneuver { reference_point: ReferencePoint::AxleMidpoint, ..Maneuver::forward_drive() };
+        let mut problem = ShootingProblem::new(&simulator, &maneuver, 50, 5);
+        let decision = DVector::from_vec(vec![0.9, 0.3, -0.2, 0.7, -0.6, 0.5, 0.8, 0.1, -0.4, 0.2, 1.7]);
+        let (mut residual, mut jacobian) = (DVector::zeros(8), DMatrix::zeros(8, 11));
+        problem.linearise(&decision, &mut residual, &mut jacobian);
+        let step = 1e-6;
+        for index in 0..decision.len() {
+            let [above, below] = [step, -step].map(|step| {
+                let mut moved = decision.clone();
+                moved[index] += step;
+                let mut residual = DVector::zeros(8);
+                problem.residual(&moved, &mut residual);
+                residual
+            });
+            let difference = (above - below) / (2.0 * step);
+            // Truncation and rounding of the central difference meet near 1e-9 of derivatives near 1.
+            assert!((jacobian.column(index) - difference).amax() < 1e-7);
+        }
+    }
+}

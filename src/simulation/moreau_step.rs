@@ -1,0 +1,186 @@
+//! One step of Moreau's midpoint scheme (figure 2 of the paper), in the body frame of the midpoint.
+//!
+//! ```text
+//! q_M = q_A + dt/2 u_A
+//! u_E = u_A + M^-1 (h dt + W_T Lambda_T)        M, h, W_T at q_M with u_A, (25)
+//! q_E = q_M + dt/2 u_E
+//! ```
+
+use nalgebra::{SMatrix, SVector, Vector3};
+
+use crate::contact::{ContactSolution, FrictionProblem, FrictionSystem};
+use crate::robot::{BodyVector, PerWheel, Robot, State};
+
+/// Everything about the robot that a step needs, with `N` friction directions (3, or 5 with front friction).
+#[derive(Debug, Clone)]
+pub(super) struct StepModel<const N: usize> {
+    pub(super) system: FrictionSystem<N>,
+    /// `W_T'`, rows by direction.
+    pub(super) slip_map: SMatrix<f64, N, 5>,
+    /// `M^-1 W_T`.
+    pub(super) impulse_response: SMatrix<f64, 5, N>,
+    /// 1 + restitution.
+    pub(super) restitution_factor: f64,
+    /// Body acceleration (right, forward, yaw) per squared yaw rate.
+    pub(super) centrifugal_acceleration: Vector3<f64>,
+    /// 1 / J.
+    pub(super) inverse_spin_inertia: f64,
+    pub(super) load: FreeLoad,
+}
+
+/// Normal forces without friction: affine in the squared rates and the torques.
+#[derive(Debug, Clone)]
+pub(super) struct FreeLoad {
+    pub(super) at_rest: Vector3<f64>,
+    pub(super) by_yaw_rate_squared: Vector3<f64>,
+    pub(super) by_yaw_rate_wheel_rate: Vector3<f64>,
+    pub(super) by_torque: PerWheel<Vector3<f64>>,
+}
+
+/// One step as it was taken; enough to record it and to differentiate it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Step<const N: usize> {
+    pub(super) end: State,
+    /// Sine and cosine of the midpoint's heading.
+    pub(super) rotation: (f64, f64),
+    /// Velocities at the start and the end in the body frame of the midpoint.
+    pub(super) start_velocity: BodyVector,
+    pub(super) end_velocity: BodyVector,
+    pub(super) contact: ContactSolution<N>,
+}
+
+/// Solves the friction problem of each step of one rollout.
+pub(super) trait StepContact<const N: usize> {
+    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N>;
+}
+
+impl<const N: usize> StepModel<N> {
+    pub(super) fn new(robot: &Robot) -> Self {
+        let parameters = robot.parameters();
+        let slip_map = robot.tangent_jacobian().matrix().fixed_rows::<N>(0).into_owned();
+        let friction = parameters.wheel_friction_coefficient;
+        let system = FrictionSystem::new(
+            robot.delassus().fixed_view::<N, N>(0, 0).into_owned(),
+            robot.normal_response().fixed_columns::<N>(0).into_owned(),
+            [friction, friction, parameters.front_friction_coefficient],
+        );
+        let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
+        Self {
+            system,
+            slip_map,
+            impulse_response: robot.impulse_response().fixed_columns::<N>(0).into_owned(),
+            restitution_factor: 1.0 + parameters.tangential_restitution,
+            centrifugal_acceleration: unit_rate.fixed_rows::<3>(0).into_owned(),
+            inverse_spin_inertia: 1.0 / parameters.wheel_spin_inertia,
+            load: FreeLoad::new(robot, &unit_rate),
+        }
+    }
+
+    /// Takes one step of length `dt` from `start`.
+    #[inline(always)]
+    pub(super) fn advance(
+        &self,
+        start: &State,
+        torque: PerWheel<f64>,
+        dt: f64,
+        contact_solver: &mut impl StepContact<N>,
+    ) -> Step<N> {
+        let half = 0.5 * dt;
+        let (q, u) = (&start.configuration, &start.velocity);
+        let (sin, cos) = (q.heading + half * u.yaw_rate).sin_cos();
+        let start_velocity = BodyVector::from([
+            cos * u.x + sin * u.y,
+            cos * u.y - sin * u.x,
+            u.yaw_rate,
+            u.wheel_rate.left,
+            u.wheel_rate.right,
+        ]);
+
+        let smooth_change = dt * self.smooth_acceleration(&start_velocity, torque);
+        let problem = self.friction_problem(&start_velocity, torque, &smooth_change, dt);
+        let contact = contact_solver.solve(&self.system, &problem);
+        let end_velocity = start_velocity + smooth_change + self.impulse_response * contact.impulse;
+
+        let mut end = State::default();
+        end.velocity.x = cos * end_velocity[0] - sin * end_velocity[1];
+        end.velocity.y = sin * end_velocity[0] + cos * end_velocity[1];
+        end.velocity.yaw_rate = end_velocity[2];
+        end.velocity.wheel_rate = PerWheel::new(end_velocity[3], end_velocity[4]);
+        let w = &end.velocity;
+        end.configuration.x = q.x + half * (u.x + w.x);
+        end.configuration.y = q.y + half * (u.y + w.y);
+        end.configuration.heading = q.heading + half * (u.yaw_rate + w.yaw_rate);
+        end.configuration.wheel_angle.left = q.wheel_angle.left + half * (u.wheel_rate.left + w.wheel_rate.left);
+        end.configuration.wheel_angle.right = q.wheel_angle.right + half * (u.wheel_rate.right + w.wheel_rate.right);
+        Step { end, rotation: (sin, cos), start_velocity, end_velocity, contact }
+    }
+
+    /// `M^-1 h`.
+    #[inline(always)]
+    pub(super) fn smooth_acceleration(&self, velocity: &BodyVector, torque: PerWheel<f64>) -> BodyVector {
+        let rate_squared = velocity[2] * velocity[2];
+        let planar = &self.centrifugal_acceleration;
+        BodyVector::from([
+            rate_squared * planar[0],
+            rate_squared * planar[1],
+            rate_squared * planar[2],
+            self.inverse_spin_inertia * torque.left,
+            self.inverse_spin_inertia * torque.right,
+        ])
+    }
+
+    /// The friction problem of one step as plain data.
+    #[inline(always)]
+    fn friction_problem(
+        &self,
+        velocity: &BodyVector,
+        torque: PerWheel<f64>,
+        smooth_change: &BodyVector,
+        dt: f64,
+    ) -> FrictionProblem<N> {
+        FrictionProblem {
+            free_slip: self.slip(&(velocity * self.restitution_factor + smooth_change)),
+            free_normal: dt * self.load.normal_force(velocity, torque),
+        }
+    }
+
+    /// `W_T'` times a body velocity, skipping the zeros of `W_T'`.
+    #[inline(always)]
+    fn slip(&self, velocity: &BodyVector) -> SVector<f64, N> {
+        let map = &self.slip_map;
+        let mut slip = SVector::zeros();
+        slip[0] = velocity[1] + map[(0, 2)] * velocity[2] + map[(0, 3)] * velocity[3];
+        slip[1] = velocity[1] + map[(1, 2)] * velocity[2] + map[(1, 4)] * velocity[4];
+        slip[2] = velocity[0] + map[(2, 2)] * velocity[2];
+        if N == 5 {
+            slip[3] = velocity[1] + map[(3, 2)] * velocity[2];
+            slip[4] = velocity[0] + map[(4, 2)] * velocity[2];
+        }
+        slip
+    }
+}
+
+impl FreeLoad {
+    fn new(robot: &Robot, unit_rate: &BodyVector) -> Self {
+        let projection = robot.normal_load();
+        let by_change = &projection.velocity_change_map;
+        let inverse_spin = 1.0 / robot.parameters().wheel_spin_inertia;
+        Self {
+            at_rest: projection.static_force,
+            by_yaw_rate_squared: projection.centrifugal + by_change * unit_rate,
+            by_yaw_rate_wheel_rate: projection.gyroscopic,
+            by_torque: PerWheel::new(by_change.column(3) * inverse_spin, by_change.column(4) * inverse_spin),
+        }
+    }
+
+    /// Normal forces without friction, N.
+    #[inline(always)]
+    pub(super) fn normal_force(&self, velocity: &BodyVector, torque: PerWheel<f64>) -> Vector3<f64> {
+        let yaw_rate = velocity[2];
+        self.at_rest
+            + self.by_yaw_rate_squared * (yaw_rate * yaw_rate)
+            + self.by_yaw_rate_wheel_rate * (yaw_rate * (velocity[3] + velocity[4]))
+            + self.by_torque.left * torque.left
+            + self.by_torque.right * torque.right
+    }
+}

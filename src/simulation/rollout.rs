@@ -1,0 +1,217 @@
+//! Rollouts: a torque schedule integrated from a start state.
+
+use super::moreau_step::{Step, StepContact, StepModel};
+use super::torque_schedule::{TorqueSchedule, control_interval};
+use super::trajectory::{ContactSample, Trajectory};
+use crate::contact::{
+    ContactSolution, ExactSolver, FixedPointSettings, FixedPointSolver, FrictionProblem, FrictionSystem, Guess,
+    PerContact, natural_map,
+};
+use crate::robot::{Robot, State, TangentJacobian};
+
+/// The solver of the one-step friction problem.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ContactMethod {
+    /// Contact patterns solved exactly.
+    #[default]
+    Exact,
+    /// The paper's prox fixed point.
+    FixedPoint,
+}
+
+/// Integrates torque schedules of one robot.
+#[derive(Debug, Clone)]
+pub struct Simulator {
+    robot: Robot,
+    model: Model,
+}
+
+/// The step model in as many friction directions as the robot has.
+#[derive(Debug, Clone)]
+pub(super) enum Model {
+    /// The front support is frictionless.
+    Wheels(Box<StepModel<3>>),
+    /// The front support has friction.
+    WheelsAndFront(Box<StepModel<5>>),
+}
+
+/// Start, torques and grid of one rollout.
+#[derive(Debug, Clone, Copy)]
+pub struct Rollout<'a> {
+    /// Start state at the chassis centre of mass.
+    pub start: &'a State,
+    /// The torques, at least one interval.
+    pub schedule: &'a TorqueSchedule,
+    /// Number of time steps.
+    pub step_count: usize,
+}
+
+impl Simulator {
+    /// Prepares the step model of a robot.
+    pub fn new(robot: &Robot) -> Self {
+        let model = if robot.parameters().front_friction_coefficient > 0.0 {
+            Model::WheelsAndFront(Box::new(StepModel::new(robot)))
+        } else {
+            Model::Wheels(Box::new(StepModel::new(robot)))
+        };
+        Self { robot: robot.clone(), model }
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    pub(super) fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The state at the end of a rollout; allocates nothing.
+    pub fn end_state(&self, rollout: &Rollout) -> State {
+        match &self.model {
+            Model::Wheels(model) => integrate(model, rollout, &mut ExactContact::default(), |_, _| {}),
+            Model::WheelsAndFront(model) => integrate(model, rollout, &mut ExactContact::default(), |_, _| {}),
+        }
+    }
+
+    /// As [`Simulator::end_state`], by the paper's fixed point: the slow reference.
+    pub fn end_state_by_fixed_point(&self, rollout: &Rollout) -> State {
+        let mut solver = FixedPointSolver::new(FixedPointSettings::default());
+        match &self.model {
+            Model::Wheels(model) => integrate(model, rollout, &mut solver, |_, _| {}),
+            Model::WheelsAndFront(model) => integrate(model, rollout, &mut solver, |_, _| {}),
+        }
+    }
+
+    /// The whole rollout: states, contacts, residuals; each step is also checked for further solutions.
+    pub fn trajectory(&self, rollout: &Rollout, method: ContactMethod) -> Trajectory {
+        match &self.model {
+            Model::Wheels(model) => record(model, self.robot.tangent_jacobian(), rollout, method),
+            Model::WheelsAndFront(model) => record(model, self.robot.tangent_jacobian(), rollout, method),
+        }
+    }
+}
+
+/// The time-stepping loop: allocates nothing, prints nothing, reads no clock.
+#[inline(always)]
+pub(super) fn integrate<const N: usize>(
+    model: &StepModel<N>,
+    rollout: &Rollout,
+    contact_solver: &mut impl StepContact<N>,
+    mut on_step: impl FnMut(usize, &Step<N>),
+) -> State {
+    let steps = rollout.step_count;
+    let dt = rollout.schedule.final_time / steps as f64;
+    let mut state = *rollout.start;
+    for index in 0..steps {
+        let interval = control_interval(index, steps, rollout.schedule.control_count());
+        let step = model.advance(&state, rollout.schedule.torque(interval), dt, contact_solver);
+        state = step.end;
+        on_step(index, &step);
+    }
+    state
+}
+
+/// The exact solver, warm-started from the last step.
+pub(super) struct ExactContact<const N: usize> {
+    guess: Guess<N>,
+}
+
+impl<const N: usize> Default for ExactContact<N> {
+    fn default() -> Self {
+        Self { guess: Guess::default() }
+    }
+}
+
+impl<const N: usize> StepContact<N> for ExactContact<N> {
+    #[inline(always)]
+    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
+        let (solution, _) = ExactSolver.solve(system, problem, &self.guess);
+        self.guess = Guess::from(&solution);
+        solution
+    }
+}
+
+impl<const N: usize> StepContact<N> for FixedPointSolver {
+    #[inline]
+    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
+        FixedPointSolver::solve(self, system, problem)
+    }
+}
+
+/// Any step solver, with a count of the steps that have several solutions.
+struct CheckedContact<S> {
+    solver: S,
+    indeterminate_steps: usize,
+}
+
+impl<const N: usize, S: StepContact<N>> StepContact<N> for CheckedContact<S> {
+    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
+        let solution = self.solver.solve(system, problem);
+        self.indeterminate_steps += usize::from(ExactSolver.is_indeterminate(system, problem, &solution));
+        solution
+    }
+}
+
+fn record<const N: usize>(
+    model: &StepModel<N>,
+    jacobian: &TangentJacobian,
+    rollout: &Rollout,
+    method: ContactMethod,
+) -> Trajectory {
+    match method {
+        ContactMethod::Exact => record_with(model, jacobian, rollout, ExactContact::default()),
+        ContactMethod::FixedPoint => {
+            record_with(model, jacobian, rollout, FixedPointSolver::new(FixedPointSettings::default()))
+        }
+    }
+}
+
+fn record_with<const N: usize>(
+    model: &StepModel<N>,
+    jacobian: &TangentJacobian,
+    rollout: &Rollout,
+    solver: impl StepContact<N>,
+) -> Trajectory {
+    let steps = rollout.step_count;
+    let dt = rollout.schedule.final_time / steps as f64;
+    let mut trajectory = Trajectory {
+        time: (0..=steps).map(|node| rollout.schedule.final_time * (node as f64 / steps as f64)).collect(),
+        state: Vec::with_capacity(steps + 1),
+        contact: Vec::with_capacity(steps),
+        degrees_of_freedom: Vec::with_capacity(steps),
+        worst_contact_residual: 0.0,
+        indeterminate_steps: 0,
+    };
+    trajectory.state.push(*rollout.start);
+    let mut solver = CheckedContact { solver, indeterminate_steps: 0 };
+    integrate(model, rollout, &mut solver, |_, step| {
+        trajectory.state.push(step.end);
+        trajectory.contact.push(contact_samples(model, jacobian, step, dt));
+        trajectory.degrees_of_freedom.push(step.contact.pattern.degrees_of_freedom());
+        trajectory.worst_contact_residual = trajectory.worst_contact_residual.max(step.contact.residual);
+    });
+    trajectory.indeterminate_steps = solver.indeterminate_steps;
+    trajectory
+}
+
+fn contact_samples<const N: usize>(
+    model: &StepModel<N>,
+    jacobian: &TangentJacobian,
+    step: &Step<N>,
+    dt: f64,
+) -> PerContact<ContactSample> {
+    let impulse = natural_map::contact_impulses(&model.system, &step.contact);
+    let [left, right, axle] = jacobian.wheel_slip(&step.end_velocity);
+    let [front_longitudinal, front_lateral] = jacobian.front_slip(&step.end_velocity);
+    let slip = [[left, axle], [right, axle], [front_longitudinal, front_lateral]];
+    let modes = step.contact.pattern.modes();
+    PerContact::from_array(std::array::from_fn(|contact| ContactSample {
+        normal_force: step.contact.normal_impulse[contact] / dt,
+        lateral_force: impulse[contact][1] / dt,
+        longitudinal_force: impulse[contact][0] / dt,
+        lateral_slip: slip[contact][1],
+        longitudinal_slip: slip[contact][0],
+        mode: modes[contact],
+    }))
+}

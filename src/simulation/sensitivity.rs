@@ -1,0 +1,261 @@
+//! Derivatives of a rollout's end state with respect to every torque and the final time.
+//!
+//! The converged steps are differentiated, not the iterations that found them: in its contact pattern each step's
+//! friction impulse is a differentiable function of the step's data (implicit function theorem), so a step is a
+//! differentiable map
+//!
+//! ```text
+//! u_E = u_A + dt a(omega_A, torque) + P Lambda(free_slip, free_normal)       in the body frame of the midpoint
+//! ```
+//!
+//! One backward sweep carries ten rows, the derivatives of the end state by the current state. Position and wheel
+//! angles enter no step, so their rows and columns pass through unchanged. Transitions between sticking and slipping
+//! are exact; at a slip reversal no derivative of a fixed-step scheme is right (`docs/model.md`).
+
+use nalgebra::{SMatrix, SVector, Vector3};
+
+use super::moreau_step::{Step, StepModel};
+use super::rollout::{ExactContact, Model, Rollout, Simulator, integrate};
+use super::torque_schedule::control_interval;
+use crate::contact::ContactPattern;
+use crate::robot::{BodyVector, PerWheel, State};
+
+/// A derivative of the ten components of the end state, in the order of [`State::to_vector`].
+pub type EndDerivative = SVector<f64, { State::LEN }>;
+
+/// Derivatives of ten end components by the five body or generalized velocities.
+type Rows = SMatrix<f64, { State::LEN }, 5>;
+
+/// The end state of a rollout with its derivatives; also the memory of the backward sweep.
+#[derive(Debug, Clone, Default)]
+pub struct EndSensitivity {
+    /// The end state at the chassis centre of mass.
+    pub end: State,
+    /// By the left torque of each interval, per N m.
+    pub by_left_torque: Vec<EndDerivative>,
+    /// By the right torque of each interval, per N m.
+    pub by_right_torque: Vec<EndDerivative>,
+    /// By the final time, per s.
+    pub by_final_time: EndDerivative,
+    tape: Vec<TapeEntry>,
+}
+
+/// What the backward sweep needs of one step.
+#[derive(Debug, Clone, Copy)]
+struct TapeEntry {
+    rotation: (f64, f64),
+    start_velocity: BodyVector,
+    end_velocity: BodyVector,
+    /// Impact slip by direction; the front's stay zero when it is frictionless.
+    impact_slip: SVector<f64, 5>,
+    normal_impulse: Vector3<f64>,
+    pattern: ContactPattern,
+}
+
+impl Simulator {
+    /// Integrates a rollout and differentiates its end state, reusing the memory of `sensitivity`.
+    pub fn end_sensitivity(&self, rollout: &Rollout, sensitivity: &mut EndSensitivity) {
+        match self.model() {
+            Model::Wheels(model) => differentiate(model, rollout, sensitivity),
+            Model::WheelsAndFront(model) => differentiate(model, rollout, sensitivity),
+        }
+    }
+}
+
+fn differentiate<const N: usize>(model: &StepModel<N>, rollout: &Rollout, sensitivity: &mut EndSensitivity) {
+    let EndSensitivity { end, by_left_torque, by_right_torque, by_final_time, tape } = sensitivity;
+    tape.clear();
+    tape.reserve(rollout.step_count);
+    *end = integrate(model, rollout, &mut ExactContact::default(), |_, step| tape.push(TapeEntry::new(step)));
+
+    let control_count = rollout.schedule.control_count();
+    for derivatives in [&mut *by_left_torque, &mut *by_right_torque] {
+        derivatives.clear();
+        derivatives.resize(control_count, EndDerivative::zeros());
+    }
+    let dt = rollout.schedule.final_time / rollout.step_count as f64;
+    let mut sweep = BackwardSweep::new();
+    for (index, entry) in tape.iter().enumerate().rev() {
+        let interval = control_interval(index, rollout.step_count, control_count);
+        let by_torque = sweep.step(model, entry, rollout.schedule.torque(interval), dt);
+        by_left_torque[interval] += by_torque.left;
+        by_right_torque[interval] += by_torque.right;
+    }
+    *by_final_time = sweep.by_step_length / rollout.step_count as f64;
+}
+
+/// Derivatives of the end state by the state at the end of the current step.
+struct BackwardSweep {
+    by_heading: EndDerivative,
+    by_velocity: Rows,
+    by_step_length: EndDerivative,
+}
+
+impl TapeEntry {
+    #[inline(always)]
+    fn new<const N: usize>(step: &Step<N>) -> Self {
+        let mut impact_slip = SVector::<f64, 5>::zeros();
+        impact_slip.fixed_rows_mut::<N>(0).copy_from(&step.contact.impact_slip);
+        Self {
+            rotation: step.rotation,
+            start_velocity: step.start_velocity,
+            end_velocity: step.end_velocity,
+            impact_slip,
+            normal_impulse: step.contact.normal_impulse,
+            pattern: step.contact.pattern,
+        }
+    }
+}
+
+impl BackwardSweep {
+    fn new() -> Self {
+        let mut by_heading = EndDerivative::zeros();
+        by_heading[2] = 1.0;
+        let mut by_velocity = Rows::zeros();
+        for axis in 0..5 {
+            by_velocity[(5 + axis, axis)] = 1.0;
+        }
+        Self { by_heading, by_velocity, by_step_length: EndDerivative::zeros() }
+    }
+
+    /// Goes back over one step; returns the derivatives by its torques.
+    #[inline(always)]
+    fn step<const N: usize>(
+        &mut self,
+        model: &StepModel<N>,
+        entry: &TapeEntry,
+        torque: PerWheel<f64>,
+        dt: f64,
+    ) -> PerWheel<EndDerivative> {
+        let half = 0.5 * dt;
+        let (sin, cos) = entry.rotation;
+        let (v, w) = (&entry.start_velocity, &entry.end_velocity);
+
+        // q_E = q_A + dt/2 (u_A + u_E): the step length, then u_E. Only x, y, heading, psi of q_E are touched.
+        let (start, end) = (world(v, entry.rotation), world(w, entry.rotation));
+        let mean = 0.5 * (start + end);
+        self.by_step_length += self.by_heading * mean[2];
+        for (row, velocity) in [(0, mean[0]), (1, mean[1]), (3, mean[3]), (4, mean[4])] {
+            self.by_step_length[row] += velocity;
+        }
+        let mut by_end = self.by_velocity;
+        self.add_position_share(&mut by_end, half);
+
+        // u_E from the body frame of the midpoint into the world: rotate the rows back.
+        let mut by_midpoint_heading = by_end.column(1) * end[0] - by_end.column(0) * end[1];
+        rotate_into_body(&mut by_end, sin, cos);
+
+        let derivative = StepDerivative::new(model, entry, torque, dt);
+        let by_torque = PerWheel::new(by_end * derivative.by_torque.left, by_end * derivative.by_torque.right);
+        self.by_step_length += by_end * derivative.by_step_length;
+        let mut by_start = by_end * derivative.by_velocity;
+
+        // u_A into the body frame, and the heading of the midpoint.
+        by_midpoint_heading += by_start.column(0) * v[1] - by_start.column(1) * v[0];
+        rotate_into_world(&mut by_start, sin, cos);
+        self.add_position_share(&mut by_start, half);
+        let mut by_yaw_rate = by_start.column_mut(2);
+        by_yaw_rate += by_midpoint_heading * half;
+        self.by_step_length += by_midpoint_heading * (0.5 * v[2]);
+        self.by_heading += by_midpoint_heading;
+        self.by_velocity = by_start;
+        by_torque
+    }
+
+    /// Adds the path from a velocity through the end configuration: `half` times the rows by the configuration.
+    #[inline(always)]
+    fn add_position_share(&self, rows: &mut Rows, half: f64) {
+        rows[(0, 0)] += half;
+        rows[(1, 1)] += half;
+        let mut by_yaw_rate = rows.column_mut(2);
+        by_yaw_rate += self.by_heading * half;
+        rows[(3, 3)] += half;
+        rows[(4, 4)] += half;
+    }
+}
+
+/// Derivatives of the body velocity at the end of one step.
+struct StepDerivative {
+    by_velocity: SMatrix<f64, 5, 5>,
+    by_torque: PerWheel<BodyVector>,
+    by_step_length: BodyVector,
+}
+
+impl StepDerivative {
+    #[inline(always)]
+    fn new<const N: usize>(model: &StepModel<N>, entry: &TapeEntry, torque: PerWheel<f64>, dt: f64) -> Self {
+        let velocity = &entry.start_velocity;
+        let (by_slip, by_normal) = motion_by_free_data(model, entry);
+
+        // u_E = u_A + dt a + P Lambda, free_slip = (1 + e) W' u_A + W' dt a, free_normal = dt n.
+        let smooth = SMatrix::<f64, 5, 5>::identity() + by_slip * model.slip_map;
+        let mut by_velocity = SMatrix::<f64, 5, 5>::identity() + (by_slip * model.slip_map) * model.restitution_factor;
+
+        let planar = &model.centrifugal_acceleration;
+        let by_rate = BodyVector::from([planar[0], planar[1], planar[2], 0.0, 0.0]) * (2.0 * velocity[2] * dt);
+        let load = &model.load;
+        let wheel_rates = velocity[3] + velocity[4];
+        let load_by_rate =
+            (load.by_yaw_rate_squared * (2.0 * velocity[2]) + load.by_yaw_rate_wheel_rate * wheel_rates) * dt;
+        let mut yaw_column = by_velocity.column_mut(2);
+        yaw_column += smooth * by_rate + by_normal * load_by_rate;
+        let gyroscopic = by_normal * (load.by_yaw_rate_wheel_rate * (velocity[2] * dt));
+        for wheel in [3, 4] {
+            let mut column = by_velocity.column_mut(wheel);
+            column += gyroscopic;
+        }
+
+        let by_torque = |wheel: usize, load: &Vector3<f64>| {
+            smooth.column(wheel) * (dt * model.inverse_spin_inertia) + by_normal * (load * dt)
+        };
+        let by_step_length = smooth * model.smooth_acceleration(velocity, torque)
+            + by_normal * model.load.normal_force(velocity, torque);
+        Self {
+            by_velocity,
+            by_torque: PerWheel::new(by_torque(3, &load.by_torque.left), by_torque(4, &load.by_torque.right)),
+            by_step_length,
+        }
+    }
+}
+
+/// P dLambda / d(free slip) and P dLambda / d(free normal impulse).
+#[inline(always)]
+fn motion_by_free_data<const N: usize>(
+    model: &StepModel<N>,
+    entry: &TapeEntry,
+) -> (SMatrix<f64, 5, N>, SMatrix<f64, 5, 3>) {
+    let impact_slip = entry.impact_slip.fixed_rows::<N>(0).into_owned();
+    match model.system.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse) {
+        Some(derivative) => {
+            (model.impulse_response * derivative.by_free_slip, model.impulse_response * derivative.by_free_normal)
+        }
+        // The slip direction is undefined only where the slip is exactly zero: friction then changes nothing.
+        None => (SMatrix::zeros(), SMatrix::zeros()),
+    }
+}
+
+/// A body velocity in the world frame.
+#[inline(always)]
+fn world(velocity: &BodyVector, (sin, cos): (f64, f64)) -> BodyVector {
+    BodyVector::from([
+        cos * velocity[0] - sin * velocity[1],
+        sin * velocity[0] + cos * velocity[1],
+        velocity[2],
+        velocity[3],
+        velocity[4],
+    ])
+}
+
+/// Rows by world velocities become rows by body velocities: row times the rotation matrix.
+#[inline(always)]
+fn rotate_into_body(rows: &mut Rows, sin: f64, cos: f64) {
+    let (x, y) = (rows.column(0).into_owned(), rows.column(1).into_owned());
+    rows.set_column(0, &(x * cos + y * sin));
+    rows.set_column(1, &(y * cos - x * sin));
+}
+
+/// The inverse of [`rotate_into_body`].
+#[inline(always)]
+fn rotate_into_world(rows: &mut Rows, sin: f64, cos: f64) {
+    rotate_into_body(rows, -sin, cos);
+}
