@@ -231,3 +231,15 @@ async fn solver_that_claims_a_stop_that_nobody_asked_for_is_a_fault_of_the_serve
     let answer = server.post("/solve", BODY).await;
     assert_eq!((answer.status, answer.problem()["code"].as_str()), (500, Some("solver_panic")));
 }
+
+#[tokio::test]
+async fn solves_run_on_named_worker_threads() {
+    let (names, mut seen) = unbounded_channel();
+    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
+        names.send(std::thread::current().name().map(str::to_owned)).unwrap();
+        small_solution(StopReason::Finished)
+    });
+    let server = TestServer::start(0, Arc::new(solver)).await;
+    assert_eq!(server.post("/solve", BODY).await.status, 200);
+    assert_eq!(next(&mut seen).await.as_deref(), Some("slipdrive-worker-0"));
+}

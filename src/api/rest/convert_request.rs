@@ -314,3 +314,40 @@ fn schedule_from_wire(wire: TorqueScheduleWire) -> TorqueSchedule {
     let TorqueScheduleWire { interval_s, left_n_m: left, right_n_m: right } = wire;
     TorqueSchedule { final_time: interval_s * left.len() as f64, left, right }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wire_defaults_are_the_domain_defaults() {
+        let accepted = read_solve(b"{}", &Limits::default()).unwrap();
+        assert_eq!(accepted.input.robot.parameters(), &RobotParameters::default());
+        assert_eq!(accepted.input.settings, SolverSettings::default());
+        assert_eq!(accepted.time_limit, Duration::from_secs(10));
+    }
+
+    #[test]
+    fn forward_drive_is_the_case_of_the_domain() {
+        let accepted = read_solve(&forward_drive_body(), &Limits::default()).unwrap();
+        assert_eq!(accepted.input.maneuver, Maneuver::forward_drive());
+        assert_eq!(accepted.input.settings.step_count, SolverSettings::PAPER_STEP_COUNT);
+    }
+
+    #[test]
+    fn forward_drive_keeps_its_hash() {
+        // Callers store hashes: a change of names, order or defaults of the completed body must be meant.
+        let accepted = read_solve(&forward_drive_body(), &Limits::default()).unwrap();
+        assert_eq!(accepted.input_hash, "ef8748f674adba1a30343777a4d7103b36be971b1382c825aabdb95be896ae88");
+    }
+
+    #[test]
+    fn long_schedule_is_refused_before_its_numbers_are_judged() {
+        let zeros = vec!["9e99"; 2000].join(",");
+        let body =
+            format!(r#"{{"torque_schedule": {{"interval_s": 1, "left_n_m": [{zeros}], "right_n_m": [{zeros}]}}}}"#);
+        let problem = read_simulate(body.as_bytes(), &Limits::default()).unwrap_err();
+        let pointers: Vec<_> = problem.errors().iter().map(|error| error.pointer.as_str()).collect();
+        assert_eq!(pointers, ["#/torque_schedule/left_n_m", "#/torque_schedule/right_n_m"]);
+    }
+}

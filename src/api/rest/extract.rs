@@ -32,7 +32,8 @@ pub(super) async fn receive(service: &Service, request: Request) -> Result<Vec<u
         Ok(()) => timeout(BODY_TIMEOUT, read_within(&mut body, limit)).await.unwrap_or_else(|_| Err(too_slow())),
         Err(problem) => Err(problem),
     };
-    if received.is_err() {
+    // A caller who waits for `100 Continue` has sent nothing that could be left unread.
+    if received.is_err() && !head.headers.contains_key(header::EXPECT) {
         // Whether the rest came in time or not, the refusal is the same.
         let _ = timeout(DISCARD_TIMEOUT, discard(&mut body)).await;
     }

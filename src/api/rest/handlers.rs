@@ -1,5 +1,6 @@
-//! One handler per endpoint. The checks come in the order of the contract: readiness, size and type, queue room, syntax,
-//! values.
+//! One handler per endpoint.
+//!
+//! The checks come in the order of the contract: readiness, size and type, queue room, syntax, values.
 
 use std::sync::Arc;
 
