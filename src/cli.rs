@@ -32,8 +32,9 @@ pub(crate) fn solve(arguments: &SolveArguments) -> anyhow::Result<ExitCode> {
         Ok(accepted) => accepted,
         Err(problem) => return Ok(refuse(&problem)),
     };
-    let place = service(limits)?.reserve()?;
-    let solved = place.solve_blocking(accepted.input.clone(), accepted.time_limit)?;
+    // Named, because dropping the service stops its jobs.
+    let service = service(limits)?;
+    let solved = service.reserve()?.solve_blocking(accepted.input.clone(), accepted.time_limit)?;
     let table = table::of_solution(&solved, &accepted.input.maneuver.goal);
     write_answer(arguments.json.as_deref(), || solve_answer(&accepted, &solved), &table)?;
     Ok(match solved.solution.status {
@@ -50,7 +51,8 @@ pub(crate) fn simulate(arguments: &SimulateArguments) -> anyhow::Result<ExitCode
         Ok(input) => input,
         Err(problem) => return Ok(refuse(&problem)),
     };
-    let simulated = service(limits)?.reserve()?.simulate_blocking(input)?;
+    let service = service(limits)?;
+    let simulated = service.reserve()?.simulate_blocking(input)?;
     let table = table::of_simulation(&simulated);
     write_answer(arguments.json.as_deref(), || simulate_answer(&simulated), &table)?;
     Ok(ExitCode::SUCCESS)

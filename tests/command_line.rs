@@ -5,6 +5,8 @@
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::process::{Child, Command, Output, Stdio};
 
+use serde_json::{Value, json};
+
 fn slipdrive() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_slipdrive"));
     // The tests' own settings, whatever the machine has.
@@ -61,6 +63,34 @@ fn wrong_usage_is_bad_input_and_help_is_not() {
     {
         assert!(text.contains(word), "{word} is missing in: {text}");
     }
+}
+
+#[test]
+fn solved_torques_simulated_again_end_at_the_goal() {
+    let solved = run_with_input(&["solve", "--json", "-"], b"");
+    assert_eq!(solved.status.code(), Some(0), "{}", String::from_utf8_lossy(&solved.stderr));
+    let answer: Value = serde_json::from_slice(&solved.stdout).unwrap();
+    let body = json!({"torque_schedule": answer["torque_schedule"], "grid": {"steps": 200}}).to_string();
+    let simulated = run_with_input(&["simulate", "-", "--json", "-"], body.as_bytes());
+    let motion: Value = serde_json::from_slice(&simulated.stdout).unwrap();
+    let end = |field: &str| motion["trajectory"][field].as_array().unwrap().last().unwrap().as_f64().unwrap();
+    // The tolerance of the goal, and rounding of interval times count.
+    assert!((end("y_m") - 5.0).abs() < 2e-6 && end("x_m").abs() < 2e-6, "{} {}", end("x_m"), end("y_m"));
+}
+
+#[test]
+fn solve_prints_a_table_and_writes_the_answer_of_the_service() {
+    let path = std::env::temp_dir().join(format!("slipdrive-answer-{}.json", std::process::id()));
+    let output = run_with_input(&["solve", "forward-drive", "--json", path.to_str().unwrap()], b"");
+    let table = String::from_utf8(output.stdout).unwrap();
+    for label in ["status", "final time", "goal error", "replay miss", "contact modes", "stick"] {
+        assert!(table.contains(label), "{label} is missing in:\n{table}");
+    }
+    let answer: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(answer["status"], "converged");
+    let final_time = format!("{:.6} s", answer["final_time_s"].as_f64().unwrap());
+    assert!(table.contains(&final_time), "{final_time} is missing in:\n{table}");
 }
 
 /// Starts a server on a free port; gives its address and the rest of its log.

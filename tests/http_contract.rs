@@ -9,7 +9,7 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 use slipdrive::service::domain::{Goal, SolveInput, StateComponent};
 use slipdrive::solver::{RunControl, StopReason};
-use support::{Answer, FakeSolver, TestServer, instant_solver, small_solution};
+use support::{Answer, FakeSolver, TestServer, instant_solver, real_solver, small_solution};
 
 async fn server() -> TestServer {
     TestServer::start(4, instant_solver()).await
@@ -168,4 +168,19 @@ async fn request_id_is_echoed_or_made() {
     let (first, second) = (server.get("/livez").await, server.get("/livez").await);
     assert!(!first.header("x-request-id").is_empty());
     assert_ne!(first.header("x-request-id"), second.header("x-request-id"));
+}
+
+#[tokio::test]
+async fn solver_of_the_crate_answers_the_same_bytes_twice_apart_from_times() {
+    let server = TestServer::start(4, real_solver()).await;
+    let example = server.get("/examples/forward-drive").await.bytes;
+    let mut answers = Vec::new();
+    for _ in 0..2 {
+        let answer = server.post("/solve", example.clone()).await;
+        assert_eq!(answer.status, 200, "{}", answer.text());
+        let mut answer = answer.json();
+        answer["report"]["solve_time_s"] = Value::Null;
+        answers.push(answer.to_string());
+    }
+    assert_eq!(answers[0], answers[1]);
 }

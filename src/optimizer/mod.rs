@@ -8,4 +8,6 @@ mod sequential_linear;
 pub use evaluation::{Budget, Interruption, Problem};
 pub use linear_program::{ElasticProgram, ElasticSolution, ElasticSolver};
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
-pub use sequential_linear::{Ending, SequentialLinearResult, SequentialLinearSettings, minimise_sequentially};
+pub use sequential_linear::{
+    Ending, SequentialLinearResult, SequentialLinearSettings, minimise_sequentially, predicted_decrease,
+};

@@ -75,8 +75,6 @@ pub struct SequentialLinearResult {
     pub x: DVector<f64>,
     /// Its scaled residuals.
     pub residual: DVector<f64>,
-    /// Decrease of the merit that the last linear model still predicted.
-    pub predicted_decrease: f64,
     /// Linear programs solved.
     pub iterations: u64,
     /// Why it ended.
@@ -101,13 +99,18 @@ pub fn minimise_sequentially(
         },
         Err(interruption) => Ending::Interrupted(interruption),
     };
-    SequentialLinearResult {
-        x: search.x,
-        residual: search.residual,
-        predicted_decrease: search.predicted_decrease,
-        iterations: search.iterations,
-        ending,
-    }
+    SequentialLinearResult { x: search.x, residual: search.residual, iterations: search.iterations, ending }
+}
+
+/// First-order measure of a point: the decrease of the merit that its linear model predicts within `radius`.
+///
+/// Zero at a stationary point; at a kink between contact modes a little is left, since the model sees one side only.
+pub fn predicted_decrease(problem: &mut dyn Problem, x: &DVector<f64>, weight: f64, radius: f64) -> f64 {
+    let settings = SequentialLinearSettings { weight, first_radius: radius, ..SequentialLinearSettings::default() };
+    let mut search = Search::new(problem, x, &settings);
+    search.problem.linearise(&search.x, &mut search.residual, &mut search.jacobian);
+    let step = search.linear_step();
+    search.merit(&search.x, &search.residual) - search.model(&step)
 }
 
 struct Search<'a> {
@@ -119,7 +122,6 @@ struct Search<'a> {
     jacobian: DMatrix<f64>,
     jacobian_is_current: bool,
     radius: f64,
-    predicted_decrease: f64,
     iterations: u64,
 }
 
@@ -143,7 +145,6 @@ impl<'a> Search<'a> {
             jacobian: DMatrix::zeros(rows, columns),
             jacobian_is_current: false,
             radius: settings.first_radius,
-            predicted_decrease: f64::INFINITY,
             iterations: 0,
         }
     }
@@ -159,13 +160,13 @@ impl<'a> Search<'a> {
             let merit = self.merit(&self.x, &self.residual);
             let step = self.linear_step();
             self.iterations += 1;
-            self.predicted_decrease = merit - self.model(&step);
-            if self.predicted_decrease <= SMALLEST_PREDICTION {
+            let prediction = merit - self.model(&step);
+            if prediction <= SMALLEST_PREDICTION {
                 return Ok(Ending::Stationary);
             }
-            let trial = self.try_step(&step, merit, budget)?;
+            let trial = self.try_step(&step, merit - CORRECTION_RATIO * prediction, budget)?;
             let gain = merit - trial.merit;
-            self.adapt_radius(gain / self.predicted_decrease);
+            self.adapt_radius(gain / prediction);
             if gain > 0.0 {
                 self.accept(trial);
                 on_improvement(&self.x, &self.residual);
@@ -212,10 +213,10 @@ impl<'a> Search<'a> {
         self.merit(&(&self.x + step), &(&self.residual + &self.jacobian * step))
     }
 
-    /// The point after the step, or after its correction where that is better.
-    fn try_step(&mut self, step: &DVector<f64>, merit: f64, budget: &mut Budget) -> Result<Trial, Interruption> {
+    /// The point after the step; above `good_merit` also its correction is tried, and the better one kept.
+    fn try_step(&mut self, step: &DVector<f64>, good_merit: f64, budget: &mut Budget) -> Result<Trial, Interruption> {
         let trial = self.evaluate(&self.x + step, budget)?;
-        if merit - trial.merit >= CORRECTION_RATIO * self.predicted_decrease {
+        if trial.merit <= good_merit {
             return Ok(trial);
         }
         let modelled = &self.residual + &self.jacobian * step;
@@ -274,14 +275,6 @@ impl<'a> Search<'a> {
             share *= 0.5;
         }
         Ok(false)
-    }
-
-    /// Decrease of the merit that the linear model predicts in a trust region of the given radius.
-    fn predicted_decrease_within(&mut self, radius: f64, budget: &mut Budget) -> Result<f64, Interruption> {
-        self.linearise(budget)?;
-        self.radius = radius;
-        let step = self.linear_step();
-        Ok(self.merit(&self.x, &self.residual) - self.model(&step))
     }
 
     /// The smallest change (in units of reach) of the variables off their bounds whose linear effect is `residual`.

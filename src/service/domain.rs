@@ -3,9 +3,10 @@
 pub use crate::robot::{Configuration, PerWheel, RobotParameters, State, Velocity};
 pub use crate::shooting::{Goal, Maneuver, ReferencePoint, StateComponent};
 pub use crate::solver::domain::{
-    ContactMode, ContactModeSpan, ContactName, ContactSample, PerContact, Separation, TorqueSchedule, Trajectory,
+    ContactMethod, ContactMode, ContactModeSpan, ContactName, ContactSample, PerContact, Separation, TorqueSchedule,
+    Trajectory,
 };
 pub use crate::solver::{
-    ContactSolver, DistinctOptimum, LowerBoundAssumption, Method, Reason, Replay, Report, SimulateInput, Simulation,
-    Solution, SolveInput, SolverSettings, Status,
+    DistinctOptimum, LowerBoundAssumption, Method, Reason, Replay, Report, SimulateInput, Simulation, Solution,
+    SolveInput, SolverSettings, Status,
 };

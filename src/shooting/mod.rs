@@ -8,4 +8,4 @@ mod problem;
 pub use decision::{decision_from_schedule, decision_len, write_schedule};
 pub use maneuver::{Goal, Maneuver, ReferencePoint, StateComponent, check_state, wrapped_angle};
 pub use penalty::Penalty;
-pub use problem::{LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem};
+pub use problem::{GoalScales, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem};

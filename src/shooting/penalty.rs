@@ -30,6 +30,11 @@ impl<'a, 'b> Penalty<'a, 'b> {
         Self { problem, clamped: DVector::zeros(dimension), residual: DVector::zeros(rows) }
     }
 
+    /// The scaled goal errors of the last decision.
+    pub fn residual(&self) -> &DVector<f64> {
+        &self.residual
+    }
+
     /// The penalty of a decision; one rollout.
     pub fn value(&mut self, decision: &DVector<f64>) -> f64 {
         let mut excess = 0.0;

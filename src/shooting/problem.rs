@@ -40,6 +40,23 @@ struct GoalRow {
     scale: f64,
 }
 
+/// Scale of each row: residual = scale * goal error.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GoalScales(Vec<f64>);
+
+impl GoalScales {
+    /// Largest magnitude of the goal errors (m, rad, m/s, rad/s) behind scaled residuals; NaN if any is NaN.
+    pub fn largest_goal_error(&self, residual: &DVector<f64>) -> f64 {
+        let errors = residual.iter().zip(&self.0).map(|(value, scale)| (value / scale).abs());
+        errors.fold(0.0, |worst, error| if error > worst || error.is_nan() { error } else { worst })
+    }
+
+    /// Residuals below `goal_tolerance * smallest` keep every goal error in tolerance.
+    pub fn smallest(&self) -> f64 {
+        self.0.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+}
+
 impl<'a> ShootingProblem<'a> {
     /// Formulates a maneuver on a grid of `step_count` steps and `control_count` torques per wheel.
     ///
@@ -78,14 +95,9 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
-    /// Largest magnitude of the unscaled goal errors (m, rad, m/s, rad/s) behind scaled residuals.
-    pub fn largest_goal_error(&self, residual: &DVector<f64>) -> f64 {
-        self.rows.iter().zip(residual.iter()).fold(0.0, |worst, (row, value)| (value / row.scale).abs().max(worst))
-    }
-
-    /// The smallest scale of a row: scaled residuals below `tolerance * smallest_scale` keep every error in tolerance.
-    pub fn smallest_scale(&self) -> f64 {
-        self.rows.iter().fold(f64::INFINITY, |smallest, row| row.scale.min(smallest))
+    /// The scales between residuals and goal errors.
+    pub fn goal_scales(&self) -> GoalScales {
+        GoalScales(self.rows.iter().map(|row| row.scale).collect())
     }
 
     fn write_residual(&self, end: &State, residual: &mut DVector<f64>) {

@@ -1,5 +1,7 @@
 //! The samples of one rollout.
 
+use nalgebra::Vector2;
+
 use crate::contact::{ContactMode, PerContact};
 use crate::robot::State;
 
@@ -24,6 +26,15 @@ impl Trajectory {
     /// Number of steps.
     pub fn step_count(&self) -> usize {
         self.contact.len()
+    }
+
+    /// Describes the states at another point of the chassis, `offset` away in the body frame (right, forward), m.
+    pub fn move_states_by(&mut self, offset: Vector2<f64>) {
+        if offset != Vector2::zeros() {
+            for state in &mut self.state {
+                *state = state.moved_by(offset);
+            }
+        }
     }
 }
 

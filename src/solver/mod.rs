@@ -1,16 +1,49 @@
-//! Solver.
+//! The solver: a validated maneuver in, a plan with its certificate out.
+
+mod certificate;
 pub mod domain;
+mod initial_guess;
+mod local_search;
+mod lower_bound;
 mod run_control;
 mod schedule_check;
+mod search;
 mod settings;
 mod simulate;
 mod solution;
+
 pub use run_control::{NoProgress, ProgressObserver, RunControl, SolveProgress};
 pub(crate) use schedule_check::violations_of_schedule;
 pub use settings::{Method, SolveInput, SolverSettings};
-pub use simulate::{ContactSolver, SimulateInput, Simulation, simulate};
+pub use simulate::{SimulateInput, Simulation, simulate};
 pub use solution::{DistinctOptimum, LowerBoundAssumption, Reason, Replay, Report, Solution, Status, StopReason};
-/// Solves a maneuver.
-pub fn solve(_input: &SolveInput, _control: &RunControl) -> Solution {
-    panic!("the solver is not here yet")
+
+use local_search::Candidate;
+use nalgebra::DVector;
+
+use crate::shooting::{ShootingProblem, decision_from_schedule};
+use crate::simulation::Simulator;
+
+/// Solves a maneuver; what was found is a status of the answer, never an error.
+///
+/// The answer depends on the input alone, unless `control` stops the search.
+pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
+    let start_error = input.maneuver.goal_error(&input.maneuver.start);
+    if start_error.amax() <= input.settings.goal_tolerance {
+        return certificate::certified_standstill(input);
+    }
+    let simulator = Simulator::new(&input.robot);
+    let settings = &input.settings;
+    let mut problem = ShootingProblem::new(&simulator, &input.maneuver, settings.step_count, settings.control_count);
+    let mut result = search::search(input, &mut problem, control);
+    let best = result.best.take().unwrap_or_else(|| unsearched(input));
+    certificate::certified(input, &simulator, &mut problem, &best, result)
+}
+
+/// The start of the search, as the answer of a solve that was stopped before its first rollout.
+fn unsearched(input: &SolveInput) -> Candidate {
+    let guess =
+        initial_guess::straight_bang_bang(&input.maneuver, input.robot.parameters(), input.settings.control_count);
+    let decision: DVector<f64> = decision_from_schedule(&guess);
+    Candidate { decision, goal_error: f64::INFINITY }
 }

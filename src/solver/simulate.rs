@@ -3,18 +3,8 @@
 use super::violations_of_schedule;
 use crate::robot::{Robot, RobotParameters, State};
 use crate::shooting::{ReferencePoint, check_state};
-use crate::simulation::{ContactModeSpan, Separation, TorqueSchedule, Trajectory};
+use crate::simulation::{ContactMethod, ContactModeSpan, Rollout, Separation, Simulator, TorqueSchedule, Trajectory};
 use crate::violation::{Checks, Violations};
-
-/// The solver of the one-step friction problem.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum ContactSolver {
-    /// Contact modes solved exactly.
-    #[default]
-    Exact,
-    /// The paper's prox fixed point.
-    FixedPoint,
-}
 
 /// A validated simulation.
 #[derive(Debug, Clone)]
@@ -29,8 +19,8 @@ pub struct SimulateInput {
     pub schedule: TorqueSchedule,
     /// Number of time steps.
     pub step_count: usize,
-    /// The contact solver.
-    pub contact_solver: ContactSolver,
+    /// The solver of the one-step friction problem.
+    pub contact_method: ContactMethod,
 }
 
 impl SimulateInput {
@@ -43,7 +33,7 @@ impl SimulateInput {
         robot: RobotParameters,
         (reference_point, start): (ReferencePoint, State),
         schedule: TorqueSchedule,
-        (step_count, contact_solver): (usize, ContactSolver),
+        (step_count, contact_method): (usize, ContactMethod),
     ) -> Result<Self, Violations> {
         checks.within("robot", |checks| robot.check(checks));
         checks.within("start", |checks| check_state(&start, checks));
@@ -57,7 +47,7 @@ impl SimulateInput {
             checks.require("steps", step_count, step_count >= intervals.max(1), &rule, Some(intervals as f64));
         });
         checks.into_result(())?;
-        Ok(Self { robot: Robot::new(robot)?, reference_point, start, schedule, step_count, contact_solver })
+        Ok(Self { robot: Robot::new(robot)?, reference_point, start, schedule, step_count, contact_method })
     }
 }
 
@@ -75,6 +65,16 @@ pub struct Simulation {
 }
 
 /// Integrates one torque schedule.
-pub fn simulate(_input: &SimulateInput) -> Simulation {
-    panic!("the simulator is not here yet")
+pub fn simulate(input: &SimulateInput) -> Simulation {
+    let offset = input.reference_point.offset(input.robot.parameters());
+    let start = input.start.moved_by(-offset);
+    let rollout = Rollout { start: &start, schedule: &input.schedule, step_count: input.step_count };
+    let mut trajectory = Simulator::new(&input.robot).trajectory(&rollout, input.contact_method);
+    trajectory.move_states_by(offset);
+    Simulation {
+        contact_modes: trajectory.contact_modes(),
+        separations: trajectory.separations(),
+        slip_reversals: trajectory.slip_reversals(),
+        trajectory,
+    }
 }

@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::strict::{Named, object, read_name, some_object, some_value, write_name};
-use crate::service::domain::{ContactSolver, Method, ReferencePoint};
+use crate::service::domain::{ContactMethod, Method, ReferencePoint};
 
 /// Body of `POST /solve` and `POST /validate`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -146,7 +146,7 @@ pub(super) struct SimulateRequest {
     #[serde(default, deserialize_with = "object")]
     pub(super) grid: SimulateGridWire,
     #[serde(default, deserialize_with = "read_name")]
-    pub(super) contact_solver: ContactSolver,
+    pub(super) contact_solver: ContactMethod,
 }
 
 /// Written in answers and read by `/simulate`.
@@ -205,7 +205,7 @@ impl Named for Method {
     }
 }
 
-impl Named for ContactSolver {
+impl Named for ContactMethod {
     const ALL: &'static [Self] = &[Self::Exact, Self::FixedPoint];
 
     fn name(self) -> &'static str {

@@ -1,0 +1,169 @@
+//! What an answer states about itself: everything here is computed from the final torques, not from the search.
+
+use nalgebra::SVector;
+
+use super::local_search::{Candidate, WEIGHTS};
+use super::lower_bound::friction_bound;
+use super::search::SearchResult;
+use super::settings::SolveInput;
+use super::solution::{DistinctOptimum, Reason, Replay, Report, Solution, Status, StopReason};
+use crate::optimizer::predicted_decrease;
+use crate::robot::State;
+use crate::shooting::{ShootingProblem, StateComponent, write_schedule};
+use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
+
+/// The replay's grid is this much finer than the plan's.
+const REPLAY_REFINEMENT: usize = 16;
+/// Largest accepted residual of the contact law, relative to m g dt.
+const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
+/// Trust radius of the first-order measure: each torque may change by a hundredth of its limit.
+const FIRST_ORDER_RADIUS: f64 = 0.01;
+/// Largest accepted first-order measure, as a share of the final time.
+const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
+
+/// Certifies the search's best decision.
+pub(super) fn certified(
+    input: &SolveInput,
+    simulator: &Simulator,
+    problem: &mut ShootingProblem,
+    best: &Candidate,
+    result: SearchResult,
+) -> Solution {
+    let control_count = input.settings.control_count;
+    let mut schedule =
+        TorqueSchedule { final_time: 0.0, left: vec![0.0; control_count], right: vec![0.0; control_count] };
+    write_schedule(&best.decision, &mut schedule);
+    let measure = predicted_decrease(problem, &best.decision, WEIGHTS[0], FIRST_ORDER_RADIUS);
+    let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
+    Evidence::collect(input, simulator, schedule).solution(input, result, measure, is_stationary)
+}
+
+/// The answer where the start already meets the goal: stay.
+pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
+    let trajectory = Trajectory { time: vec![0.0], state: vec![input.maneuver.start], ..Trajectory::default() };
+    let evidence = Evidence {
+        goal_error: input.maneuver.goal_error(&input.maneuver.start),
+        replay: Replay {
+            step_count: 0,
+            miss_position: 0.0,
+            miss_heading: 0.0,
+            miss_speed: 0.0,
+            within_tolerance: true,
+        },
+        trajectory,
+        schedule: TorqueSchedule::empty(),
+    };
+    let result = SearchResult {
+        best: None,
+        stop_reason: StopReason::Finished,
+        iterations: 0,
+        rollouts: 0,
+        starts_tried: 0,
+        distinct_optima: vec![DistinctOptimum { final_time: 0.0, count: 1 }],
+    };
+    let mut solution = evidence.solution(input, result, 0.0, true);
+    (solution.report.step_count, solution.report.control_count) = (0, 0);
+    solution
+}
+
+/// A plan's motion, on its own grid and on the fine one.
+struct Evidence {
+    schedule: TorqueSchedule,
+    /// States at the reference point.
+    trajectory: Trajectory,
+    goal_error: SVector<f64, { State::LEN }>,
+    replay: Replay,
+}
+
+impl Evidence {
+    fn collect(input: &SolveInput, simulator: &Simulator, schedule: TorqueSchedule) -> Self {
+        let parameters = input.robot.parameters();
+        let start = input.maneuver.start_at_center_of_mass(parameters);
+        let rollout = Rollout { start: &start, schedule: &schedule, step_count: input.settings.step_count };
+        let mut trajectory = simulator.trajectory(&rollout, ContactMethod::Exact);
+        trajectory.move_states_by(input.maneuver.reference_point.offset(parameters));
+        let end = trajectory.state[trajectory.state.len() - 1];
+        let goal_error = input.maneuver.goal_error(&end);
+        let replay = replay(input, simulator, &rollout);
+        Self { schedule, trajectory, goal_error, replay }
+    }
+
+    fn solution(self, input: &SolveInput, result: SearchResult, measure: f64, is_stationary: bool) -> Solution {
+        let separations = self.trajectory.separations();
+        let meets_goal = self.goal_error.amax() <= input.settings.goal_tolerance;
+        let keeps_law = self.trajectory.worst_contact_residual <= CONTACT_RESIDUAL_TOLERANCE;
+        let status = if !meets_goal {
+            Status::NotConverged
+        } else if is_stationary && keeps_law && separations.is_empty() {
+            Status::Converged
+        } else {
+            Status::Feasible
+        };
+        let (lower_bound, lower_bound_assumption) = friction_bound(&input.maneuver, input.robot.parameters());
+        Solution {
+            status,
+            stop_reason: result.stop_reason,
+            executable: meets_goal && separations.is_empty() && self.replay.within_tolerance,
+            reason: (!meets_goal).then(|| self.goal_missed(input)),
+            goal_error: self.goal_error,
+            contact_modes: self.trajectory.contact_modes(),
+            report: Report {
+                method: input.settings.method,
+                step_count: input.settings.step_count,
+                control_count: input.settings.control_count,
+                iterations: result.iterations,
+                rollouts: result.rollouts,
+                starts_tried: result.starts_tried,
+                distinct_optima: result.distinct_optima,
+                worst_contact_residual: self.trajectory.worst_contact_residual,
+                predicted_decrease: measure,
+                lower_bound,
+                lower_bound_assumption,
+                separations,
+                indeterminate_steps: self.trajectory.indeterminate_steps,
+                slip_reversals: self.trajectory.slip_reversals(),
+                replay: self.replay,
+            },
+            trajectory: self.trajectory,
+            schedule: self.schedule,
+        }
+    }
+
+    /// The goal component that is missed most.
+    fn goal_missed(&self, input: &SolveInput) -> Reason {
+        let constrained = input.maneuver.goal.constrained();
+        let error = |component: StateComponent| self.goal_error[component.index()];
+        let (component, goal) = constrained
+            .max_by(|(a, _), (b, _)| error(*a).abs().total_cmp(&error(*b).abs()))
+            .expect("a validated goal constrains something");
+        let miss = error(component);
+        let tolerance = input.settings.goal_tolerance;
+        let field = format!("maneuver.goal.{}", component.field());
+        Reason {
+            code: "goal_missed",
+            message: format!("`{field}` is {goal}, the best plan misses it by {miss}, must be within {tolerance}"),
+            field,
+            time: self.schedule.final_time,
+            value: miss,
+            limit: tolerance,
+        }
+    }
+}
+
+/// The same torques on a finer grid: the miss is the distance of its end from the goal.
+fn replay(input: &SolveInput, simulator: &Simulator, plan: &Rollout) -> Replay {
+    let fine = Rollout { step_count: REPLAY_REFINEMENT * plan.step_count, ..*plan };
+    let offset = input.maneuver.reference_point.offset(input.robot.parameters());
+    let miss = input.maneuver.goal_error(&simulator.end_state(&fine).moved_by(offset));
+    let of = |component: StateComponent| miss[component.index()];
+    let miss_position = of(StateComponent::X).hypot(of(StateComponent::Y));
+    let miss_heading = of(StateComponent::Heading).abs();
+    Replay {
+        step_count: fine.step_count,
+        miss_position,
+        miss_heading,
+        miss_speed: of(StateComponent::VelocityX).hypot(of(StateComponent::VelocityY)),
+        within_tolerance: miss_position <= input.settings.replay_tolerance_position
+            && miss_heading <= input.settings.replay_tolerance_heading,
+    }
+}
