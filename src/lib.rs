@@ -24,9 +24,9 @@
 //! - [`optimizer`]: sequential linear programming and Nelder-Mead; they know no mechanics.
 //! - [`shooting`]: from a maneuver to a decision vector, goal errors and their Jacobian.
 //! - [`solver`]: the search, and what its answer states about itself.
-//! - [`queue`]: a bounded queue that feeds blocking worker threads.
-//! - [`service`]: solve, simulate and validate behind the queue.
-//! - [`api`]: REST.
+//! - `queue`: a bounded queue that feeds blocking worker threads.
+//! - `service`: solve, simulate and validate behind the queue.
+//! - `api`: REST.
 
 pub mod contact;
 pub mod optimizer;

@@ -215,19 +215,19 @@ impl<'a> Search<'a> {
 
     /// The point after the step; above `good_merit` also its correction is tried, and the better one kept.
     fn try_step(&mut self, step: &DVector<f64>, good_merit: f64, budget: &mut Budget) -> Result<Trial, Interruption> {
-        let trial = self.evaluate(&self.x + step, budget)?;
+        let trial = self.evaluate(&(&self.x + step), budget)?;
         if trial.merit <= good_merit {
             return Ok(trial);
         }
         let modelled = &self.residual + &self.jacobian * step;
         let Some(correction) = self.least_change(&trial.x, &(&trial.residual - modelled)) else { return Ok(trial) };
-        let corrected = self.evaluate(&trial.x - correction, budget)?;
+        let corrected = self.evaluate(&(&trial.x - correction), budget)?;
         Ok(if corrected.merit < trial.merit { corrected } else { trial })
     }
 
-    fn evaluate(&mut self, x: DVector<f64>, budget: &mut Budget) -> Result<Trial, Interruption> {
+    fn evaluate(&mut self, x: &DVector<f64>, budget: &mut Budget) -> Result<Trial, Interruption> {
         budget.spend()?;
-        let x = clamped(&x, self.problem.lower(), self.problem.upper());
+        let x = clamped(x, self.problem.lower(), self.problem.upper());
         let mut residual = DVector::zeros(self.residual.len());
         self.problem.residual(&x, &mut residual);
         let merit = self.merit(&x, &residual);
@@ -267,7 +267,7 @@ impl<'a> Search<'a> {
     fn shorten_until_better(&mut self, change: &DVector<f64>, budget: &mut Budget) -> Result<bool, Interruption> {
         let mut share = 1.0;
         for _ in 0..SHORTENING_LIMIT {
-            let trial = self.evaluate(&self.x - change * share, budget)?;
+            let trial = self.evaluate(&(&self.x - change * share), budget)?;
             if trial.residual.amax() < self.residual.amax() {
                 self.accept(trial);
                 return Ok(true);
