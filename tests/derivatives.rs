@@ -1,5 +1,7 @@
 //! Derivatives of the end state against central differences.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod random;
 
 use random::RandomCases;

@@ -1,5 +1,7 @@
 //! Rollouts of an independent implementation, for several robots and regimes, matched by both contact solvers.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::{fs, path::PathBuf};
 
 use serde_json::Value;
@@ -24,6 +26,11 @@ struct ReferenceRollout {
 
 fn number(value: &Value) -> f64 {
     value.as_f64().expect("a number")
+}
+
+fn steps(value: &Value) -> impl Iterator<Item = (usize, usize)> {
+    let steps = value.as_array().expect("an array");
+    steps.iter().map(|step| usize::try_from(step.as_u64().expect("a count")).expect("a small count")).enumerate()
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
@@ -82,8 +89,8 @@ fn assert_close(case: &str, what: &str, actual: &[f64], expected: &[f64], tolera
 }
 
 fn assert_samples_match(reference: &ReferenceRollout, case: &str, trajectory: &Trajectory) {
-    for (index, step) in numbers(&reference.samples["step"]).into_iter().enumerate() {
-        let actual = trajectory.state[step as usize].to_vector();
+    for (index, step) in steps(&reference.samples["step"]) {
+        let actual = trajectory.state[step].to_vector();
         let configuration = numbers(&reference.samples["configuration"][index]);
         let velocity = numbers(&reference.samples["velocity"][index]);
         assert_close(case, "configuration", &actual.as_slice()[..5], &configuration, MOTION_TOLERANCE);
@@ -92,8 +99,8 @@ fn assert_samples_match(reference: &ReferenceRollout, case: &str, trajectory: &T
 }
 
 fn assert_contacts_match(reference: &ReferenceRollout, case: &str, trajectory: &Trajectory) {
-    for (index, step) in numbers(&reference.contacts["step"]).into_iter().enumerate() {
-        let sample: &PerContact<ContactSample> = &trajectory.contact[step as usize - 1];
+    for (index, step) in steps(&reference.contacts["step"]) {
+        let sample: &PerContact<ContactSample> = &trajectory.contact[step - 1];
         let of = |value: fn(&ContactSample) -> f64| [value(&sample.left), value(&sample.right), value(&sample.front)];
         let expected = |field: &str| numbers(&reference.contacts[field][index]);
         let pairs = [

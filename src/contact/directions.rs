@@ -21,9 +21,9 @@ pub(super) const fn contact_count<const N: usize>() -> usize {
 /// Which of the `N` directions stick in a pattern.
 pub(super) fn sticking<const N: usize>(pattern: ContactPattern) -> [bool; N] {
     let mut sticks = [false; N];
-    for contact in 0..contact_count::<N>() {
-        if pattern.modes()[contact] == ContactMode::Stick {
-            for row in ROWS[contact] {
+    for (rows, mode) in ROWS.into_iter().zip(pattern.modes()).take(contact_count::<N>()) {
+        if mode == ContactMode::Stick {
+            for row in rows {
                 sticks[row] = true;
             }
         }

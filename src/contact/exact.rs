@@ -100,7 +100,7 @@ impl ExactSolver {
         let starts = [solution.impulse, -solution.impulse, search.impulse_against_free_slip()];
         all_patterns::<N>().any(|pattern| {
             // A linear pattern has one solution wherever the search for it starts.
-            let count = if system.linear_index(pattern).is_some() { 1 } else { starts.len() };
+            let count = if FrictionSystem::<N>::linear_index(pattern).is_some() { 1 } else { starts.len() };
             starts[..count].iter().filter_map(|start| search.in_pattern(pattern, start)).any(|other| differs(&other))
         })
     }
@@ -122,7 +122,7 @@ impl<'a, const N: usize> Search<'a, N> {
 
     #[inline]
     fn in_pattern(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
-        match self.system.linear_index(pattern) {
+        match FrictionSystem::<N>::linear_index(pattern) {
             Some(index) => self.in_linear_pattern(pattern, index),
             None => self.by_newton(pattern, start),
         }

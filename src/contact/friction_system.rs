@@ -58,8 +58,8 @@ impl<const N: usize> FrictionSystem<N> {
     ) -> Self {
         assert!(N == 3 || N == 5, "the wheels have 3 directions, with the front support 5");
         let mut prox_step = [1.0; 3];
-        for contact in 0..contact_count::<N>() {
-            prox_step[contact] = safe_prox_step(&delassus, ROWS[contact]);
+        for (step, rows) in prox_step.iter_mut().zip(ROWS).take(contact_count::<N>()) {
+            *step = safe_prox_step(&delassus, rows);
         }
         let mut system = Self { delassus, normal_response, friction_coefficient, prox_step, linear_modes: None };
         system.linear_modes = system.solve_linear_modes();
@@ -116,7 +116,7 @@ impl<const N: usize> FrictionSystem<N> {
         impact_slip: &SVector<f64, N>,
         normal_impulse: &Vector3<f64>,
     ) -> Option<ImpulseDerivative<N>> {
-        if let Some(index) = self.linear_index(pattern) {
+        if let Some(index) = Self::linear_index(pattern) {
             return self.linear_mode(index).copied();
         }
         ModeEquations::at(self, pattern, impact_slip, normal_impulse)?.impulse_derivative(self)
@@ -124,7 +124,7 @@ impl<const N: usize> FrictionSystem<N> {
 
     /// Index of the precomputed solution map of a pattern, if it has one.
     #[inline]
-    pub(super) fn linear_index(&self, pattern: ContactPattern) -> Option<usize> {
+    pub(super) fn linear_index(pattern: ContactPattern) -> Option<usize> {
         if N == 5 && pattern.front == ContactMode::Slip { None } else { pattern.wheels.linear_index() }
     }
 

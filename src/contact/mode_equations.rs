@@ -8,7 +8,8 @@
 //! one wheel slips lengthwise:  Lambda_i + sign mu_i Lambda_N,i = 0
 //! ```
 //!
-//! Linearised: `own dLambda + by_slip dxi + by_normal dLambda_N = 0`, where xi and Lambda_N are affine in Lambda.
+//! Linearised: `own dLambda + by_slip dxi + by_normal dLambda_N = 0`, where xi and the normal impulses
+//! are affine in Lambda.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 

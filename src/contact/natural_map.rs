@@ -22,8 +22,7 @@ pub fn residual<const N: usize>(
     normal_impulse: &Vector3<f64>,
 ) -> f64 {
     let mut worst = 0.0_f64;
-    for contact in 0..contact_count::<N>() {
-        let impulse = contact_impulse[contact];
+    for (contact, &impulse) in contact_impulse.iter().enumerate().take(contact_count::<N>()) {
         let point = prox_argument(system, contact, impulse, impact_slip);
         let nearest = project_onto_disc(point, friction_radius(system, contact, normal_impulse));
         let miss = [impulse[0] - nearest[0], impulse[1] - nearest[1]];

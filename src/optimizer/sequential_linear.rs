@@ -9,7 +9,7 @@
 //! decides: at a contact's slip reversal the derivative can be wrong. Time-optimal torques are bang-bang, so most
 //! variables end at a bound and the linear model is as good as a quadratic one.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::evaluation::{Budget, Interruption, Problem};
 use super::linear_program::{ElasticProgram, ElasticSolver};
@@ -52,6 +52,8 @@ const RESTORATION_LIMIT: usize = 20;
 const SHORTENING_LIMIT: usize = 4;
 /// Singular values below this share of the largest carry no information: a plan that ends sticking has dependent rows.
 const RANK_TOLERANCE: f64 = 1e-7;
+/// An 8x8 matrix takes some 20.
+const EIGENVALUE_SWEEPS: usize = 1000;
 
 /// Why the iteration ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -215,19 +217,19 @@ impl<'a> Search<'a> {
 
     /// The point after the step; above `good_merit` also its correction is tried, and the better one kept.
     fn try_step(&mut self, step: &DVector<f64>, good_merit: f64, budget: &mut Budget) -> Result<Trial, Interruption> {
-        let trial = self.evaluate(&self.x + step, budget)?;
+        let trial = self.evaluate(&(&self.x + step), budget)?;
         if trial.merit <= good_merit {
             return Ok(trial);
         }
         let modelled = &self.residual + &self.jacobian * step;
         let Some(correction) = self.least_change(&trial.x, &(&trial.residual - modelled)) else { return Ok(trial) };
-        let corrected = self.evaluate(&trial.x - correction, budget)?;
+        let corrected = self.evaluate(&(&trial.x - correction), budget)?;
         Ok(if corrected.merit < trial.merit { corrected } else { trial })
     }
 
-    fn evaluate(&mut self, x: DVector<f64>, budget: &mut Budget) -> Result<Trial, Interruption> {
+    fn evaluate(&mut self, x: &DVector<f64>, budget: &mut Budget) -> Result<Trial, Interruption> {
         budget.spend()?;
-        let x = clamped(&x, self.problem.lower(), self.problem.upper());
+        let x = clamped(x, self.problem.lower(), self.problem.upper());
         let mut residual = DVector::zeros(self.residual.len());
         self.problem.residual(&x, &mut residual);
         let merit = self.merit(&x, &residual);
@@ -267,7 +269,7 @@ impl<'a> Search<'a> {
     fn shorten_until_better(&mut self, change: &DVector<f64>, budget: &mut Budget) -> Result<bool, Interruption> {
         let mut share = 1.0;
         for _ in 0..SHORTENING_LIMIT {
-            let trial = self.evaluate(&self.x - change * share, budget)?;
+            let trial = self.evaluate(&(&self.x - change * share), budget)?;
             if trial.residual.amax() < self.residual.amax() {
                 self.accept(trial);
                 return Ok(true);
@@ -289,11 +291,8 @@ impl<'a> Search<'a> {
         for (mut column, reach) in scaled.column_iter_mut().zip(reach.iter()) {
             column *= *reach;
         }
-        // The rows are few: the pseudo-inverse by the m x m Gram matrix keeps the cost at m^2 n.
-        let gram = &scaled * scaled.transpose();
-        let tolerance = RANK_TOLERANCE * RANK_TOLERANCE * gram.norm();
-        let inverse = gram.pseudo_inverse(tolerance).ok()?;
-        Some((scaled.transpose() * (inverse * residual)).component_mul(&reach))
+        let weights = pseudo_solve(&(&scaled * scaled.transpose()), residual)?;
+        Some((scaled.transpose() * weights).component_mul(&reach))
     }
 
     fn merit(&self, x: &DVector<f64>, residual: &DVector<f64>) -> f64 {
@@ -301,6 +300,42 @@ impl<'a> Search<'a> {
     }
 }
 
+/// The least solution of `gram w = residual` for a positive semidefinite matrix; none when it is not finite.
+///
+/// The rows are few, so the Gram matrix keeps the cost at m^2 n. Its eigenvalues are iterated with a limit: nalgebra's
+/// pseudo-inverse never returns for a NaN.
+fn pseudo_solve(gram: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
+    if !gram.iter().chain(residual.iter()).all(|value| value.is_finite()) {
+        return None;
+    }
+    let eigen = SymmetricEigen::try_new(gram.clone(), f64::EPSILON, EIGENVALUE_SWEEPS)?;
+    let smallest = RANK_TOLERANCE * RANK_TOLERANCE * eigen.eigenvalues.amax();
+    let mut weights = eigen.eigenvectors.tr_mul(residual);
+    for (weight, eigenvalue) in weights.iter_mut().zip(eigen.eigenvalues.iter()) {
+        *weight = if *eigenvalue > smallest { *weight / eigenvalue } else { 0.0 };
+    }
+    Some(eigen.eigenvectors * weights)
+}
+
 fn clamped(x: &DVector<f64>, lower: &DVector<f64>, upper: &DVector<f64>) -> DVector<f64> {
     x.zip_zip_map(lower, upper, f64::clamp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dependent_rows_get_the_least_solution() {
+        let gram = DMatrix::from_row_slice(2, 2, &[2.0, 2.0, 2.0, 2.0]);
+        let weights = pseudo_solve(&gram, &DVector::from_vec(vec![1.0, 1.0])).unwrap();
+        // Eigenvectors of a 2x2 matrix round to an ulp.
+        assert!((weights - DVector::from_vec(vec![0.25, 0.25])).amax() < 1e-15);
+    }
+
+    #[test]
+    fn matrices_that_are_not_finite_have_no_solution() {
+        let gram = DMatrix::from_row_slice(1, 1, &[f64::NAN]);
+        assert_eq!(pseudo_solve(&gram, &DVector::from_vec(vec![1.0])), None);
+    }
 }

@@ -40,7 +40,8 @@ impl Trajectory {
             match spans.last_mut() {
                 Some(span) if span.mode == mode => span.end = end,
                 _ => {
-                    spans.push(ContactModeSpan { start, end, mode, degrees_of_freedom: self.degrees_of_freedom[step] })
+                    let degrees_of_freedom = self.degrees_of_freedom[step];
+                    spans.push(ContactModeSpan { start, end, mode, degrees_of_freedom });
                 }
             }
         }

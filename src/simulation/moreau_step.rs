@@ -77,7 +77,7 @@ impl<const N: usize> StepModel<N> {
     }
 
     /// Takes one step of length `dt` from `start`.
-    #[inline(always)]
+    #[inline]
     pub(super) fn advance(
         &self,
         start: &State,
@@ -116,7 +116,7 @@ impl<const N: usize> StepModel<N> {
     }
 
     /// `M^-1 h`.
-    #[inline(always)]
+    #[inline]
     pub(super) fn smooth_acceleration(&self, velocity: &BodyVector, torque: PerWheel<f64>) -> BodyVector {
         let rate_squared = velocity[2] * velocity[2];
         let planar = &self.centrifugal_acceleration;
@@ -130,7 +130,7 @@ impl<const N: usize> StepModel<N> {
     }
 
     /// The friction problem of one step as plain data.
-    #[inline(always)]
+    #[inline]
     fn friction_problem(
         &self,
         velocity: &BodyVector,
@@ -145,7 +145,7 @@ impl<const N: usize> StepModel<N> {
     }
 
     /// `W_T'` times a body velocity, skipping the zeros of `W_T'`.
-    #[inline(always)]
+    #[inline]
     fn slip(&self, velocity: &BodyVector) -> SVector<f64, N> {
         let map = &self.slip_map;
         let mut slip = SVector::zeros();
@@ -174,7 +174,7 @@ impl FreeLoad {
     }
 
     /// Normal forces without friction, N.
-    #[inline(always)]
+    #[inline]
     pub(super) fn normal_force(&self, velocity: &BodyVector, torque: PerWheel<f64>) -> Vector3<f64> {
         let yaw_rate = velocity[2];
         self.at_rest

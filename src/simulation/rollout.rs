@@ -93,7 +93,7 @@ impl Simulator {
 }
 
 /// The time-stepping loop: allocates nothing, prints nothing, reads no clock.
-#[inline(always)]
+#[inline]
 pub(super) fn integrate<const N: usize>(
     model: &StepModel<N>,
     rollout: &Rollout,
@@ -124,7 +124,7 @@ impl<const N: usize> Default for ExactContact<N> {
 }
 
 impl<const N: usize> StepContact<N> for ExactContact<N> {
-    #[inline(always)]
+    #[inline]
     fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
         let (solution, _) = ExactSolver.solve(system, problem, &self.guess);
         self.guess = Guess::from(&solution);

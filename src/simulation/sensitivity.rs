@@ -85,6 +85,7 @@ fn differentiate<const N: usize>(model: &StepModel<N>, rollout: &Rollout, sensit
 }
 
 /// Derivatives of the end state by the state at the end of the current step.
+#[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
 struct BackwardSweep {
     by_heading: EndDerivative,
     by_velocity: Rows,
@@ -92,7 +93,7 @@ struct BackwardSweep {
 }
 
 impl TapeEntry {
-    #[inline(always)]
+    #[inline]
     fn new<const N: usize>(step: &Step<N>) -> Self {
         let mut impact_slip = SVector::<f64, 5>::zeros();
         impact_slip.fixed_rows_mut::<N>(0).copy_from(&step.contact.impact_slip);
@@ -119,7 +120,7 @@ impl BackwardSweep {
     }
 
     /// Goes back over one step; returns the derivatives by its torques.
-    #[inline(always)]
+    #[inline]
     fn step<const N: usize>(
         &mut self,
         model: &StepModel<N>,
@@ -163,7 +164,7 @@ impl BackwardSweep {
     }
 
     /// Adds the path from a velocity through the end configuration: `half` times the rows by the configuration.
-    #[inline(always)]
+    #[inline]
     fn add_position_share(&self, rows: &mut Rows, half: f64) {
         rows[(0, 0)] += half;
         rows[(1, 1)] += half;
@@ -175,6 +176,7 @@ impl BackwardSweep {
 }
 
 /// Derivatives of the body velocity at the end of one step.
+#[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
 struct StepDerivative {
     by_velocity: SMatrix<f64, 5, 5>,
     by_torque: PerWheel<BodyVector>,
@@ -182,7 +184,7 @@ struct StepDerivative {
 }
 
 impl StepDerivative {
-    #[inline(always)]
+    #[inline]
     fn new<const N: usize>(model: &StepModel<N>, entry: &TapeEntry, torque: PerWheel<f64>, dt: f64) -> Self {
         let velocity = &entry.start_velocity;
         let (by_slip, by_normal) = motion_by_free_data(model, entry);
@@ -219,7 +221,7 @@ impl StepDerivative {
 }
 
 /// P dLambda / d(free slip) and P dLambda / d(free normal impulse).
-#[inline(always)]
+#[inline]
 fn motion_by_free_data<const N: usize>(
     model: &StepModel<N>,
     entry: &TapeEntry,
@@ -235,7 +237,7 @@ fn motion_by_free_data<const N: usize>(
 }
 
 /// A body velocity in the world frame.
-#[inline(always)]
+#[inline]
 fn world(velocity: &BodyVector, (sin, cos): (f64, f64)) -> BodyVector {
     BodyVector::from([
         cos * velocity[0] - sin * velocity[1],
@@ -247,7 +249,7 @@ fn world(velocity: &BodyVector, (sin, cos): (f64, f64)) -> BodyVector {
 }
 
 /// Rows by world velocities become rows by body velocities: row times the rotation matrix.
-#[inline(always)]
+#[inline]
 fn rotate_into_body(rows: &mut Rows, sin: f64, cos: f64) {
     let (x, y) = (rows.column(0).into_owned(), rows.column(1).into_owned());
     rows.set_column(0, &(x * cos + y * sin));
@@ -255,7 +257,7 @@ fn rotate_into_body(rows: &mut Rows, sin: f64, cos: f64) {
 }
 
 /// The inverse of [`rotate_into_body`].
-#[inline(always)]
+#[inline]
 fn rotate_into_world(rows: &mut Rows, sin: f64, cos: f64) {
     rotate_into_body(rows, -sin, cos);
 }

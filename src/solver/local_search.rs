@@ -30,7 +30,7 @@ const NELDER_MEAD_EDGE: f64 = 0.2;
 /// Enough for the restarts to stop by themselves.
 const NELDER_MEAD_RESTART_LIMIT: usize = 1000;
 const NELDER_MEAD_VALUE_TOLERANCE: f64 = 1e-6;
-const NELDER_MEAD_SMALLEST_GAIN: f64 = 2e-6;
+const NELDER_MEAD_SMALLEST_GAIN: f64 = 1e-5;
 
 /// A decision with what the search needs to rank it.
 #[derive(Debug, Clone)]

@@ -1,0 +1,83 @@
+//! The elastic simplex against a general LP library on programs of a maneuver's shape (8 rows, 81 variables).
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use microlp::{ComparisonOp, OptimizationDirection, Problem, SolveOutcome};
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use slipdrive::optimizer::{ElasticProgram, ElasticSolver};
+
+struct Data {
+    matrix: DMatrix<f64>,
+    target: DVector<f64>,
+    cost: DVector<f64>,
+    lower: DVector<f64>,
+    upper: DVector<f64>,
+    weight: f64,
+}
+
+/// A random program in which final time is cheap and the goal is within reach.
+fn random_program(seed: u64) -> Data {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut cost = DVector::zeros(81);
+    cost[80] = 1.0;
+    Data {
+        matrix: DMatrix::from_fn(8, 81, |_, _| rng.random_range(-0.1..0.1)),
+        target: DVector::from_fn(8, |_, _| rng.random_range(-0.05..0.05)),
+        cost,
+        lower: DVector::from_fn(81, |_, _| -rng.random_range(0.0..0.3)),
+        upper: DVector::from_fn(81, |_, _| rng.random_range(0.0..0.3)),
+        weight: 5.0,
+    }
+}
+
+fn by_library(data: &Data) -> f64 {
+    let mut problem = Problem::new(OptimizationDirection::Minimize);
+    let variables: Vec<_> =
+        (0..81).map(|index| problem.add_var(data.cost[index], (data.lower[index], data.upper[index]))).collect();
+    for row in 0..8 {
+        let above = problem.add_var(data.weight, (0.0, f64::INFINITY));
+        let below = problem.add_var(data.weight, (0.0, f64::INFINITY));
+        let terms = variables.iter().enumerate().map(|(index, &variable)| (variable, data.matrix[(row, index)]));
+        let terms: Vec<_> = terms.chain([(above, -1.0), (below, 1.0)]).collect();
+        problem.add_constraint(terms, ComparisonOp::Eq, data.target[row]);
+    }
+    match problem.solve() {
+        Ok(SolveOutcome::Solution(solution)) => solution.objective(),
+        other => panic!("the program is feasible: {other:?}"),
+    }
+}
+
+fn by_elastic_simplex(solver: &mut ElasticSolver, data: &Data) -> f64 {
+    let program = ElasticProgram {
+        matrix: &data.matrix,
+        target: &data.target,
+        cost: &data.cost,
+        lower: &data.lower,
+        upper: &data.upper,
+        weight: data.weight,
+    };
+    solver.solve(&program).objective
+}
+
+fn programs(criterion: &mut Criterion) {
+    let programs: Vec<Data> = (0..20).map(random_program).collect();
+    let mut solver = ElasticSolver::new();
+    for data in &programs {
+        let (own, library) = (by_elastic_simplex(&mut solver, data), by_library(data));
+        assert!((own - library).abs() < 1e-9, "{own} against {library}");
+    }
+    let mut group = criterion.benchmark_group("twenty_linear_programs_of_8_by_81");
+    group.bench_function("elastic_simplex", |bench| {
+        bench.iter(|| programs.iter().map(|data| by_elastic_simplex(&mut solver, black_box(data))).sum::<f64>());
+    });
+    group.bench_function("microlp", |bench| {
+        bench.iter(|| programs.iter().map(|data| by_library(black_box(data))).sum::<f64>());
+    });
+    group.finish();
+}
+
+criterion_group!(benches, programs);
+criterion_main!(benches);

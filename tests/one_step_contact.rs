@@ -1,0 +1,203 @@
+//! One-step friction problems: the exact solver against the paper's fixed point on random states, robots and steps.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod random;
+
+use nalgebra::{SMatrix, SVector};
+use random::RandomCases;
+use slipdrive::contact::{
+    ContactPattern, ContactSolution, ExactSolver, FixedPointSettings, FixedPointSolver, FrictionProblem,
+    FrictionSystem, Guess, SolvePath, WheelPattern, natural_map,
+};
+use slipdrive::robot::{BodyVector, Robot};
+
+/// Acceptance of the contact law, relative to m g dt.
+const RESIDUAL_TOLERANCE: f64 = 1e-10;
+/// Acceptance of the motion: m/s (rad/s) relative to the larger of 1 and the value.
+const MOTION_TOLERANCE: f64 = 1e-8;
+/// What the fixed point is run to, relative to m g dt.
+const CONVERGED: f64 = 1e-13;
+const CASE_COUNT: u64 = 10_000;
+
+/// A random step of a random robot, assembled from the robot's own matrices.
+#[derive(Clone)]
+struct RandomStep<const N: usize> {
+    system: FrictionSystem<N>,
+    problem: FrictionProblem<N>,
+    start_velocity: BodyVector,
+    smooth_change: BodyVector,
+    impulse_response: SMatrix<f64, 5, N>,
+}
+
+impl<const N: usize> RandomStep<N> {
+    fn new(cases: &mut RandomCases, robot: &Robot) -> Self {
+        let parameters = robot.parameters();
+        let dt = 10.0_f64.powf(cases.between(-4.0, -1.5));
+        let speed = if cases.chance(0.3) { 0.0 } else { 10.0_f64.powf(cases.between(-3.0, 0.5)) };
+        let state = cases.state(robot, speed.max(1e-9));
+        let (sin, cos) = state.configuration.heading.sin_cos();
+        let u = state.velocity;
+        let start_velocity = BodyVector::from([
+            cos * u.x + sin * u.y,
+            cos * u.y - sin * u.x,
+            u.yaw_rate,
+            u.wheel_rate.left,
+            u.wheel_rate.right,
+        ]);
+        let grip = parameters.wheel_friction_coefficient * parameters.total_mass() * 9.81 * parameters.wheel_radius;
+        let torque = [cases.between(-1.0, 1.0) * grip, cases.between(-1.0, 1.0) * grip];
+        let smooth_change = robot.inverse_mass_matrix() * robot.smooth_force(u.yaw_rate, torque) * dt;
+        let load = robot.normal_load();
+        let rates = u.yaw_rate * u.yaw_rate * load.centrifugal
+            + u.yaw_rate * (u.wheel_rate.left + u.wheel_rate.right) * load.gyroscopic;
+        let free = start_velocity * (1.0 + parameters.tangential_restitution) + smooth_change;
+        let friction = parameters.wheel_friction_coefficient;
+        Self {
+            system: FrictionSystem::new(
+                robot.delassus().fixed_view::<N, N>(0, 0).into_owned(),
+                robot.normal_response().fixed_columns::<N>(0).into_owned(),
+                [friction, friction, parameters.front_friction_coefficient],
+            ),
+            problem: FrictionProblem {
+                free_slip: (robot.tangent_jacobian().matrix() * free).fixed_rows::<N>(0).into_owned(),
+                free_normal: (load.static_force + rates) * dt + load.velocity_change_map * smooth_change,
+            },
+            start_velocity,
+            smooth_change,
+            impulse_response: robot.impulse_response().fixed_columns::<N>(0).into_owned(),
+        }
+    }
+
+    /// Scales the motion until one sticking wheel's impulse reaches `1 + offset` times its friction radius.
+    fn move_to_cone_edge(&mut self, solution: &ContactSolution<N>, offset: f64) {
+        let parts = natural_map::contact_impulses(&self.system, solution);
+        let friction = self.system.friction_coefficient();
+        let share =
+            |wheel: usize| parts[wheel][0].hypot(parts[wheel][1]) / (friction[wheel] * solution.normal_impulse[wheel]);
+        let scale = (1.0 + offset) / share(0).max(share(1)).max(1e-3);
+        // The loads stay what they are: what the impulses change less, the free loads take over.
+        self.problem.free_normal += self.system.normal_response() * solution.impulse * (1.0 - scale);
+        self.problem.free_slip *= scale;
+    }
+
+    fn end_velocity(&self, impulse: &SVector<f64, N>) -> BodyVector {
+        self.start_velocity + self.smooth_change + self.impulse_response * impulse
+    }
+}
+
+#[derive(Default)]
+struct Tally {
+    both_stick: u64,
+    one_slips: u64,
+    both_slip: u64,
+    by_fixed_point: u64,
+    near_cone_edge: u64,
+    sweeps: u64,
+}
+
+impl Tally {
+    fn count<const N: usize>(&mut self, solution: &ContactSolution<N>, path: SolvePath) {
+        match solution.pattern.wheels {
+            WheelPattern::BothStick => self.both_stick += 1,
+            WheelPattern::RightSlips(_) | WheelPattern::LeftSlips(_) => self.one_slips += 1,
+            WheelPattern::BothSlip => self.both_slip += 1,
+        }
+        self.by_fixed_point += u64::from(path == SolvePath::FixedPoint);
+    }
+}
+
+/// Compares both solvers; from a solution that sticks also moves on to the edge of its friction discs.
+fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, tally: &mut Tally) {
+    let mut step = RandomStep::<N>::new(cases, robot);
+    let (solution, path) = ExactSolver.solve(&step.system, &step.problem, &Guess::default());
+    tally.count(&solution, path);
+    assert_same_motion(seed, &step, &solution, tally);
+    if solution.pattern.wheels == WheelPattern::BothStick && cases.chance(0.5) {
+        // Exactly at the edge the sweeps converge sublinearly and reach no useful answer: stay off by a small share.
+        let offset = 10.0_f64.powf(cases.between(-5.0, -1.0)) * if cases.chance(0.5) { 1.0 } else { -1.0 };
+        let mut near_edge = step.clone();
+        near_edge.move_to_cone_edge(&solution, offset);
+        let (at_edge, path) = ExactSolver.solve(&near_edge.system, &near_edge.problem, &Guess::from(&solution));
+        tally.count(&at_edge, path);
+        tally.near_cone_edge += 1;
+        assert_same_motion(seed, &near_edge, &at_edge, tally);
+
+        step.move_to_cone_edge(&solution, 0.0);
+        let (on_edge, _) = ExactSolver.solve(&step.system, &step.problem, &Guess::from(&solution));
+        assert!(on_edge.residual <= RESIDUAL_TOLERANCE, "seed {seed}: residual {} on the edge", on_edge.residual);
+    }
+}
+
+fn assert_same_motion<const N: usize>(seed: u64, step: &RandomStep<N>, exact: &ContactSolution<N>, tally: &mut Tally) {
+    let settings = FixedPointSettings { tolerance: 1e-15, sweep_limit: 2_000_000 };
+    let mut fixed_point = FixedPointSolver::new(settings);
+    let slow = fixed_point.solve(&step.system, &step.problem);
+    tally.sweeps += fixed_point.sweeps();
+    assert!(exact.residual <= RESIDUAL_TOLERANCE, "seed {seed}: exact residual {}", exact.residual);
+    assert!(slow.residual <= CONVERGED, "seed {seed}: fixed-point residual {}", slow.residual);
+    let (a, b) = (step.end_velocity(&exact.impulse), step.end_velocity(&slow.impulse));
+    for axis in 0..5 {
+        let difference = (a[axis] - b[axis]).abs();
+        assert!(
+            difference <= MOTION_TOLERANCE * b[axis].abs().max(1.0),
+            "seed {seed}, axis {axis}: exact {}, fixed point {} ({:?}, {:?})",
+            a[axis],
+            b[axis],
+            exact.pattern,
+            slow.pattern
+        );
+    }
+}
+
+#[test]
+fn exact_and_fixed_point_agree_on_random_steps() {
+    let mut tally = Tally::default();
+    for seed in 0..CASE_COUNT {
+        let mut cases = RandomCases::new(seed);
+        let robot = cases.robot();
+        if robot.parameters().front_friction_coefficient > 0.0 {
+            compare::<5>(seed, &mut cases, &robot, &mut tally);
+        } else {
+            compare::<3>(seed, &mut cases, &robot, &mut tally);
+        }
+    }
+    println!(
+        "both stick {}, one slips {}, both slip {}, near the cone's edge {}, found by sweeps {}, mean sweeps {}",
+        tally.both_stick,
+        tally.one_slips,
+        tally.both_slip,
+        tally.near_cone_edge,
+        tally.by_fixed_point,
+        tally.sweeps / CASE_COUNT
+    );
+    assert!(tally.both_stick > 500 && tally.one_slips > 500 && tally.both_slip > 500, "all modes occur");
+}
+
+#[test]
+fn lifted_wheel_carries_no_friction() {
+    let mut cases = RandomCases::new(7);
+    let robot = cases.robot();
+    let mut step = RandomStep::<3>::new(&mut cases, &robot);
+    step.problem.free_normal[1] = -10.0 * step.problem.free_normal[0].abs();
+    step.problem.free_normal[0] *= 12.0;
+    let (solution, _) = ExactSolver.solve(&step.system, &step.problem, &Guess::default());
+    assert!(solution.normal_impulse[1] < 0.0);
+    assert_eq!(solution.impulse[1], 0.0);
+    assert!(solution.residual <= RESIDUAL_TOLERANCE);
+}
+
+#[test]
+fn indeterminate_problem_is_flagged() {
+    // One wheel, friction so strong that sliding lifts its own load (Painleve): sticking and sliding both solve it.
+    let delassus = SMatrix::<f64, 3, 3>::from_diagonal(&SVector::from([1.0, 1.0, 1.0]));
+    let mut normal_response = SMatrix::<f64, 3, 3>::zeros();
+    normal_response[(1, 1)] = -1.5;
+    normal_response[(0, 1)] = 1.5;
+    let system = FrictionSystem::new(delassus, normal_response, [1.0, 1.0, 0.0]);
+    let problem = FrictionProblem { free_slip: SVector::from([0.0, 0.2, 0.0]), free_normal: [1.0, -0.05, 0.0].into() };
+    let stick = ContactPattern { wheels: WheelPattern::BothStick, ..ContactPattern::default() };
+    let guess = Guess { pattern: stick, impulse: SVector::zeros() };
+    let (solution, _) = ExactSolver.solve(&system, &problem, &guess);
+    assert!(ExactSolver.is_indeterminate(&system, &problem, &solution));
+}
