@@ -1,4 +1,6 @@
 //! Answers as they are written in JSON. Field names carry their SI units.
+//!
+//! JSON has no infinities: a number that is not finite, as in the trajectory of a diverged iterate, is written as `null`.
 
 use serde::Serialize;
 
