@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use slipdrive::api::rest::{Problem, forward_drive_body, read_simulate, read_solve, simulate_answer, solve_answer};
+use slipdrive::plot;
 use slipdrive::service::domain::Status;
 use slipdrive::service::{InProcessSolver, Limits, Service, ServiceSettings};
 
@@ -36,6 +37,10 @@ pub(crate) fn solve(arguments: &SolveArguments) -> anyhow::Result<ExitCode> {
     let service = service(limits)?;
     let solved = service.reserve()?.solve_blocking(accepted.input.clone(), accepted.time_limit)?;
     let table = table::of_solution(&solved, &accepted.input.maneuver.goal);
+    if let Some(path) = &arguments.plot {
+        fs::write(path, plot::html(&solved.solution))
+            .with_context(|| format!("{} cannot be written", path.display()))?;
+    }
     write_answer(arguments.json.as_deref(), || solve_answer(&accepted, &solved), &table)?;
     Ok(match solved.solution.status {
         Status::Converged | Status::Feasible => ExitCode::SUCCESS,

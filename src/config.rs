@@ -88,6 +88,9 @@ pub(crate) struct SolveArguments {
     /// Writes the JSON answer of `POST /solve` here; `-` is standard output, in place of the table.
     #[arg(long, value_name = "OUT")]
     pub(crate) json: Option<PathBuf>,
+    /// Writes diagrams of the plan here, as an HTML page.
+    #[arg(long, value_name = "PAGE")]
+    pub(crate) plot: Option<PathBuf>,
 }
 
 /// A torque schedule to integrate.

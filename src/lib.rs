@@ -24,6 +24,7 @@
 //! - [`optimizer`]: sequential linear programming and Nelder-Mead; they know no mechanics.
 //! - [`shooting`]: from a maneuver to a decision vector, goal errors and their Jacobian.
 //! - [`solver`]: the search, and what its answer states about itself.
+//! - [`plot`]: the paper's figures from a solution, as a page.
 //! - [`queue`]: a bounded queue that feeds blocking worker threads.
 //! - [`service`]: solve, simulate and validate behind the queue.
 //! - [`api`] offers the service over REST.
@@ -31,6 +32,7 @@
 pub mod api;
 pub mod contact;
 pub mod optimizer;
+pub mod plot;
 pub mod queue;
 pub mod robot;
 pub mod service;

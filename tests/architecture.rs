@@ -50,6 +50,11 @@ const TABLE: &[Module] = &[
         may_use: &["shooting", "optimizer", "simulation", "robot", "contact", "violation"],
         must_not_mention: FOREIGN_TO_NUMERICS,
     },
+    Module {
+        name: "plot",
+        may_use: &["solver", "simulation", "robot", "contact"],
+        must_not_mention: &["axum", "tonic", "tokio", "std::fs"],
+    },
     Module { name: "queue", may_use: &[], must_not_mention: &["axum", "tonic", "serde", "prost", "nalgebra"] },
     Module {
         name: "service",
