@@ -10,6 +10,7 @@ use super::fixed_point::{FixedPointSettings, FixedPointSolver};
 use super::friction_system::{FrictionProblem, FrictionSystem};
 use super::mode_equations::ModeEquations;
 use super::natural_map::{residual, split};
+use super::newton::Newton;
 use super::pattern::{ContactPattern, WheelPattern};
 use super::solution::{ContactMode, ContactSolution};
 
@@ -18,8 +19,6 @@ use super::solution::{ContactMode, ContactSolution};
 const ACCEPTED_RESIDUAL: f64 = 1e-12;
 /// Rounding of the slip itself, in units in the last place of the largest slip.
 const SLIP_ROUNDING: f64 = 16.0 * f64::EPSILON;
-/// Newton converges in 2 to 4 iterations from the last step, or it is in the wrong pattern.
-const NEWTON_LIMIT: usize = 12;
 /// Below this update, relative to m g dt, quadratic convergence has arrived at rounding.
 const NEWTON_UPDATE: f64 = 1e-8;
 /// Sweeps before the first look at the pattern that the fixed point tends to; doubled after each look.
@@ -136,22 +135,9 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     fn by_newton(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
+        let newton = Newton { system: self.system, problem: self.problem, pattern, slip_smoothing: 0.0 };
         let small_update = NEWTON_UPDATE * self.problem.weight_impulse();
-        let mut impulse = *start;
-        for _ in 0..NEWTON_LIMIT {
-            let slip = self.system.impact_slip(self.problem, &impulse);
-            let normal = self.system.normal_impulse(self.problem, &impulse);
-            let equations = ModeEquations::at(self.system, pattern, &slip, &normal)?;
-            let update = equations.jacobian(self.system).try_inverse()? * equations.residual(&impulse);
-            impulse -= update;
-            if update.amax() <= small_update {
-                let candidate = self.accepted(self.candidate(pattern, impulse));
-                if candidate.is_some() {
-                    return candidate;
-                }
-            }
-        }
-        None
+        newton.solve(start, small_update, |impulse| self.accepted(self.candidate(pattern, impulse)))
     }
 
     fn in_other_patterns(&self, guess: &Guess<N>) -> Option<ContactSolution<N>> {
@@ -186,7 +172,7 @@ impl<'a, const N: usize> Search<'a, N> {
     fn impulse_against_free_slip(&self) -> SVector<f64, N> {
         let slipping = ContactPattern { wheels: WheelPattern::BothSlip, front: ContactMode::Slip };
         let zero = SVector::zeros();
-        ModeEquations::at(self.system, slipping, &self.problem.free_slip, &self.problem.free_normal)
+        ModeEquations::at(self.system, slipping, &self.problem.free_slip, &self.problem.free_normal, 0.0)
             .map_or(zero, |equations| -equations.residual(&zero))
     }
 

@@ -115,11 +115,12 @@ impl<const N: usize> FrictionSystem<N> {
         pattern: ContactPattern,
         impact_slip: &SVector<f64, N>,
         normal_impulse: &Vector3<f64>,
+        slip_smoothing: f64,
     ) -> Option<ImpulseDerivative<N>> {
         if let Some(index) = Self::linear_index(pattern) {
             return self.linear_mode(index).copied();
         }
-        ModeEquations::at(self, pattern, impact_slip, normal_impulse)?.impulse_derivative(self)
+        ModeEquations::at(self, pattern, impact_slip, normal_impulse, slip_smoothing)?.impulse_derivative(self)
     }
 
     /// Index of the precomputed solution map of a pattern, if it has one.
@@ -138,7 +139,7 @@ impl<const N: usize> FrictionSystem<N> {
         for (mode, wheels) in modes.iter_mut().zip(WheelPattern::LINEAR) {
             // In a linear pattern the coefficients depend on neither slip nor load: any values do.
             let pattern = ContactPattern { wheels, front };
-            let equations = ModeEquations::at(self, pattern, &SVector::zeros(), &Vector3::repeat(1.0))?;
+            let equations = ModeEquations::at(self, pattern, &SVector::zeros(), &Vector3::repeat(1.0), 0.0)?;
             *mode = equations.impulse_derivative(self)?;
         }
         Some(modes)

@@ -21,8 +21,10 @@ mod fixed_point;
 mod friction_system;
 mod mode_equations;
 pub mod natural_map;
+mod newton;
 mod pattern;
 mod prox;
+mod smoothed;
 mod solution;
 
 pub use exact::{ExactSolver, Guess, SolvePath};
@@ -30,4 +32,5 @@ pub use fixed_point::{FixedPointSettings, FixedPointSolver};
 pub use friction_system::{FrictionProblem, FrictionSystem, ImpulseDerivative};
 pub use pattern::{ContactPattern, SlipSign, WheelPattern};
 pub use prox::{project_onto_disc, project_onto_half_line};
+pub use smoothed::SmoothedSolver;
 pub use solution::{ContactImpulse, ContactMode, ContactName, ContactSolution, PerContact};

@@ -8,6 +8,9 @@
 //! one wheel slips lengthwise:  Lambda_i + sign mu_i Lambda_N,i = 0
 //! ```
 //!
+//! With a slip smoothing s > 0, `|xi_i|` becomes `sqrt(|xi_i|^2 + s^2)`: a contact then always slips a little, and
+//! the law has no kinks.
+//!
 //! Linearised: `own dLambda + by_slip dxi + by_normal dLambda_N = 0`, where xi and the normal impulses
 //! are affine in Lambda.
 
@@ -38,6 +41,7 @@ impl<const N: usize> ModeEquations<N> {
         pattern: ContactPattern,
         impact_slip: &SVector<f64, N>,
         normal_impulse: &Vector3<f64>,
+        slip_smoothing: f64,
     ) -> Option<Self> {
         let mut equations = Self {
             own: SVector::repeat(1.0),
@@ -57,12 +61,12 @@ impl<const N: usize> ModeEquations<N> {
             WheelPattern::RightSlips(sign) => equations.add_lengthwise_slip(system, RIGHT, sign, normal_impulse),
             WheelPattern::LeftSlips(sign) => equations.add_lengthwise_slip(system, LEFT, sign, normal_impulse),
             WheelPattern::BothSlip => {
-                equations.add_spatial_slip(system, 0, impact_slip, normal_impulse)?;
-                equations.add_spatial_slip(system, 1, impact_slip, normal_impulse)?;
+                equations.add_spatial_slip(system, 0, impact_slip, normal_impulse, slip_smoothing)?;
+                equations.add_spatial_slip(system, 1, impact_slip, normal_impulse, slip_smoothing)?;
             }
         }
         if contact_count::<N>() == 3 && pattern.front == ContactMode::Slip {
-            equations.add_spatial_slip(system, 2, impact_slip, normal_impulse)?;
+            equations.add_spatial_slip(system, 2, impact_slip, normal_impulse, slip_smoothing)?;
         }
         Some(equations)
     }
@@ -107,6 +111,7 @@ impl<const N: usize> ModeEquations<N> {
         contact: usize,
         impact_slip: &SVector<f64, N>,
         normal_impulse: &Vector3<f64>,
+        slip_smoothing: f64,
     ) -> Option<()> {
         let rows = ROWS[contact];
         let slip = [impact_slip[rows[0]], impact_slip[rows[1]]];
@@ -115,7 +120,7 @@ impl<const N: usize> ModeEquations<N> {
         if radius <= 0.0 {
             return Some(());
         }
-        let speed = (slip[0] * slip[0] + slip[1] * slip[1]).sqrt();
+        let speed = (slip[0] * slip[0] + slip[1] * slip[1] + slip_smoothing * slip_smoothing).sqrt();
         if speed <= f64::MIN_POSITIVE {
             return None;
         }

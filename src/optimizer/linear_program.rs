@@ -64,6 +64,8 @@ pub struct ElasticSolver {
     price: DVector<f64>,
     direction: DVector<f64>,
     pivots_since_inversion: usize,
+    /// (descent, column)
+    candidates: Vec<(f64, usize)>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -97,17 +99,43 @@ impl ElasticSolver {
     /// Solves a program.
     pub fn solve(&mut self, program: &ElasticProgram) -> ElasticSolution {
         self.start(program);
+        self.update_prices(program);
         let (rows, columns) = program.matrix.shape();
         let mut stalled = 0;
         let mut iterations = 0;
         while iterations < ITERATION_FACTOR * (rows + columns) {
-            self.update_prices(program);
-            let Some(entering) = self.choose_entering(program, stalled >= STALL_LIMIT) else { break };
-            iterations += 1;
-            let step = self.advance(program, &entering);
-            stalled = if step > 0.0 { 0 } else { stalled + 1 };
+            self.list_candidates(program);
+            if stalled >= STALL_LIMIT {
+                // The lowest index cannot cycle.
+                self.candidates.sort_unstable_by_key(|(_, column)| *column);
+                self.candidates.truncate(1);
+            }
+            if self.candidates.is_empty() {
+                break;
+            }
+            for candidate in 0..self.candidates.len() {
+                let column = self.candidates[candidate].1;
+                if let Some((entering, _)) = self.entering(program, column) {
+                    iterations += 1;
+                    let step = self.advance(program, &entering);
+                    stalled = if step > 0.0 { 0 } else { stalled + 1 };
+                }
+            }
         }
         self.solution(program, iterations)
+    }
+
+    /// Columns that improve the objective at the current prices, the steepest first.
+    ///
+    /// A variable that goes from bound to bound changes no price, so one list serves many moves; after a pivot the
+    /// rest of the list is judged again, one by one.
+    fn list_candidates(&mut self, program: &ElasticProgram) {
+        let mut candidates = std::mem::take(&mut self.candidates);
+        candidates.clear();
+        let improving = |column| self.entering(program, column).map(|(_, descent)| (descent, column));
+        candidates.extend((0..self.place.len()).filter_map(improving));
+        candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        self.candidates = candidates;
     }
 
     /// Rests every variable at 0; every row is taken up by a slack.
@@ -143,7 +171,8 @@ impl ElasticSolver {
     /// price' = (cost of the basis)' inverse.
     fn update_prices(&mut self, program: &ElasticProgram) {
         let rows = self.basis.len();
-        self.price = DVector::zeros(rows);
+        self.price.resize_vertically_mut(rows, 0.0);
+        self.price.fill(0.0);
         for (position, &column) in self.basis.iter().enumerate() {
             let cost = column_cost(program, column);
             if cost != 0.0 {
@@ -154,29 +183,22 @@ impl ElasticSolver {
         }
     }
 
-    /// The column with the steepest descent, or the first one that descends when `by_index`.
-    fn choose_entering(&self, program: &ElasticProgram, by_index: bool) -> Option<Entering> {
-        let mut best: Option<(f64, Entering)> = None;
-        for column in 0..self.place.len() {
-            let reduced_cost = self.reduced_cost(program, column);
-            let sign = match self.place[column] {
-                Place::Basic => continue,
-                Place::Lower => 1.0,
-                Place::Upper => -1.0,
-                Place::Zero => -reduced_cost.signum(),
-            };
-            if self.room(program, &Entering { column, sign }) <= 0.0 {
-                continue;
-            }
-            let descent = -sign * reduced_cost;
-            if descent > PRICE_TOLERANCE && best.as_ref().is_none_or(|(steepest, _)| descent > *steepest) {
-                best = Some((descent, Entering { column, sign }));
-                if by_index {
-                    break;
-                }
-            }
+    /// The way in which a column improves the objective, with its rate, if it does.
+    #[inline]
+    fn entering(&self, program: &ElasticProgram, column: usize) -> Option<(Entering, f64)> {
+        let place = self.place[column];
+        if place == Place::Basic {
+            return None;
         }
-        best.map(|(_, entering)| entering)
+        let reduced_cost = self.reduced_cost(program, column);
+        let sign = match place {
+            Place::Lower | Place::Basic => 1.0,
+            Place::Upper => -1.0,
+            Place::Zero => -reduced_cost.signum(),
+        };
+        let descent = -sign * reduced_cost;
+        let entering = Entering { column, sign };
+        (descent > PRICE_TOLERANCE && self.room(program, &entering) > 0.0).then_some((entering, descent))
     }
 
     #[inline]
@@ -208,6 +230,7 @@ impl ElasticSolver {
                 self.basis[index] = entering.column;
                 self.basis_value[index] = entering_value;
                 self.pivot(program, index);
+                self.update_prices(program);
             }
         }
         step
@@ -216,11 +239,13 @@ impl ElasticSolver {
     /// inverse * (entering column).
     fn compute_direction(&mut self, program: &ElasticProgram, column: usize) {
         let (rows, columns) = program.matrix.shape();
-        self.direction = if column < columns {
-            &self.inverse * program.matrix.column(column)
+        self.direction.resize_vertically_mut(rows, 0.0);
+        if column < columns {
+            self.inverse.mul_to(&program.matrix.column(column), &mut self.direction);
         } else {
-            self.inverse.column(slack_row(column, rows, columns)) * slack_sign(column, rows, columns)
-        };
+            self.direction.copy_from(&self.inverse.column(slack_row(column, rows, columns)));
+            self.direction *= slack_sign(column, rows, columns);
+        }
     }
 
     /// How far a column can move before its own bound.

@@ -25,11 +25,28 @@ pub struct SequentialLinearSettings {
     pub feasibility_tolerance: f64,
     /// Most iterations.
     pub iteration_limit: usize,
+    /// Whether the final point's residuals are driven to zero.
+    pub restoration: Restoration,
+}
+
+/// Whether the final point's residuals are driven to zero.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Restoration {
+    /// Yes: the point is an answer.
+    Restore,
+    /// No: the point is a step on the way.
+    Skip,
 }
 
 impl Default for SequentialLinearSettings {
     fn default() -> Self {
-        Self { weight: 5.0, first_radius: 0.3, feasibility_tolerance: 1e-9, iteration_limit: 400 }
+        Self {
+            weight: 5.0,
+            first_radius: 0.3,
+            feasibility_tolerance: 1e-9,
+            iteration_limit: 400,
+            restoration: Restoration::Restore,
+        }
     }
 }
 
@@ -95,9 +112,9 @@ pub fn minimise_sequentially(
 ) -> SequentialLinearResult {
     let mut search = Search::new(problem, start, settings);
     let ending = match search.descend(budget, on_improvement) {
-        Ok(ending) => match search.restore(budget) {
-            Ok(()) => ending,
-            Err(interruption) => Ending::Interrupted(interruption),
+        Ok(ending) => match settings.restoration {
+            Restoration::Skip => ending,
+            Restoration::Restore => search.restore(budget).map_or_else(Ending::Interrupted, |()| ending),
         },
         Err(interruption) => Ending::Interrupted(interruption),
     };

@@ -30,6 +30,7 @@ pub struct ShootingProblem<'a> {
     upper: DVector<f64>,
     schedule: TorqueSchedule,
     sensitivity: EndSensitivity,
+    slip_smoothing: f64,
 }
 
 /// One constrained component of the end state.
@@ -92,7 +93,20 @@ impl<'a> ShootingProblem<'a> {
                 right: vec![0.0; control_count],
             },
             sensitivity: EndSensitivity::default(),
+            slip_smoothing: 0.0,
         }
+    }
+
+    /// Aims at the goal heading in the winding of `heading`, rad; nothing where the heading is free.
+    pub fn aim_at_heading(&mut self, heading: f64) {
+        for row in self.rows.iter_mut().filter(|row| row.component == StateComponent::Heading.index()) {
+            row.target = heading;
+        }
+    }
+
+    /// Rolls out under a friction law without kinks, m/s; 0 is the exact law.
+    pub fn set_slip_smoothing(&mut self, slip_smoothing: f64) {
+        self.slip_smoothing = slip_smoothing;
     }
 
     /// The scales between residuals and goal errors.
@@ -142,14 +156,22 @@ impl Problem for ShootingProblem<'_> {
     fn residual(&mut self, decision: &DVector<f64>, residual: &mut DVector<f64>) {
         write_schedule(decision, &mut self.schedule);
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        let end = self.simulator.end_state(&rollout);
+        let end = if self.slip_smoothing > 0.0 {
+            self.simulator.smoothed_end_state(&rollout, self.slip_smoothing)
+        } else {
+            self.simulator.end_state(&rollout)
+        };
         self.write_residual(&end, residual);
     }
 
     fn linearise(&mut self, decision: &DVector<f64>, residual: &mut DVector<f64>, jacobian: &mut DMatrix<f64>) {
         write_schedule(decision, &mut self.schedule);
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        self.simulator.end_sensitivity(&rollout, &mut self.sensitivity);
+        if self.slip_smoothing > 0.0 {
+            self.simulator.smoothed_end_sensitivity(&rollout, self.slip_smoothing, &mut self.sensitivity);
+        } else {
+            self.simulator.end_sensitivity(&rollout, &mut self.sensitivity);
+        }
         let sensitivity = &self.sensitivity;
         self.write_residual(&sensitivity.end, residual);
         let torques = sensitivity.by_left_torque.iter().chain(&sensitivity.by_right_torque);

@@ -5,7 +5,7 @@ use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
 use crate::contact::{
     ContactSolution, ExactSolver, FixedPointSettings, FixedPointSolver, FrictionProblem, FrictionSystem, Guess,
-    PerContact, natural_map,
+    PerContact, SmoothedSolver, natural_map,
 };
 use crate::robot::{Robot, State, TangentJacobian};
 
@@ -74,6 +74,16 @@ impl Simulator {
         }
     }
 
+    /// As [`Simulator::end_state`], under a friction law without kinks; `slip_smoothing` > 0 in m/s.
+    pub fn smoothed_end_state(&self, rollout: &Rollout, slip_smoothing: f64) -> State {
+        match &self.model {
+            Model::Wheels(model) => integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), |_, _| {}),
+            Model::WheelsAndFront(model) => {
+                integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), |_, _| {})
+            }
+        }
+    }
+
     /// As [`Simulator::end_state`], by the paper's fixed point: the slow reference.
     pub fn end_state_by_fixed_point(&self, rollout: &Rollout) -> State {
         let mut solver = FixedPointSolver::new(FixedPointSettings::default());
@@ -129,6 +139,13 @@ impl<const N: usize> StepContact<N> for ExactContact<N> {
         let (solution, _) = ExactSolver.solve(system, problem, &self.guess);
         self.guess = Guess::from(&solution);
         solution
+    }
+}
+
+impl<const N: usize> StepContact<N> for SmoothedSolver<N> {
+    #[inline]
+    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
+        SmoothedSolver::solve(self, system, problem)
     }
 }
 

@@ -14,10 +14,10 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-use super::moreau_step::{Step, StepModel};
+use super::moreau_step::{Step, StepContact, StepModel};
 use super::rollout::{ExactContact, Model, Rollout, Simulator, integrate};
 use super::torque_schedule::control_interval;
-use crate::contact::ContactPattern;
+use crate::contact::{ContactPattern, SmoothedSolver};
 use crate::robot::{BodyVector, PerWheel, State};
 
 /// A derivative of the ten components of the end state, in the order of [`State::to_vector`].
@@ -56,17 +56,37 @@ impl Simulator {
     /// Integrates a rollout and differentiates its end state, reusing the memory of `sensitivity`.
     pub fn end_sensitivity(&self, rollout: &Rollout, sensitivity: &mut EndSensitivity) {
         match self.model() {
-            Model::Wheels(model) => differentiate(model, rollout, sensitivity),
-            Model::WheelsAndFront(model) => differentiate(model, rollout, sensitivity),
+            Model::Wheels(model) => differentiate(model, rollout, &mut ExactContact::default(), 0.0, sensitivity),
+            Model::WheelsAndFront(model) => {
+                differentiate(model, rollout, &mut ExactContact::default(), 0.0, sensitivity);
+            }
+        }
+    }
+
+    /// As [`Simulator::end_sensitivity`], under a friction law without kinks; `slip_smoothing` > 0 in m/s.
+    pub fn smoothed_end_sensitivity(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
+        match self.model() {
+            Model::Wheels(model) => {
+                differentiate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), slip_smoothing, sensitivity);
+            }
+            Model::WheelsAndFront(model) => {
+                differentiate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), slip_smoothing, sensitivity);
+            }
         }
     }
 }
 
-fn differentiate<const N: usize>(model: &StepModel<N>, rollout: &Rollout, sensitivity: &mut EndSensitivity) {
+fn differentiate<const N: usize>(
+    model: &StepModel<N>,
+    rollout: &Rollout,
+    contact_solver: &mut impl StepContact<N>,
+    slip_smoothing: f64,
+    sensitivity: &mut EndSensitivity,
+) {
     let EndSensitivity { end, by_left_torque, by_right_torque, by_final_time, tape } = sensitivity;
     tape.clear();
     tape.reserve(rollout.step_count);
-    *end = integrate(model, rollout, &mut ExactContact::default(), |_, step| tape.push(TapeEntry::new(step)));
+    *end = integrate(model, rollout, contact_solver, |_, step| tape.push(TapeEntry::new(step)));
 
     let control_count = rollout.schedule.control_count();
     for derivatives in [&mut *by_left_torque, &mut *by_right_torque] {
@@ -74,7 +94,7 @@ fn differentiate<const N: usize>(model: &StepModel<N>, rollout: &Rollout, sensit
         derivatives.resize(control_count, EndDerivative::zeros());
     }
     let dt = rollout.schedule.final_time / rollout.step_count as f64;
-    let mut sweep = BackwardSweep::new();
+    let mut sweep = BackwardSweep::new(slip_smoothing);
     for (index, entry) in tape.iter().enumerate().rev() {
         let interval = control_interval(index, rollout.step_count, control_count);
         let by_torque = sweep.step(model, entry, rollout.schedule.torque(interval), dt);
@@ -90,6 +110,7 @@ struct BackwardSweep {
     by_heading: EndDerivative,
     by_velocity: Rows,
     by_step_length: EndDerivative,
+    slip_smoothing: f64,
 }
 
 impl TapeEntry {
@@ -109,14 +130,14 @@ impl TapeEntry {
 }
 
 impl BackwardSweep {
-    fn new() -> Self {
+    fn new(slip_smoothing: f64) -> Self {
         let mut by_heading = EndDerivative::zeros();
         by_heading[2] = 1.0;
         let mut by_velocity = Rows::zeros();
         for axis in 0..5 {
             by_velocity[(5 + axis, axis)] = 1.0;
         }
-        Self { by_heading, by_velocity, by_step_length: EndDerivative::zeros() }
+        Self { by_heading, by_velocity, by_step_length: EndDerivative::zeros(), slip_smoothing }
     }
 
     /// Goes back over one step; returns the derivatives by its torques.
@@ -146,7 +167,7 @@ impl BackwardSweep {
         let mut by_midpoint_heading = by_end.column(1) * end[0] - by_end.column(0) * end[1];
         rotate_into_body(&mut by_end, sin, cos);
 
-        let derivative = StepDerivative::new(model, entry, torque, dt);
+        let derivative = StepDerivative::new(model, entry, (torque, dt), self.slip_smoothing);
         let by_torque = PerWheel::new(by_end * derivative.by_torque.left, by_end * derivative.by_torque.right);
         self.by_step_length += by_end * derivative.by_step_length;
         let mut by_start = by_end * derivative.by_velocity;
@@ -185,9 +206,14 @@ struct StepDerivative {
 
 impl StepDerivative {
     #[inline]
-    fn new<const N: usize>(model: &StepModel<N>, entry: &TapeEntry, torque: PerWheel<f64>, dt: f64) -> Self {
+    fn new<const N: usize>(
+        model: &StepModel<N>,
+        entry: &TapeEntry,
+        (torque, dt): (PerWheel<f64>, f64),
+        slip_smoothing: f64,
+    ) -> Self {
         let velocity = &entry.start_velocity;
-        let (by_slip, by_normal) = motion_by_free_data(model, entry);
+        let (by_slip, by_normal) = motion_by_free_data(model, entry, slip_smoothing);
 
         // u_E = u_A + dt a + P Lambda, free_slip = (1 + e) W' u_A + W' dt a, free_normal = dt n.
         let smooth = SMatrix::<f64, 5, 5>::identity() + by_slip * model.slip_map;
@@ -225,9 +251,10 @@ impl StepDerivative {
 fn motion_by_free_data<const N: usize>(
     model: &StepModel<N>,
     entry: &TapeEntry,
+    slip_smoothing: f64,
 ) -> (SMatrix<f64, 5, N>, SMatrix<f64, 5, 3>) {
     let impact_slip = entry.impact_slip.fixed_rows::<N>(0).into_owned();
-    match model.system.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse) {
+    match model.system.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse, slip_smoothing) {
         Some(derivative) => {
             (model.impulse_response * derivative.by_free_slip, model.impulse_response * derivative.by_free_normal)
         }

@@ -33,6 +33,9 @@ pub(super) fn certified(
     let mut schedule =
         TorqueSchedule { final_time: 0.0, left: vec![0.0; control_count], right: vec![0.0; control_count] };
     write_schedule(&best.decision, &mut schedule);
+    if let Some(heading) = best.goal_heading {
+        problem.aim_at_heading(heading);
+    }
     let measure = predicted_decrease(problem, &best.decision, WEIGHTS[0], FIRST_ORDER_RADIUS);
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
     Evidence::collect(input, simulator, schedule).solution(input, result, measure, is_stationary)

@@ -7,19 +7,29 @@ use nalgebra::DVector;
 use super::Method;
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
+use super::starts::{Start, Way};
 use crate::optimizer::{
-    Budget, Ending, Interruption, NelderMeadSettings, Problem, SequentialLinearSettings, minimise_by_nelder_mead,
-    minimise_sequentially,
+    Budget, Ending, Interruption, NelderMeadSettings, Problem, Restoration, SequentialLinearSettings,
+    minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{GoalScales, Penalty, ShootingProblem};
+use crate::shooting::{GoalScales, Penalty, ShootingProblem, decision_from_schedule};
 
-/// First trust radii that are tried from each start: kinks between contact modes decide which one gets furthest.
+/// Slip smoothing on the way from a start to the exact law, m/s: it carries the search over the kinks where contacts
+/// change their modes, by which the exact law alone would stop it up to 20 % too slow.
+const SMOOTHING: [f64; 3] = [0.1, 0.03, 0.01];
+/// Shorter ways back to the exact law from a local optimum, to get off the kink on which it sits.
+const POLISH_SMOOTHING: [f64; 2] = [0.03, 0.01];
+/// Linear programs under one smoothing: the next smoothing moves the optimum anyway.
+const SMOOTHED_ITERATION_LIMIT: usize = 40;
+/// First trust radii under the exact law: kinks decide which one gets furthest.
 const FIRST_RADII: [f64; 3] = [0.5, 0.3, 0.2];
-/// Trust radius of the repeats from the best point: large enough to jump off a kink.
-const REPEAT_RADIUS: f64 = 0.1;
-const REPEAT_LIMIT: usize = 5;
-/// A repeat that gains less than this share of the final time is the last one.
-const REPEAT_GAIN: f64 = 3e-6;
+/// Trust radius of a start, of which its torques may be far from the optimum.
+const START_RADIUS: f64 = 0.3;
+/// Trust radius of all later descents: large enough to jump off a kink.
+const RADIUS: f64 = 0.1;
+const POLISH_LIMIT: usize = 4;
+/// A round of polishing that gains less than this share of the final time is the last one.
+const POLISH_GAIN: f64 = 3e-6;
 /// Prices of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is for the rest.
 pub(super) const WEIGHTS: [f64; 2] = [5.0, 50.0];
 /// The restoration aims this far below the goal tolerance.
@@ -38,6 +48,8 @@ pub(super) struct Candidate {
     pub(super) decision: DVector<f64>,
     /// Largest magnitude of its goal errors.
     pub(super) goal_error: f64,
+    /// The winding of the goal heading that it meets.
+    pub(super) goal_heading: Option<f64>,
 }
 
 impl Candidate {
@@ -65,6 +77,7 @@ pub(super) struct LocalSearch<'a, 'b, 'c> {
     budget: Budget<'c>,
     /// (running start, number of starts).
     start: (usize, usize),
+    goal_heading: Option<f64>,
     best: Option<Candidate>,
     iterations: u64,
 }
@@ -77,18 +90,33 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     ) -> Self {
         let budget = Budget::new(control.stop_flag(), settings.rollout_limit);
         let scales = problem.goal_scales();
-        Self { problem, scales, settings, control, budget, start: (0, 0), best: None, iterations: 0 }
+        Self {
+            problem,
+            scales,
+            settings,
+            control,
+            budget,
+            start: (0, 0),
+            goal_heading: None,
+            best: None,
+            iterations: 0,
+        }
     }
 
     /// Searches from one start of several; the local optimum is also kept when it is the best so far.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn run_from(&mut self, guess: &DVector<f64>, start: (usize, usize)) -> Result<Candidate, Interruption> {
-        self.start = start;
+    pub(super) fn run_from(&mut self, start: &Start, number: (usize, usize)) -> Result<Candidate, Interruption> {
+        self.start = number;
+        self.aim(start.goal_heading);
+        let guess = decision_from_schedule(&start.schedule);
         match self.settings.method {
-            Method::SequentialLinear => self.sequential_linear(guess),
-            Method::NelderMead => self.nelder_mead(guess),
+            Method::SequentialLinear => match start.way {
+                Way::Direct => self.directly(&guess),
+                Way::Smoothed => self.smoothly(&guess),
+            },
+            Method::NelderMead => self.nelder_mead(&guess),
         }
     }
 
@@ -96,34 +124,94 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         (self.best, self.iterations, self.budget.spent())
     }
 
-    fn sequential_linear(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let mut local: Option<Candidate> = None;
-        for weight in WEIGHTS {
-            for radius in FIRST_RADII {
-                let candidate = self.descend(guess, weight, radius)?;
-                self.keep_better(&mut local, candidate);
-            }
-            if let Some(found) = local.clone().filter(|found| found.goal_error <= self.settings.goal_tolerance) {
-                return self.repeat_from(found, weight);
-            }
+    /// Improves a local optimum until a whole round of descents gains nothing more.
+    ///
+    /// # Errors
+    /// When the budget ended the search; the best point so far is kept.
+    pub(super) fn polish(&mut self, candidate: Candidate) -> Result<Candidate, Interruption> {
+        if self.settings.method == Method::NelderMead {
+            return Ok(candidate);
         }
-        Ok(local.expect("at least one radius was tried"))
-    }
-
-    /// Opens the trust region again at the best point, until that gains nothing more.
-    fn repeat_from(&mut self, mut best: Candidate, weight: f64) -> Result<Candidate, Interruption> {
-        for _ in 0..REPEAT_LIMIT {
-            let candidate = self.descend(&best.decision, weight, REPEAT_RADIUS)?;
-            let gain = best.final_time() - candidate.final_time();
-            let is_better = candidate.is_better_than(&best, self.settings.goal_tolerance);
-            if is_better {
-                best = candidate;
+        self.aim(candidate.goal_heading);
+        let tolerance = self.settings.goal_tolerance;
+        let mut best = candidate;
+        for _ in 0..POLISH_LIMIT {
+            let before = best.final_time();
+            for radius in [START_RADIUS, RADIUS] {
+                let next = self.descend(&best.decision, WEIGHTS[0], radius)?;
+                keep_better(&mut best, next, tolerance);
             }
-            if !is_better || gain < REPEAT_GAIN * best.final_time() {
+            let smoothed = self.through_smoothing(&best.decision, &POLISH_SMOOTHING, RADIUS)?;
+            let next = self.descend(&smoothed, WEIGHTS[0], RADIUS)?;
+            keep_better(&mut best, next, tolerance);
+            if before - best.final_time() < POLISH_GAIN * before {
                 break;
             }
         }
         Ok(best)
+    }
+
+    /// Under the exact law from several trust radii, then again from the best point until that gains nothing.
+    fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
+        let tolerance = self.settings.goal_tolerance;
+        let mut best = self.descend(guess, WEIGHTS[0], FIRST_RADII[0])?;
+        for radius in &FIRST_RADII[1..] {
+            let next = self.descend(guess, WEIGHTS[0], *radius)?;
+            keep_better(&mut best, next, tolerance);
+        }
+        for _ in 0..POLISH_LIMIT {
+            let before = best.final_time();
+            let weight = if best.goal_error <= tolerance { WEIGHTS[0] } else { WEIGHTS[1] };
+            let next = self.descend(&best.decision, weight, RADIUS)?;
+            keep_better(&mut best, next, tolerance);
+            if before - best.final_time() < POLISH_GAIN * before {
+                break;
+            }
+        }
+        Ok(best)
+    }
+
+    /// Through ever less smoothing to the exact law.
+    fn smoothly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
+        let smoothed = self.through_smoothing(guess, &SMOOTHING, START_RADIUS)?;
+        let tolerance = self.settings.goal_tolerance;
+        let mut best = self.descend(&smoothed, WEIGHTS[0], RADIUS)?;
+        for weight in WEIGHTS {
+            if best.goal_error <= tolerance {
+                break;
+            }
+            let next = self.descend(&smoothed, weight, START_RADIUS)?;
+            keep_better(&mut best, next, tolerance);
+        }
+        Ok(best)
+    }
+
+    fn through_smoothing(
+        &mut self,
+        guess: &DVector<f64>,
+        smoothings: &[f64],
+        first_radius: f64,
+    ) -> Result<DVector<f64>, Interruption> {
+        let mut decision = guess.clone();
+        let mut radius = first_radius;
+        for &smoothing in smoothings {
+            let settings = SequentialLinearSettings {
+                first_radius: radius,
+                iteration_limit: SMOOTHED_ITERATION_LIMIT,
+                restoration: Restoration::Skip,
+                ..SequentialLinearSettings::default()
+            };
+            self.problem.set_slip_smoothing(smoothing);
+            let result = minimise_sequentially(self.problem, &decision, &settings, &mut self.budget, &mut |_, _| {});
+            self.problem.set_slip_smoothing(0.0);
+            self.iterations += result.iterations;
+            if let Ending::Interrupted(interruption) = result.ending {
+                return Err(interruption);
+            }
+            decision = result.x;
+            radius = RADIUS;
+        }
+        Ok(decision)
     }
 
     fn descend(&mut self, guess: &DVector<f64>, weight: f64, radius: f64) -> Result<Candidate, Interruption> {
@@ -139,7 +227,11 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         };
         let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut tell);
         self.iterations += result.iterations;
-        let candidate = Candidate { goal_error: self.scales.largest_goal_error(&result.residual), decision: result.x };
+        let candidate = Candidate {
+            goal_error: self.scales.largest_goal_error(&result.residual),
+            decision: result.x,
+            goal_heading: self.goal_heading,
+        };
         self.note(&candidate);
         match result.ending {
             Ending::Interrupted(interruption) => Err(interruption),
@@ -170,14 +262,15 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let result = minimise_by_nelder_mead(&mut value, guess, &settings, &mut self.budget, &mut tell);
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
-        let candidate = Candidate { decision, goal_error: best_goal_error };
+        let candidate = Candidate { decision, goal_error: best_goal_error, goal_heading: self.goal_heading };
         self.note(&candidate);
         result.interruption.map_or(Ok(candidate), Err)
     }
 
-    fn keep_better(&self, local: &mut Option<Candidate>, candidate: Candidate) {
-        if local.as_ref().is_none_or(|best| candidate.is_better_than(best, self.settings.goal_tolerance)) {
-            *local = Some(candidate);
+    fn aim(&mut self, goal_heading: Option<f64>) {
+        self.goal_heading = goal_heading;
+        if let Some(heading) = goal_heading {
+            self.problem.aim_at_heading(heading);
         }
     }
 
@@ -186,6 +279,12 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         if self.best.as_ref().is_none_or(|best| candidate.is_better_than(best, tolerance)) {
             self.best = Some(candidate.clone());
         }
+    }
+}
+
+fn keep_better(best: &mut Candidate, next: Candidate, goal_tolerance: f64) {
+    if next.is_better_than(best, goal_tolerance) {
+        *best = next;
     }
 }
 

@@ -2,15 +2,16 @@
 
 mod certificate;
 pub mod domain;
-mod initial_guess;
 mod local_search;
 mod lower_bound;
 mod run_control;
 mod schedule_check;
 mod search;
+mod segments;
 mod settings;
 mod simulate;
 mod solution;
+mod starts;
 
 pub use run_control::{NoProgress, ProgressObserver, RunControl, SolveProgress};
 pub(crate) use schedule_check::violations_of_schedule;
@@ -19,7 +20,6 @@ pub use simulate::{SimulateInput, Simulation, simulate};
 pub use solution::{DistinctOptimum, LowerBoundAssumption, Reason, Replay, Report, Solution, Status, StopReason};
 
 use local_search::Candidate;
-use nalgebra::DVector;
 
 use crate::shooting::{ShootingProblem, decision_from_schedule};
 use crate::simulation::Simulator;
@@ -40,10 +40,12 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     certificate::certified(input, &simulator, &mut problem, &best, result)
 }
 
-/// The start of the search, as the answer of a solve that was stopped before its first rollout.
+/// The first start, as the answer of a solve that was stopped before its first rollout.
 fn unsearched(input: &SolveInput) -> Candidate {
-    let guess =
-        initial_guess::straight_bang_bang(&input.maneuver, input.robot.parameters(), input.settings.control_count);
-    let decision: DVector<f64> = decision_from_schedule(&guess);
-    Candidate { decision, goal_error: f64::INFINITY }
+    let start = &starts::starts(input)[0];
+    Candidate {
+        decision: decision_from_schedule(&start.schedule),
+        goal_error: f64::INFINITY,
+        goal_heading: start.goal_heading,
+    }
 }

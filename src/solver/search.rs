@@ -1,17 +1,18 @@
 //! The search: starts, their local optima, and the best of them.
 
-use nalgebra::DVector;
-
-use super::initial_guess::{resampled, straight_bang_bang};
 use super::local_search::{Candidate, LocalSearch};
 use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::solution::{DistinctOptimum, StopReason};
+use super::starts::{Start, Way, starts};
 use crate::optimizer::Interruption;
-use crate::shooting::{ShootingProblem, decision_from_schedule};
+use crate::shooting::ShootingProblem;
 
 /// Local optima whose final times differ by less than this share count as one.
 const DISTINCT_FINAL_TIME: f64 = 1e-3;
+
+/// Local optima that are polished, fastest first.
+const POLISHED_OPTIMA: usize = 2;
 
 /// What the search found, and what it spent.
 #[derive(Debug)]
@@ -26,26 +27,56 @@ pub(super) struct SearchResult {
     pub(super) distinct_optima: Vec<DistinctOptimum>,
 }
 
-/// Searches from the caller's guess (if any) and the straight bang-bang.
+/// Searches from every start, then polishes the best local optima.
 pub(super) fn search(input: &SolveInput, problem: &mut ShootingProblem, control: &RunControl) -> SearchResult {
     let starts = starts(input);
     let mut local_search = LocalSearch::new(problem, &input.settings, control);
-    let mut final_times = Vec::new();
-    let mut starts_tried = 0;
-    let mut stop_reason = StopReason::Finished;
-    for start in &starts {
-        starts_tried += 1;
-        match local_search.run_from(start, (starts_tried, starts.len())) {
-            Ok(local) if local.goal_error <= input.settings.goal_tolerance => final_times.push(local.final_time()),
-            Ok(_) => {}
-            Err(interruption) => {
-                stop_reason = interruption.into();
-                break;
-            }
+    let mut outcome = Outcome::default();
+    let stop_reason = match explore(input, &starts, &mut local_search, &mut outcome) {
+        Ok(()) => StopReason::Finished,
+        Err(interruption) => interruption.into(),
+    };
+    let (best, iterations, rollouts) = local_search.into_parts();
+    SearchResult {
+        best,
+        stop_reason,
+        iterations,
+        rollouts,
+        starts_tried: outcome.starts_tried,
+        distinct_optima: grouped(outcome.optima.iter().map(Candidate::final_time).collect()),
+    }
+}
+
+/// What the starts led to so far.
+#[derive(Default)]
+struct Outcome {
+    starts_tried: usize,
+    /// Local optima that meet the goal.
+    optima: Vec<Candidate>,
+}
+
+fn explore(
+    input: &SolveInput,
+    starts: &[Start],
+    local_search: &mut LocalSearch,
+    outcome: &mut Outcome,
+) -> Result<(), Interruption> {
+    let tolerance = input.settings.goal_tolerance;
+    for start in starts {
+        outcome.starts_tried += 1;
+        let local = local_search.run_from(start, (outcome.starts_tried, starts.len()))?;
+        if local.goal_error <= tolerance {
+            outcome.optima.push(local);
         }
     }
-    let (best, iterations, rollouts) = local_search.into_parts();
-    SearchResult { best, stop_reason, iterations, rollouts, starts_tried, distinct_optima: grouped(final_times) }
+    if starts.iter().all(|start| start.way == Way::Direct) {
+        return Ok(());
+    }
+    outcome.optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
+    for local in outcome.optima.iter_mut().take(POLISHED_OPTIMA) {
+        *local = local_search.polish(local.clone())?;
+    }
+    Ok(())
 }
 
 impl From<Interruption> for StopReason {
@@ -55,15 +86,6 @@ impl From<Interruption> for StopReason {
             Interruption::RolloutLimit => Self::RolloutLimit,
         }
     }
-}
-
-/// The caller's guess first; it counts as one of the starts asked for.
-fn starts(input: &SolveInput) -> Vec<DVector<f64>> {
-    let control_count = input.settings.control_count;
-    let guess = input.initial_guess.as_ref().map(|guess| resampled(guess, control_count));
-    let straight = straight_bang_bang(&input.maneuver, input.robot.parameters(), control_count);
-    let starts = guess.into_iter().chain([straight]).take(input.settings.start_count);
-    starts.map(|schedule| decision_from_schedule(&schedule)).collect()
 }
 
 fn grouped(mut final_times: Vec<f64>) -> Vec<DistinctOptimum> {
