@@ -9,5 +9,5 @@ pub use evaluation::{Budget, Interruption, Problem};
 pub use linear_program::{ElasticProgram, ElasticSolution, ElasticSolver};
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
 pub use sequential_linear::{
-    Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, minimise_sequentially, predicted_decrease,
+    Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, confirmed_decrease, minimise_sequentially,
 };

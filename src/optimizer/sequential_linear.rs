@@ -65,6 +65,10 @@ const SHRINK_FACTOR: f64 = 0.4;
 const CORRECTION_RATIO: f64 = 0.1;
 /// Residual norm at which small gains start to count as convergence.
 const NEAR_FEASIBLE: f64 = 1e-4;
+/// The first-order measure starts with torques that may change by a tenth of their limits.
+const LARGEST_CONFIRMED_RADIUS: f64 = 0.1;
+/// Share of a predicted decrease that counts as its confirmation.
+const CONFIRMED_SHARE: f64 = 0.1;
 const RESTORATION_LIMIT: usize = 20;
 const SHORTENING_LIMIT: usize = 4;
 /// Singular values below this share of the largest carry no information: a plan that ends sticking has dependent rows.
@@ -94,6 +98,9 @@ pub struct SequentialLinearResult {
     pub x: DVector<f64>,
     /// Its scaled residuals.
     pub residual: DVector<f64>,
+    /// Largest residual before the restoration: not small when the weight is below the multipliers of the problem, so
+    /// that violating the goal paid.
+    pub unrestored: f64,
     /// Linear programs solved.
     pub iterations: u64,
     /// Why it ended.
@@ -111,25 +118,53 @@ pub fn minimise_sequentially(
     on_improvement: &mut dyn FnMut(&DVector<f64>, &DVector<f64>),
 ) -> SequentialLinearResult {
     let mut search = Search::new(problem, start, settings);
-    let ending = match search.descend(budget, on_improvement) {
+    let descent = search.descend(budget, on_improvement);
+    let unrestored = search.residual.amax();
+    let ending = match descent {
         Ok(ending) => match settings.restoration {
             Restoration::Skip => ending,
             Restoration::Restore => search.restore(budget).map_or_else(Ending::Interrupted, |()| ending),
         },
         Err(interruption) => Ending::Interrupted(interruption),
     };
-    SequentialLinearResult { x: search.x, residual: search.residual, iterations: search.iterations, ending }
+    SequentialLinearResult { x: search.x, residual: search.residual, unrestored, iterations: search.iterations, ending }
 }
 
-/// First-order measure of a point: the decrease of the merit that its linear model predicts within `radius`.
+/// First-order measure of a point: the decrease that the linear model predicts within the largest trust region in which
+/// the merit confirms a tenth of it.
 ///
-/// Zero at a stationary point; at a kink between contact modes a little is left, since the model sees one side only.
-pub fn predicted_decrease(problem: &mut dyn Problem, x: &DVector<f64>, weight: f64, radius: f64) -> f64 {
-    let settings = SequentialLinearSettings { weight, first_radius: radius, ..SequentialLinearSettings::default() };
+/// Zero at a smooth stationary point. At a kink between contact modes the model sees one side only and promises what the
+/// other side takes back; there the trust region, and with it the measure, shrinks to nothing. A descent direction that
+/// really helps keeps its region, and the measure tells how much it would help. Takes some ten rollouts.
+///
+/// # Errors
+/// When the budget ends it.
+pub fn confirmed_decrease(
+    problem: &mut dyn Problem,
+    x: &DVector<f64>,
+    weight: f64,
+    budget: &mut Budget,
+) -> Result<f64, Interruption> {
+    let settings = SequentialLinearSettings {
+        weight,
+        first_radius: LARGEST_CONFIRMED_RADIUS,
+        ..SequentialLinearSettings::default()
+    };
     let mut search = Search::new(problem, x, &settings);
-    search.problem.linearise(&search.x, &mut search.residual, &mut search.jacobian);
-    let step = search.linear_step();
-    search.merit(&search.x, &search.residual) - search.model(&step)
+    search.linearise(budget)?;
+    let merit = search.merit(&search.x, &search.residual);
+    loop {
+        let step = search.linear_step();
+        let prediction = merit - search.model(&step);
+        if prediction <= SMALLEST_PREDICTION || search.radius <= SMALLEST_RADIUS {
+            return Ok(prediction);
+        }
+        let trial = search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget)?;
+        if merit - trial.merit >= CONFIRMED_SHARE * prediction {
+            return Ok(prediction);
+        }
+        search.radius *= SHRINK_FACTOR;
+    }
 }
 
 struct Search<'a> {

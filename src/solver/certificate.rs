@@ -1,5 +1,7 @@
 //! What an answer states about itself: everything here is computed from the final torques, not from the search.
 
+use std::sync::atomic::AtomicBool;
+
 use nalgebra::SVector;
 
 use super::local_search::{Candidate, WEIGHTS};
@@ -7,7 +9,7 @@ use super::lower_bound::friction_bound;
 use super::search::SearchResult;
 use super::settings::SolveInput;
 use super::solution::{DistinctOptimum, Reason, Replay, Report, Solution, Status, StopReason};
-use crate::optimizer::predicted_decrease;
+use crate::optimizer::{Budget, confirmed_decrease};
 use crate::robot::State;
 use crate::shooting::{ShootingProblem, StateComponent, write_schedule};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
@@ -16,10 +18,11 @@ use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Traje
 const REPLAY_REFINEMENT: usize = 16;
 /// Largest accepted residual of the contact law, relative to m g dt.
 const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
-/// Trust radius of the first-order measure: each torque may change by a hundredth of its limit.
-const FIRST_ORDER_RADIUS: f64 = 0.01;
 /// Largest accepted first-order measure, as a share of the final time.
 const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
+
+/// A stop flag that nobody sets.
+static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Certifies the search's best decision.
 pub(super) fn certified(
@@ -36,7 +39,9 @@ pub(super) fn certified(
     if let Some(heading) = best.goal_heading {
         problem.aim_at_heading(heading);
     }
-    let measure = predicted_decrease(problem, &best.decision, WEIGHTS[0], FIRST_ORDER_RADIUS);
+    // The measure belongs to the answer, not to the search: neither its limit nor its stop flag ends it.
+    let mut unlimited = Budget::new(&NEVER, u64::MAX);
+    let measure = confirmed_decrease(problem, &best.decision, WEIGHTS[1], &mut unlimited).unwrap_or(f64::INFINITY);
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
     Evidence::collect(input, simulator, schedule).solution(input, result, measure, is_stationary)
 }

@@ -9,8 +9,8 @@ use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use super::starts::{Start, Way};
 use crate::optimizer::{
-    Budget, Ending, Interruption, NelderMeadSettings, Problem, Restoration, SequentialLinearSettings,
-    minimise_by_nelder_mead, minimise_sequentially,
+    Budget, Ending, Interruption, NelderMeadSettings, Problem, Restoration, SequentialLinearResult,
+    SequentialLinearSettings, minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{GoalScales, Penalty, ShootingProblem, decision_from_schedule};
 
@@ -32,6 +32,8 @@ const POLISH_LIMIT: usize = 4;
 const POLISH_GAIN: f64 = 3e-6;
 /// Prices of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is for the rest.
 pub(super) const WEIGHTS: [f64; 2] = [5.0, 50.0];
+/// A scaled residual above this before the restoration means that violating the goal paid.
+const VIOLATION_PAID: f64 = 1e-4;
 /// The restoration aims this far below the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
@@ -176,11 +178,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let smoothed = self.through_smoothing(guess, &SMOOTHING, START_RADIUS)?;
         let tolerance = self.settings.goal_tolerance;
         let mut best = self.descend(&smoothed, WEIGHTS[0], RADIUS)?;
-        for weight in WEIGHTS {
-            if best.goal_error <= tolerance {
-                break;
-            }
-            let next = self.descend(&smoothed, weight, START_RADIUS)?;
+        if best.goal_error > tolerance {
+            let next = self.descend(&smoothed, WEIGHTS[1], START_RADIUS)?;
             keep_better(&mut best, next, tolerance);
         }
         Ok(best)
@@ -214,7 +213,24 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         Ok(decision)
     }
 
+    /// Descends under the exact law and restores the goal; again with a higher price where violating the goal paid.
     fn descend(&mut self, guess: &DVector<f64>, weight: f64, radius: f64) -> Result<Candidate, Interruption> {
+        let result = self.descend_at_price(guess, weight, radius)?;
+        if result.unrestored <= VIOLATION_PAID || weight >= WEIGHTS[1] {
+            return Ok(self.candidate(&result));
+        }
+        let dearer = self.descend_at_price(&result.x, WEIGHTS[1], radius)?;
+        let (mut best, next) = (self.candidate(&result), self.candidate(&dearer));
+        keep_better(&mut best, next, self.settings.goal_tolerance);
+        Ok(best)
+    }
+
+    fn descend_at_price(
+        &mut self,
+        guess: &DVector<f64>,
+        weight: f64,
+        radius: f64,
+    ) -> Result<SequentialLinearResult, Interruption> {
         let settings = SequentialLinearSettings {
             weight,
             first_radius: radius,
@@ -227,15 +243,19 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         };
         let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut tell);
         self.iterations += result.iterations;
-        let candidate = Candidate {
-            goal_error: self.scales.largest_goal_error(&result.residual),
-            decision: result.x,
-            goal_heading: self.goal_heading,
-        };
+        let candidate = self.candidate(&result);
         self.note(&candidate);
         match result.ending {
             Ending::Interrupted(interruption) => Err(interruption),
-            Ending::Stationary | Ending::SmallGains | Ending::SmallRadius | Ending::IterationLimit => Ok(candidate),
+            Ending::Stationary | Ending::SmallGains | Ending::SmallRadius | Ending::IterationLimit => Ok(result),
+        }
+    }
+
+    fn candidate(&self, result: &SequentialLinearResult) -> Candidate {
+        Candidate {
+            goal_error: self.scales.largest_goal_error(&result.residual),
+            decision: result.x.clone(),
+            goal_heading: self.goal_heading,
         }
     }
 
