@@ -36,6 +36,7 @@ fn rollouts_and_their_derivatives_allocate_nothing() {
         let mut end = None;
         assert_eq!(allocations(|| end = Some(simulator.end_state(&rollout))), 0, "seed {seed}");
         assert_eq!(allocations(|| end = Some(simulator.end_state_by_fixed_point(&rollout))), 0, "seed {seed}");
+        assert_eq!(allocations(|| end = Some(simulator.smoothed_end_state(&rollout, 0.03))), 0, "seed {seed}");
 
         let mut sensitivity = EndSensitivity::default();
         simulator.end_sensitivity(&rollout, &mut sensitivity);

@@ -113,6 +113,37 @@ fn derivatives_agree_with_differences_with_a_gripping_front() {
 }
 
 #[test]
+fn derivatives_agree_under_smoothed_friction() {
+    for (seed, front) in (300..330).flat_map(|seed| [(seed, 0.0), (seed, 0.15)]) {
+        let mut cases = RandomCases::new(seed);
+        let parameters = RobotParameters { front_friction_coefficient: front, ..*cases.robot().parameters() };
+        let Ok(robot) = Robot::new(parameters) else { continue };
+        let simulator = Simulator::new(&robot);
+        let start = cases.state(&robot, 1.0);
+        let mut schedule = cases.schedule(4, 1.0, 2.0);
+        let smoothing = 0.05;
+        let mut sensitivity = EndSensitivity::default();
+        simulator.smoothed_end_sensitivity(
+            &Rollout { start: &start, schedule: &schedule, step_count: 100 },
+            smoothing,
+            &mut sensitivity,
+        );
+        let [above, below] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
+            schedule.left[1] += step;
+            let rollout = Rollout { start: &start, schedule: &schedule, step_count: 100 };
+            let end = simulator.smoothed_end_state(&rollout, smoothing).to_vector();
+            schedule.left[1] -= step;
+            end
+        });
+        let difference = (above - below) / (2.0 * DIFFERENCE_STEP);
+        let scale = difference.amax().max(1.0);
+        // Newton stops at updates of 1e-9, which the difference divides by its step.
+        let gap = (sensitivity.by_left_torque[1] - difference).amax();
+        assert!(gap <= 1e-4 * scale, "seed {seed}, front {front}: {gap}");
+    }
+}
+
+#[test]
 fn derivatives_agree_on_the_reference_robot_and_grid() {
     let (compared, total) = compare_random(200..210, 200, |robot| *robot = RobotParameters::default());
     println!("{compared} of {total} derivatives were comparable");

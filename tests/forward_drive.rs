@@ -9,7 +9,8 @@ use slipdrive::robot::{Robot, RobotParameters, State};
 use slipdrive::shooting::StateComponent;
 use slipdrive::simulation::{ContactMethod, Rollout, Simulator};
 use slipdrive::solver::{
-    Method, ProgressObserver, RunControl, Solution, SolveInput, SolveProgress, Status, StopReason, solve,
+    Method, ProgressObserver, RunControl, Solution, SolveInput, SolveProgress, SolverSettings, Status, StopReason,
+    solve,
 };
 
 /// The paper's final time, s, with its rounding.
@@ -82,6 +83,17 @@ fn without_slip_the_drive_takes_the_closed_form_time() {
     assert!((expected - 2.813_894).abs() < 1e-6, "the formula gives the documented figure");
     assert_eq!(solution.status, Status::Converged);
     assert!((solution.schedule.final_time - expected).abs() <= 1e-6, "{}", solution.schedule.final_time);
+}
+
+#[test]
+fn default_search_finds_the_drift() {
+    let mut input = SolveInput::forward_drive();
+    input.settings.start_count = SolverSettings::default().start_count;
+    let solution = solved(&input);
+    assert_eq!(solution.status, Status::Converged);
+    // The best known plan of this robot takes 2.836 s: it turns while braking, and both wheels slide.
+    assert!(solution.schedule.final_time <= 2.845, "{}", solution.schedule.final_time);
+    assert!(solution.report.distinct_optima.len() > 1);
 }
 
 #[test]

@@ -39,7 +39,7 @@ impl<const N: usize> SmoothedSolver<N> {
             let small_update = SMALL_UPDATE * problem.weight_impulse();
             Newton { system, problem, pattern: SLIPPING, slip_smoothing }.solve(start, small_update, Some)
         };
-        let found = newton(self.slip_smoothing, &self.impulse).or_else(|| self.from_coarse(newton));
+        let found = newton(self.slip_smoothing, &self.impulse).or_else(|| self.by_continuation(newton));
         self.impulse = found.unwrap_or(self.impulse);
         ContactSolution {
             impulse: self.impulse,
@@ -52,7 +52,7 @@ impl<const N: usize> SmoothedSolver<N> {
 
     /// Follows the solution from a nearly linear law.
     #[cold]
-    fn from_coarse(
+    fn by_continuation(
         &self,
         newton: impl Fn(f64, &SVector<f64, N>) -> Option<SVector<f64, N>>,
     ) -> Option<SVector<f64, N>> {

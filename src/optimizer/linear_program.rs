@@ -13,12 +13,12 @@ use nalgebra::{DMatrix, DVector};
 
 /// Reduced costs closer to zero are rounding of the row prices.
 const PRICE_TOLERANCE: f64 = 1e-11;
-/// Pivots smaller than this would blow rounding up.
-const PIVOT_TOLERANCE: f64 = 1e-10;
+/// Pivots smaller than this share of the largest entry of their column would blow rounding up.
+const PIVOT_TOLERANCE: f64 = 1e-9;
 /// Iterations without progress after which the lowest index is chosen, which cannot cycle.
 const STALL_LIMIT: usize = 50;
 /// Pivots after which the basis is inverted afresh.
-const REFACTORISATION_PERIOD: usize = 60;
+const REFACTORISATION_PERIOD: usize = 20;
 /// Iterations per variable and row before the program counts as stuck.
 const ITERATION_FACTOR: usize = 50;
 
@@ -257,11 +257,12 @@ impl ElasticSolver {
 
     fn ratio_test(&self, program: &ElasticProgram, entering: &Entering) -> (f64, Blocking) {
         let mut step = self.room(program, entering);
+        let smallest_pivot = PIVOT_TOLERANCE * self.direction.amax();
         let mut blocking = Blocking::OtherBound;
         let mut pivot = 0.0;
         for index in 0..self.basis.len() {
             let rate = entering.sign * self.direction[index];
-            if rate.abs() <= PIVOT_TOLERANCE {
+            if rate.abs() <= smallest_pivot {
                 continue;
             }
             let (lower, upper) = bounds(program, self.basis[index]);
@@ -333,10 +334,19 @@ impl ElasticSolver {
                 x[column] = self.basis_value[position].clamp(program.lower[column], program.upper[column]);
             }
         }
-        let violation = (program.matrix * &x - program.target).lp_norm(1);
-        let objective = program.cost.dot(&x) + program.weight * violation;
+        let mut objective = objective(program, &x);
+        // On programs that are singular to rounding the simplex may end in a corner that is none: staying is better.
+        let staying = program.weight * program.target.lp_norm(1);
+        if !(objective <= staying) {
+            x.fill(0.0);
+            objective = staying;
+        }
         ElasticSolution { x, price: self.price.clone(), objective, iterations }
     }
+}
+
+fn objective(program: &ElasticProgram, x: &DVector<f64>) -> f64 {
+    program.cost.dot(x) + program.weight * (program.matrix * x - program.target).lp_norm(1)
 }
 
 fn column_cost(program: &ElasticProgram, column: usize) -> f64 {

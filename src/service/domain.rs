@@ -7,6 +7,6 @@ pub use crate::solver::domain::{
     Trajectory,
 };
 pub use crate::solver::{
-    DistinctOptimum, LowerBoundAssumption, Method, Reason, Replay, Report, SimulateInput, Simulation, Solution,
-    SolveInput, SolverSettings, Status,
+    DistinctOptimum, LowerBoundAssumption, Method, Reason, Refinement, Replay, Report, SimulateInput, Simulation,
+    Solution, SolveInput, SolverSettings, Status,
 };

@@ -105,7 +105,6 @@ fn differentiate<const N: usize>(
 }
 
 /// Derivatives of the end state by the state at the end of the current step.
-#[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
 struct BackwardSweep {
     by_heading: EndDerivative,
     by_velocity: Rows,

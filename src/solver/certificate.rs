@@ -43,7 +43,7 @@ pub(super) fn certified(
     let mut unlimited = Budget::new(&NEVER, u64::MAX);
     let measure = confirmed_decrease(problem, &best.decision, WEIGHTS[1], &mut unlimited).unwrap_or(f64::INFINITY);
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
-    Evidence::collect(input, simulator, schedule).solution(input, result, measure, is_stationary)
+    Evidence::collect(input, simulator, schedule, result.step_count).solution(input, result, measure, is_stationary)
 }
 
 /// The answer where the start already meets the goal: stay.
@@ -64,13 +64,14 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
     let result = SearchResult {
         best: None,
         stop_reason: StopReason::Finished,
+        step_count: 0,
         iterations: 0,
         rollouts: 0,
         starts_tried: 0,
         distinct_optima: vec![DistinctOptimum { final_time: 0.0, count: 1 }],
     };
     let mut solution = evidence.solution(input, result, 0.0, true);
-    (solution.report.step_count, solution.report.control_count) = (0, 0);
+    solution.report.control_count = 0;
     solution
 }
 
@@ -84,10 +85,10 @@ struct Evidence {
 }
 
 impl Evidence {
-    fn collect(input: &SolveInput, simulator: &Simulator, schedule: TorqueSchedule) -> Self {
+    fn collect(input: &SolveInput, simulator: &Simulator, schedule: TorqueSchedule, step_count: usize) -> Self {
         let parameters = input.robot.parameters();
         let start = input.maneuver.start_at_center_of_mass(parameters);
-        let rollout = Rollout { start: &start, schedule: &schedule, step_count: input.settings.step_count };
+        let rollout = Rollout { start: &start, schedule: &schedule, step_count };
         let mut trajectory = simulator.trajectory(&rollout, ContactMethod::Exact);
         trajectory.move_states_by(input.maneuver.reference_point.offset(parameters));
         let end = trajectory.state[trajectory.state.len() - 1];
@@ -117,7 +118,7 @@ impl Evidence {
             contact_modes: self.trajectory.contact_modes(),
             report: Report {
                 method: input.settings.method,
-                step_count: input.settings.step_count,
+                step_count: result.step_count,
                 control_count: input.settings.control_count,
                 iterations: result.iterations,
                 rollouts: result.rollouts,
@@ -159,7 +160,7 @@ impl Evidence {
 }
 
 /// The same torques on a finer grid: the miss is the distance of its end from the goal.
-fn replay(input: &SolveInput, simulator: &Simulator, plan: &Rollout) -> Replay {
+pub(super) fn replay(input: &SolveInput, simulator: &Simulator, plan: &Rollout) -> Replay {
     let fine = Rollout { step_count: REPLAY_REFINEMENT * plan.step_count, ..*plan };
     let offset = input.maneuver.reference_point.offset(input.robot.parameters());
     let miss = input.maneuver.goal_error(&simulator.end_state(&fine).moved_by(offset));

@@ -89,8 +89,9 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         problem: &'a mut ShootingProblem<'b>,
         settings: &'a SolverSettings,
         control: &'a RunControl<'c>,
+        rollout_limit: u64,
     ) -> Self {
-        let budget = Budget::new(control.stop_flag(), settings.rollout_limit);
+        let budget = Budget::new(control.stop_flag(), rollout_limit);
         let scales = problem.goal_scales();
         Self {
             problem,
@@ -124,6 +125,15 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     pub(super) fn into_parts(self) -> (Option<Candidate>, u64, u64) {
         (self.best, self.iterations, self.budget.spent())
+    }
+
+    /// Moves a local optimum of another grid to this one.
+    ///
+    /// # Errors
+    /// When the budget ended the search; the best point so far is kept.
+    pub(super) fn adapt(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
+        self.aim(candidate.goal_heading);
+        self.descend(&candidate.decision, WEIGHTS[0], RADIUS)
     }
 
     /// Improves a local optimum until a whole round of descents gains nothing more.

@@ -4,6 +4,7 @@ mod certificate;
 pub mod domain;
 mod local_search;
 mod lower_bound;
+mod refinement;
 mod run_control;
 mod schedule_check;
 mod search;
@@ -15,7 +16,7 @@ mod starts;
 
 pub use run_control::{NoProgress, ProgressObserver, RunControl, SolveProgress};
 pub(crate) use schedule_check::violations_of_schedule;
-pub use settings::{Method, SolveInput, SolverSettings};
+pub use settings::{Method, Refinement, SolveInput, SolverSettings};
 pub use simulate::{SimulateInput, Simulation, simulate};
 pub use solution::{DistinctOptimum, LowerBoundAssumption, Reason, Replay, Report, Solution, Status, StopReason};
 
@@ -34,8 +35,13 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     }
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
-    let mut problem = ShootingProblem::new(&simulator, &input.maneuver, settings.step_count, settings.control_count);
+    let problem_on = |step_count| ShootingProblem::new(&simulator, &input.maneuver, step_count, settings.control_count);
+    let mut problem = problem_on(settings.step_count);
     let mut result = search::search(input, &mut problem, control);
+    if let Refinement::UntilExecutable { step_limit } = settings.refinement {
+        refinement::refine(input, &simulator, step_limit, control, &mut result);
+        problem = problem_on(result.step_count);
+    }
     let best = result.best.take().unwrap_or_else(|| unsearched(input));
     certificate::certified(input, &simulator, &mut problem, &best, result)
 }

@@ -20,6 +20,8 @@ pub(super) struct SearchResult {
     /// The best decision; none when the search was stopped before its first rollout.
     pub(super) best: Option<Candidate>,
     pub(super) stop_reason: StopReason,
+    /// Steps of the grid that the best decision was made for.
+    pub(super) step_count: usize,
     pub(super) iterations: u64,
     pub(super) rollouts: u64,
     pub(super) starts_tried: usize,
@@ -30,7 +32,7 @@ pub(super) struct SearchResult {
 /// Searches from every start, then polishes the best local optima.
 pub(super) fn search(input: &SolveInput, problem: &mut ShootingProblem, control: &RunControl) -> SearchResult {
     let starts = starts(input);
-    let mut local_search = LocalSearch::new(problem, &input.settings, control);
+    let mut local_search = LocalSearch::new(problem, &input.settings, control, input.settings.rollout_limit);
     let mut outcome = Outcome::default();
     let stop_reason = match explore(input, &starts, &mut local_search, &mut outcome) {
         Ok(()) => StopReason::Finished,
@@ -40,6 +42,7 @@ pub(super) fn search(input: &SolveInput, problem: &mut ShootingProblem, control:
     SearchResult {
         best,
         stop_reason,
+        step_count: input.settings.step_count,
         iterations,
         rollouts,
         starts_tried: outcome.starts_tried,

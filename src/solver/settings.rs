@@ -26,13 +26,28 @@ impl Method {
     }
 }
 
+/// Whether the time grid may change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Refinement {
+    /// The plan is made for the grid asked for.
+    #[default]
+    Fixed,
+    /// The grid is refined, warm, until the plan's replay is within tolerance, up to this many steps.
+    UntilExecutable {
+        /// Most steps.
+        step_limit: usize,
+    },
+}
+
 /// Grid, search effort and tolerances of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolverSettings {
     /// The optimiser.
     pub method: Method,
-    /// Number of time steps.
+    /// Number of time steps, at first.
     pub step_count: usize,
+    /// Whether the number of steps may grow.
+    pub refinement: Refinement,
     /// Torques per wheel.
     pub control_count: usize,
     /// Number of starts that the search may try.
@@ -59,6 +74,7 @@ impl Default for SolverSettings {
         Self {
             method: Method::SequentialLinear,
             step_count: Self::PAPER_STEP_COUNT,
+            refinement: Refinement::Fixed,
             control_count: 40,
             start_count: 8,
             seed: 0,
@@ -110,13 +126,15 @@ impl SolveInput {
         Ok(Self { robot: Robot::new(robot)?, maneuver, settings, initial_guess })
     }
 
-    /// The paper's forward drive on the reference robot with default settings.
+    /// The paper's forward drive on the reference robot: from the straight start alone, which leads to the paper's family
+    /// of plans. The default search finds faster ones that drift.
     ///
     /// # Panics
     /// Never: the case is valid.
     pub fn forward_drive() -> Self {
         let robot = Robot::new(RobotParameters::default()).expect("the reference robot is valid");
-        Self { robot, maneuver: Maneuver::forward_drive(), settings: SolverSettings::default(), initial_guess: None }
+        let settings = SolverSettings { start_count: 1, ..SolverSettings::default() };
+        Self { robot, maneuver: Maneuver::forward_drive(), settings, initial_guess: None }
     }
 }
 

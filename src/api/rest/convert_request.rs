@@ -15,7 +15,7 @@ use super::wire_request::{
     SolveRequest, SolverWire, StateWire, TorqueScheduleWire, View,
 };
 use crate::service::domain::{
-    Configuration, Maneuver, PerWheel, RobotParameters, SimulateInput, SolveInput, SolverSettings, State,
+    Configuration, Maneuver, PerWheel, Refinement, RobotParameters, SimulateInput, SolveInput, SolverSettings, State,
     TorqueSchedule, Velocity,
 };
 use crate::service::{DEFAULT_TIME_LIMIT_S, Limits};
@@ -61,6 +61,8 @@ fn within_limit<'a>(body: &'a [u8], limits: &Limits) -> Result<&'a [u8], Problem
 pub fn forward_drive_body() -> Vec<u8> {
     let mut request = SolveRequest::default();
     request.maneuver.goal = goal_to_wire(&Maneuver::forward_drive().goal);
+    // The straight start alone leads to the paper's plan; the default search finds faster ones that drift.
+    request.solver.starts = 1;
     canonical_bytes(&request)
 }
 
@@ -261,6 +263,7 @@ fn settings_from_wire(grid: &SolveGridWire, solver: &SolverWire) -> (SolverSetti
     let settings = SolverSettings {
         method,
         step_count: count(steps),
+        refinement: Refinement::Fixed,
         control_count: count(control_intervals),
         start_count: count(starts),
         seed,
@@ -284,6 +287,7 @@ impl Default for SolverWire {
         let SolverSettings {
             method,
             step_count: _,
+            refinement: _,
             control_count: _,
             start_count,
             seed,
@@ -338,7 +342,7 @@ mod tests {
     fn forward_drive_keeps_its_hash() {
         // Callers store hashes: a change of names, order or defaults of the completed body must be meant.
         let accepted = read_solve(&forward_drive_body(), &Limits::default()).unwrap();
-        assert_eq!(accepted.input_hash, "ef8748f674adba1a30343777a4d7103b36be971b1382c825aabdb95be896ae88");
+        assert_eq!(accepted.input_hash, "85bea469ecece9bade97a2ef09e2c0819a49869d6702683754de0a4085aa65c4");
     }
 
     #[test]
