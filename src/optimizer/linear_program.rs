@@ -13,12 +13,10 @@ use nalgebra::{DMatrix, DVector};
 
 /// Reduced costs closer to zero are rounding of the row prices.
 const PRICE_TOLERANCE: f64 = 1e-11;
-/// Pivots smaller than this share of the largest entry of their column would blow rounding up.
-const PIVOT_TOLERANCE: f64 = 1e-9;
+/// How far a basic variable may pass its bound within one ratio test.
+const BOUND_TOLERANCE: f64 = 1e-9;
 /// Iterations without progress after which the lowest index is chosen, which cannot cycle.
 const STALL_LIMIT: usize = 50;
-/// Pivots after which the basis is inverted afresh.
-const REFACTORISATION_PERIOD: usize = 20;
 /// Iterations per variable and row before the program counts as stuck.
 const ITERATION_FACTOR: usize = 50;
 
@@ -52,6 +50,33 @@ pub struct ElasticSolution {
     pub iterations: usize,
 }
 
+/// How much the simplex does against rounding. Rows are dependent when a plan ends sticking, and about one program in
+/// twenty thousand then needs more than usual.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Care {
+    #[default]
+    Usual,
+    Great,
+}
+
+impl Care {
+    /// Pivots smaller than this share of the largest entry of their column would blow rounding up.
+    const fn pivot_tolerance(self) -> f64 {
+        match self {
+            Self::Usual => 1e-7,
+            Self::Great => 1e-5,
+        }
+    }
+
+    /// Pivots after which the basis is inverted afresh.
+    const fn inversion_period(self) -> usize {
+        match self {
+            Self::Usual => 20,
+            Self::Great => 1,
+        }
+    }
+}
+
 /// Memory of the simplex, reusable between programs of one shape.
 #[derive(Debug, Clone, Default)]
 pub struct ElasticSolver {
@@ -66,6 +91,7 @@ pub struct ElasticSolver {
     pivots_since_inversion: usize,
     /// (descent, column)
     candidates: Vec<(f64, usize)>,
+    care: Care,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -96,8 +122,25 @@ impl ElasticSolver {
         Self::default()
     }
 
-    /// Solves a program.
+    /// Solves a program; at least as good as x = 0.
     pub fn solve(&mut self, program: &ElasticProgram) -> ElasticSolution {
+        let staying = program.weight * program.target.lp_norm(1);
+        let mut iterations = 0;
+        for care in [Care::Usual, Care::Great] {
+            let mut solution = self.solve_with(program, care);
+            iterations += solution.iterations;
+            solution.iterations = iterations;
+            if solution.objective <= staying {
+                return solution;
+            }
+        }
+        // Singular to rounding, or not finite.
+        let (rows, columns) = program.matrix.shape();
+        ElasticSolution { x: DVector::zeros(columns), price: DVector::zeros(rows), objective: staying, iterations }
+    }
+
+    fn solve_with(&mut self, program: &ElasticProgram, care: Care) -> ElasticSolution {
+        self.care = care;
         self.start(program);
         self.update_prices(program);
         let (rows, columns) = program.matrix.shape();
@@ -255,37 +298,60 @@ impl ElasticSolver {
         if entering.sign > 0.0 { upper - value } else { value - lower }
     }
 
+    /// How far the entering column can move, and what stops it.
+    ///
+    /// In two passes (Harris): with bounds relaxed by a tolerance many positions block at nearly the same step, and the
+    /// one with the largest pivot is taken. Rows are dependent when a plan ends sticking; smaller pivots would make the
+    /// basis singular to rounding.
     fn ratio_test(&self, program: &ElasticProgram, entering: &Entering) -> (f64, Blocking) {
-        let mut step = self.room(program, entering);
-        let smallest_pivot = PIVOT_TOLERANCE * self.direction.amax();
+        let own_room = self.room(program, entering);
+        let smallest_pivot = self.care.pivot_tolerance() * self.direction.amax();
+        let mut relaxed = own_room;
+        for index in 0..self.basis.len() {
+            if let Some((room, rate, _)) = self.blocking_at(program, entering, index, smallest_pivot) {
+                relaxed = relaxed.min((room + BOUND_TOLERANCE) / rate);
+            }
+        }
+        let mut step = own_room;
         let mut blocking = Blocking::OtherBound;
         let mut pivot = 0.0;
         for index in 0..self.basis.len() {
-            let rate = entering.sign * self.direction[index];
-            if rate.abs() <= smallest_pivot {
-                continue;
-            }
-            let (lower, upper) = bounds(program, self.basis[index]);
-            let (room, at) = if rate > 0.0 {
-                (self.basis_value[index] - lower, Place::Lower)
-            } else {
-                (upper - self.basis_value[index], Place::Upper)
-            };
-            let ratio = room.max(0.0) / rate.abs();
-            // Among ties the largest pivot is the most accurate.
-            if ratio < step || (ratio == step && rate.abs() > pivot) {
-                step = ratio;
-                pivot = rate.abs();
+            if let Some((room, rate, at)) = self.blocking_at(program, entering, index, smallest_pivot)
+                && room / rate <= relaxed
+                && rate > pivot
+                && room / rate < own_room
+            {
+                (step, pivot) = (room / rate, rate);
                 blocking = Blocking::Position { index, at };
             }
         }
         (step, blocking)
     }
 
+    /// (room to the bound, speed towards it, the bound) of a basic position that moves.
+    ///
+    /// The room may be slightly negative: the step then goes back, so that what leaves the basis is at its bound exactly.
+    fn blocking_at(
+        &self,
+        program: &ElasticProgram,
+        entering: &Entering,
+        index: usize,
+        smallest_pivot: f64,
+    ) -> Option<(f64, f64, Place)> {
+        let rate = entering.sign * self.direction[index];
+        if rate.abs() <= smallest_pivot {
+            return None;
+        }
+        let (lower, upper) = bounds(program, self.basis[index]);
+        let value = self.basis_value[index];
+        let (room, at) = if rate > 0.0 { (value - lower, Place::Lower) } else { (upper - value, Place::Upper) };
+        Some((room, rate.abs(), at))
+    }
+
     /// Updates the inverse after the basis has changed at `index`.
     fn pivot(&mut self, program: &ElasticProgram, index: usize) {
         self.pivots_since_inversion += 1;
-        if self.pivots_since_inversion >= REFACTORISATION_PERIOD && self.invert_basis(program) {
+        if self.pivots_since_inversion >= self.care.inversion_period() && self.invert_basis(program) {
             return;
         }
         let rows = self.basis.len();
@@ -334,14 +400,7 @@ impl ElasticSolver {
                 x[column] = self.basis_value[position].clamp(program.lower[column], program.upper[column]);
             }
         }
-        let mut objective = objective(program, &x);
-        // On programs that are singular to rounding the simplex may end in a corner that is none: staying is better.
-        let staying = program.weight * program.target.lp_norm(1);
-        if !(objective <= staying) {
-            x.fill(0.0);
-            objective = staying;
-        }
-        ElasticSolution { x, price: self.price.clone(), objective, iterations }
+        ElasticSolution { objective: objective(program, &x), x, price: self.price.clone(), iterations }
     }
 }
 
