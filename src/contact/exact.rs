@@ -23,6 +23,9 @@ const SLIP_ROUNDING: f64 = 16.0 * f64::EPSILON;
 const NEWTON_UPDATE: f64 = 1e-8;
 /// Sweeps before the first look at the pattern that the fixed point tends to; doubled after each look.
 const FIRST_SWEEPS: usize = 20;
+/// Most sweeps between two looks. Ill-conditioned problems would take millions; a rollout must end in bounded time, and
+/// the residual tells what was not reached.
+const MOST_SWEEPS: usize = 640;
 /// Solutions that differ by more than this, relative to m g dt, are different motions.
 const DISTINCT_IMPULSE: f64 = 1e-6;
 
@@ -155,7 +158,7 @@ impl<'a, const N: usize> Search<'a, N> {
         let mut sweeps = FIRST_SWEEPS;
         // Motions that overflowed have no solution: their residual says so without any sweep.
         let is_finite = self.problem.free_slip.sum().is_finite() && self.problem.weight_impulse().is_finite();
-        while is_finite && sweeps < settings.sweep_limit {
+        while is_finite && sweeps <= MOST_SWEEPS {
             for _ in 0..sweeps {
                 fixed_point.sweep(self.system, self.problem);
             }

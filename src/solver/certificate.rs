@@ -41,7 +41,9 @@ pub(super) fn certified(
     }
     // The measure belongs to the answer, not to the search: neither its limit nor its stop flag ends it.
     let mut unlimited = Budget::new(&NEVER, u64::MAX);
-    let measure = confirmed_decrease(problem, &best.decision, WEIGHTS[1], &mut unlimited).unwrap_or(f64::INFINITY);
+    let measure = confirmed_decrease(problem, &best.decision, WEIGHTS[1], &mut unlimited).unwrap_or(f64::NAN);
+    // Where nothing is known, all of the final time might be gained.
+    let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
     Evidence::collect(input, simulator, schedule, result.step_count).solution(input, result, measure, is_stationary)
 }
@@ -163,16 +165,21 @@ impl Evidence {
 pub(super) fn replay(input: &SolveInput, simulator: &Simulator, plan: &Rollout) -> Replay {
     let fine = Rollout { step_count: REPLAY_REFINEMENT * plan.step_count, ..*plan };
     let offset = input.maneuver.reference_point.offset(input.robot.parameters());
-    let miss = input.maneuver.goal_error(&simulator.end_state(&fine).moved_by(offset));
+    let miss = input.maneuver.goal_error(&simulator.end_state(&fine).moved_by(offset)).map(finite_or_largest);
     let of = |component: StateComponent| miss[component.index()];
-    let miss_position = of(StateComponent::X).hypot(of(StateComponent::Y));
+    let miss_position = finite_or_largest(of(StateComponent::X).hypot(of(StateComponent::Y)));
     let miss_heading = of(StateComponent::Heading).abs();
     Replay {
         step_count: fine.step_count,
         miss_position,
         miss_heading,
-        miss_speed: of(StateComponent::VelocityX).hypot(of(StateComponent::VelocityY)),
+        miss_speed: finite_or_largest(of(StateComponent::VelocityX).hypot(of(StateComponent::VelocityY))),
         within_tolerance: miss_position <= input.settings.replay_tolerance_position
             && miss_heading <= input.settings.replay_tolerance_heading,
     }
+}
+
+/// A motion that diverges on the fine grid misses by more than any number.
+fn finite_or_largest(value: f64) -> f64 {
+    if value.is_finite() { value } else { f64::MAX }
 }

@@ -21,9 +21,14 @@ pub use simulate::{SimulateInput, Simulation, simulate};
 pub use solution::{DistinctOptimum, LowerBoundAssumption, Reason, Replay, Report, Solution, Status, StopReason};
 
 use local_search::Candidate;
+use nalgebra::DVector;
 
-use crate::shooting::{ShootingProblem, decision_from_schedule};
+use crate::optimizer::Problem as _;
+use crate::shooting::{ShootingProblem, decision_from_schedule, decision_len};
 use crate::simulation::Simulator;
+
+/// Length of the answer where every motion that was tried diverged, s.
+const STANDING_TIME: f64 = 1e-9;
 
 /// Solves a maneuver; what was found is a status of the answer, never an error.
 ///
@@ -42,16 +47,24 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
         refinement::refine(input, &simulator, step_limit, control, &mut result);
         problem = problem_on(result.step_count);
     }
-    let best = result.best.take().unwrap_or_else(|| unsearched(input));
+    let best = result.best.take().filter(|best| best.goal_error.is_finite());
+    let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));
     certificate::certified(input, &simulator, &mut problem, &best, result)
 }
 
-/// The first start, as the answer of a solve that was stopped before its first rollout.
-fn unsearched(input: &SolveInput) -> Candidate {
+/// The first start, as the answer of a solve that was stopped before its first rollout; none when its motion diverges.
+fn fallback(input: &SolveInput, problem: &mut ShootingProblem) -> Option<Candidate> {
     let start = &starts::starts(input)[0];
-    Candidate {
-        decision: decision_from_schedule(&start.schedule),
-        goal_error: f64::INFINITY,
-        goal_heading: start.goal_heading,
-    }
+    let decision = decision_from_schedule(&start.schedule);
+    let mut residual = DVector::zeros(problem.residual_count());
+    problem.residual(&decision, &mut residual);
+    let goal_error = problem.goal_scales().largest_goal_error(&residual);
+    goal_error.is_finite().then_some(Candidate { decision, goal_error, goal_heading: start.goal_heading })
+}
+
+/// No torque, for so short a time that no motion diverges.
+fn standing_still(input: &SolveInput) -> Candidate {
+    let mut decision = DVector::zeros(decision_len(input.settings.control_count));
+    decision[2 * input.settings.control_count] = STANDING_TIME;
+    Candidate { decision, goal_error: f64::INFINITY, goal_heading: None }
 }
