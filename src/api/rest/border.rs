@@ -10,8 +10,9 @@ use axum::response::Response;
 use tracing::Instrument as _;
 use uuid::Uuid;
 
-use super::problem::Problem;
+use super::problem_json;
 use crate::api::error_table::ErrorCode;
+use crate::api::problem::Problem;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 /// Longest request id that is taken over from a caller, characters: enough for any tracing scheme, too short to
@@ -20,11 +21,27 @@ const MAX_REQUEST_ID: usize = 128;
 /// Longest part of a path that is repeated in logs and problems, characters.
 const MAX_PATH: usize = 200;
 
+/// What handlers know of the request beside its content.
+#[derive(Debug, Clone)]
+pub(super) struct RequestContext {
+    /// When its head was read: deadlines count from here.
+    pub(super) arrival: Instant,
+    /// Its path, shortened.
+    pub(super) path: String,
+    /// Its id, the caller's own or a new one.
+    pub(super) request_id: String,
+}
+
 /// Gives the request an id, logs it once it is answered or abandoned, and writes problems out.
-pub(super) async fn pass(request: Request, next: Next) -> Response {
+pub(super) async fn pass(mut request: Request, next: Next) -> Response {
     let request_id = request_id(request.headers());
     let path: String = request.uri().path().chars().take(MAX_PATH).collect();
     let mut line = AccessLine::open(request.method().clone(), path, request_id);
+    request.extensions_mut().insert(RequestContext {
+        arrival: line.start,
+        path: line.path.clone(),
+        request_id: line.request_id.clone(),
+    });
     let span = tracing::info_span!("request", request.id = line.request_id);
     let mut response = next.run(request).instrument(span).await;
     if let Some(problem) = problem_of(&mut response, &line) {
@@ -70,7 +87,7 @@ fn problem_of(response: &mut Response, line: &AccessLine) -> Option<Problem> {
 fn write_problem(problem: &Problem, line: &AccessLine, response: &mut Response) {
     let entry = problem.code().entry();
     *response.status_mut() = StatusCode::from_u16(entry.http_status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-    *response.body_mut() = Body::from(problem.body(&line.path, &line.request_id));
+    *response.body_mut() = Body::from(problem_json::body(problem, &line.path, &line.request_id));
     let headers = response.headers_mut();
     headers.remove(header::CONTENT_LENGTH);
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));

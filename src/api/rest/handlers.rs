@@ -4,22 +4,41 @@
 
 use std::sync::Arc;
 
+use axum::Extension;
 use axum::extract::{Request, State};
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
-use super::convert_request::{forward_drive_body, read_simulate, read_solve};
-use super::convert_response::{simulate_answer, solve_answer, validate_answer};
-use super::extract::receive;
-use super::problem::Problem;
-use crate::service::Service;
+use super::border::RequestContext;
+use super::events;
+use super::extract::{deadline, receive};
+use crate::api::message::accept::{forward_drive_body, read_simulate, read_solve};
+use crate::api::message::answer::{simulate_answer, solve_answer, validate_answer};
+use crate::api::problem::Problem;
+use crate::service::{Service, SolveClocks, Solved};
 
-/// `POST /solve`. When the caller leaves, the server drops this future, which stops the solve.
-pub(super) async fn solve(State(service): State<Arc<Service>>, request: Request) -> Result<Response, Problem> {
-    let body = receive(&service, request).await?;
+/// `POST /solve`. When the caller leaves, the server drops this future or the event stream, which stops the solve.
+pub(super) async fn solve(
+    State(service): State<Arc<Service>>,
+    Extension(context): Extension<RequestContext>,
+    request: Request,
+) -> Result<Response, Problem> {
+    let (head, body) = request.into_parts();
+    let body = receive(&service, &head, body).await?;
     let place = service.reserve()?;
     let accepted = read_solve(&body, service.limits())?;
-    let solved = place.solve(accepted.input.clone(), accepted.time_limit).await?;
+    let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: deadline(&head.headers, context.arrival)? };
+    let running = place.start_solve(accepted.input.clone(), clocks, move |solved| {
+        log_solved(&solved);
+        solve_answer(&accepted, &solved)
+    })?;
+    if events::are_accepted(&head.headers) {
+        return Ok(events::respond(running, context));
+    }
+    Ok(json(running.outcome().await?))
+}
+
+fn log_solved(solved: &Solved) {
     let (report, time) = (&solved.solution.report, solved.solve_time);
     tracing::debug!(
         solution.status = solved.solution.status.as_str(),
@@ -28,21 +47,26 @@ pub(super) async fn solve(State(service): State<Arc<Service>>, request: Request)
         solve.duration_ms = time.as_secs_f64() * 1e3,
         "solved"
     );
-    Ok(json(solve_answer(&accepted, &solved)))
 }
 
 /// `POST /simulate`.
-pub(super) async fn simulate(State(service): State<Arc<Service>>, request: Request) -> Result<Response, Problem> {
-    let body = receive(&service, request).await?;
+pub(super) async fn simulate(
+    State(service): State<Arc<Service>>,
+    Extension(context): Extension<RequestContext>,
+    request: Request,
+) -> Result<Response, Problem> {
+    let (head, body) = request.into_parts();
+    let body = receive(&service, &head, body).await?;
     let place = service.reserve()?;
     let input = read_simulate(&body, service.limits())?;
-    let simulated = place.simulate(input).await?;
-    Ok(json(simulate_answer(&simulated)))
+    let deadline = deadline(&head.headers, context.arrival)?;
+    Ok(json(place.simulate(input, deadline, |simulated| simulate_answer(&simulated)).await?))
 }
 
 /// `POST /validate`: nothing is queued.
 pub(super) async fn validate(State(service): State<Arc<Service>>, request: Request) -> Result<Response, Problem> {
-    let body = receive(&service, request).await?;
+    let (head, body) = request.into_parts();
+    let body = receive(&service, &head, body).await?;
     let accepted = read_solve(&body, service.limits())?;
     Ok(json(validate_answer(&accepted)))
 }

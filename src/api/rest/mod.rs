@@ -1,15 +1,10 @@
 //! REST: JSON in and out, strict in what it reads, `application/problem+json` for every error.
 
 mod border;
-mod convert_goal;
-mod convert_request;
-mod convert_response;
+mod events;
 mod extract;
 mod handlers;
-mod problem;
-mod strict;
-mod wire_request;
-mod wire_response;
+mod problem_json;
 
 use std::any::Any;
 use std::io;
@@ -23,12 +18,11 @@ use axum::serve::ListenerExt;
 use tokio::net::TcpListener;
 use tower_http::catch_panic::CatchPanicLayer;
 
-pub use convert_request::{AcceptedSolve, forward_drive_body, read_simulate, read_solve};
-pub use convert_response::{simulate_answer, solve_answer};
-pub use problem::{FieldError, Problem};
-pub use wire_request::View;
-
 use crate::api::error_table::ErrorCode;
+pub use crate::api::message::accept::{AcceptedSolve, forward_drive_body, read_simulate, read_solve};
+pub use crate::api::message::answer::{simulate_answer, solve_answer};
+pub use crate::api::message::request::View;
+pub use crate::api::problem::{FieldError, Problem};
 use crate::service::Service;
 
 /// All endpoints over one service.
