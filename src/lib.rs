@@ -26,7 +26,7 @@
 //! - [`solver`]: the search, and what its answer states about itself.
 //! - [`queue`]: a bounded queue that feeds blocking worker threads.
 //! - [`service`]: solve, simulate and validate behind the queue.
-//! - [`api`] offers the service over REST.
+//! - [`api`] offers the service over REST and gRPC.
 
 pub mod api;
 pub mod contact;

@@ -96,7 +96,7 @@ fn solve_prints_a_table_and_writes_the_answer_of_the_service() {
 /// Starts a server on a free port; gives its address and the rest of its log.
 fn serve(variable: (&str, &str)) -> (Child, String, BufReader<std::process::ChildStderr>) {
     let mut child = slipdrive()
-        .args(["serve", "--http", "127.0.0.1:0", "--workers", "1"])
+        .args(["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--workers", "1"])
         .env(variable.0, variable.1)
         .stderr(Stdio::piped())
         .spawn()

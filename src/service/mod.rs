@@ -22,6 +22,7 @@ pub use limits::{DEFAULT_TIME_LIMIT_S, Limits};
 use pace::Pace;
 pub use place::{Place, RunningSolve, Simulated, SolveClocks, SolveEvent, Solved, StopReason};
 pub use solver::{InProcessSolver, ManeuverSolver};
+use tokio::sync::watch;
 
 use crate::queue::{self, Queue, Refusal, StopCause};
 
@@ -44,6 +45,8 @@ pub struct Service {
     pace: Arc<Pace>,
     /// Whether the end was announced: probes turn away, work is still taken.
     draining: AtomicBool,
+    /// Whether the queue was closed, for those who wait for it.
+    closed: watch::Sender<bool>,
 }
 
 impl Service {
@@ -53,7 +56,8 @@ impl Service {
     /// When the operating system refuses a thread.
     pub fn start(settings: ServiceSettings, solver: Arc<dyn ManeuverSolver>) -> io::Result<Self> {
         let queue = Queue::start(settings.workers, settings.queue_length)?;
-        Ok(Self { queue, solver, settings, pace: Arc::default(), draining: AtomicBool::new(false) })
+        let (pace, draining, closed) = (Arc::default(), AtomicBool::new(false), watch::Sender::new(false));
+        Ok(Self { queue, solver, settings, pace, draining, closed })
     }
 
     /// What is accepted at most.
@@ -118,15 +122,24 @@ impl Service {
     /// Takes no more work; jobs in flight go on.
     pub fn close(&self) {
         self.queue.close();
+        self.closed.send_replace(true);
+    }
+
+    /// Waits until no more work is taken.
+    pub async fn closed(&self) {
+        // The sender lives as long as the service.
+        let _ = self.closed.subscribe().wait_for(|closed| *closed).await;
     }
 
     /// Takes no more work and stops all jobs in flight; their callers get [`ServiceError::Unavailable`].
     pub fn cancel_all(&self) {
         self.queue.cancel_all(StopCause::Shutdown);
+        self.closed.send_replace(true);
     }
 
     /// Closes the service, waits for the jobs in flight and ends the worker threads. Blocks.
     pub fn join(&self) {
+        self.closed.send_replace(true);
         self.queue.join();
     }
 

@@ -85,7 +85,7 @@ pub(in crate::api) fn accept_solve(request: SolveRequest, limits: &Limits) -> Re
     Ok(AcceptedSolve { input, time_limit, view, input_hash, completed })
 }
 
-fn accept_simulate(request: SimulateRequest, limits: &Limits) -> Result<SimulateInput, Problem> {
+pub(in crate::api) fn accept_simulate(request: SimulateRequest, limits: &Limits) -> Result<SimulateInput, Problem> {
     let mut checks = Checks::new();
     let SimulateRequest { robot, reference_point, start, torque_schedule, grid, contact_solver } = request;
     let SimulateGridWire { steps } = grid;

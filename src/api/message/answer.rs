@@ -5,6 +5,7 @@
 use nalgebra::SVector;
 
 use super::accept::AcceptedSolve;
+use super::limits::LimitsMessage;
 use super::request::{TorqueScheduleWire, View};
 use super::response::{
     AppliedLimitsWire, ContactModeWire, ContactWire, ContactsWire, DistinctOptimumWire, GoalErrorWire, ReasonWire,
@@ -79,6 +80,11 @@ pub(in crate::api) fn simulate_message(simulated: &Simulated) -> SimulateAnswer 
 /// The JSON answer of a validation.
 pub(in crate::api) fn validate_answer(accepted: &AcceptedSolve) -> Vec<u8> {
     json(&ValidateAnswer { completed: &accepted.completed, input_hash: &accepted.input_hash })
+}
+
+/// The JSON answer of `GET /limits`.
+pub(in crate::api) fn limits_answer(message: &LimitsMessage) -> Vec<u8> {
+    json(message)
 }
 
 fn json<T: serde::Serialize>(answer: &T) -> Vec<u8> {

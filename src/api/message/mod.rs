@@ -6,6 +6,7 @@
 pub(super) mod accept;
 pub(super) mod answer;
 mod goal;
+pub(super) mod limits;
 pub(super) mod request;
 pub(super) mod response;
 pub(super) mod strict;

@@ -8,8 +8,8 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream::{Stream, unfold};
 
-use super::border::RequestContext;
 use super::problem_json;
+use crate::api::access::RequestContext;
 use crate::api::message::response::{ProgressEvent, QueuedEvent};
 use crate::api::problem::Problem;
 use crate::service::{RunningSolve, SolveEvent};

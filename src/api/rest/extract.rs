@@ -9,12 +9,11 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, header};
 use tokio::time::timeout;
 
+use crate::api::Door;
 use crate::api::error_table::ErrorCode;
 use crate::api::problem::Problem;
 use crate::service::Service;
 
-/// A caller that sends 256 KiB over the slowest mobile link needs less than this.
-const BODY_TIMEOUT: Duration = Duration::from_secs(30);
 /// Refused bodies are read on for this long, and up to [`MAX_DISCARDED_BYTES`]: a connection closed with unread bytes
 /// is reset, and the caller never sees the refusal.
 const DISCARD_TIMEOUT: Duration = Duration::from_secs(1);
@@ -41,11 +40,12 @@ pub(super) fn deadline(headers: &HeaderMap, arrival: Instant) -> Result<Option<I
 ///
 /// # Errors
 /// `unavailable`, `body_too_large`, `unsupported_media`, `body_timeout`, in the order of the contract.
-pub(super) async fn receive(service: &Service, head: &Parts, mut body: Body) -> Result<Vec<u8>, Problem> {
+pub(super) async fn receive(door: &Door, head: &Parts, mut body: Body) -> Result<Vec<u8>, Problem> {
+    let (service, patience) = (&door.service, door.settings.body_timeout);
     let limit = service.limits().max_body_bytes;
     let admitted = admit(service, &head.headers, limit);
     let received = match admitted {
-        Ok(()) => timeout(BODY_TIMEOUT, read_within(&mut body, limit)).await.unwrap_or_else(|_| Err(too_slow())),
+        Ok(()) => timeout(patience, read_within(&mut body, limit)).await.unwrap_or_else(|_| Err(too_slow(patience))),
         Err(problem) => Err(problem),
     };
     // A caller who waits for `100 Continue` has sent nothing that could be left unread.
@@ -121,9 +121,8 @@ async fn next_chunk(body: &mut Body) -> Option<Result<axum::body::Bytes, axum::E
     Some(frame.map(|frame| frame.into_data().unwrap_or_default()))
 }
 
-fn too_slow() -> Problem {
-    let seconds = BODY_TIMEOUT.as_secs();
-    Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {seconds} s"))
+fn too_slow(patience: Duration) -> Problem {
+    Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {patience:?}"))
 }
 
 #[cfg(test)]

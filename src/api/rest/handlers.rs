@@ -2,31 +2,31 @@
 //!
 //! The checks come in the order of the contract: readiness, size and type, queue room, syntax, values.
 
-use std::sync::Arc;
-
 use axum::Extension;
 use axum::extract::{Request, State};
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
-use super::border::RequestContext;
 use super::events;
 use super::extract::{deadline, receive};
+use crate::api::Door;
+use crate::api::access::RequestContext;
 use crate::api::message::accept::{forward_drive_body, read_simulate, read_solve};
-use crate::api::message::answer::{simulate_answer, solve_answer, validate_answer};
+use crate::api::message::answer::{limits_answer, simulate_answer, solve_answer, validate_answer};
+use crate::api::message::limits::LimitsMessage;
 use crate::api::problem::Problem;
-use crate::service::{Service, SolveClocks, Solved};
+use crate::service::{SolveClocks, Solved};
 
 /// `POST /solve`. When the caller leaves, the server drops this future or the event stream, which stops the solve.
 pub(super) async fn solve(
-    State(service): State<Arc<Service>>,
+    State(door): State<Door>,
     Extension(context): Extension<RequestContext>,
     request: Request,
 ) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let body = receive(&service, &head, body).await?;
-    let place = service.reserve()?;
-    let accepted = read_solve(&body, service.limits())?;
+    let body = receive(&door, &head, body).await?;
+    let place = door.service.reserve()?;
+    let accepted = read_solve(&body, door.service.limits())?;
     let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: deadline(&head.headers, context.arrival)? };
     let running = place.start_solve(accepted.input.clone(), clocks, move |solved| {
         log_solved(&solved);
@@ -51,24 +51,30 @@ fn log_solved(solved: &Solved) {
 
 /// `POST /simulate`.
 pub(super) async fn simulate(
-    State(service): State<Arc<Service>>,
+    State(door): State<Door>,
     Extension(context): Extension<RequestContext>,
     request: Request,
 ) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let body = receive(&service, &head, body).await?;
-    let place = service.reserve()?;
-    let input = read_simulate(&body, service.limits())?;
+    let body = receive(&door, &head, body).await?;
+    let place = door.service.reserve()?;
+    let input = read_simulate(&body, door.service.limits())?;
     let deadline = deadline(&head.headers, context.arrival)?;
     Ok(json(place.simulate(input, deadline, |simulated| simulate_answer(&simulated)).await?))
 }
 
 /// `POST /validate`: nothing is queued.
-pub(super) async fn validate(State(service): State<Arc<Service>>, request: Request) -> Result<Response, Problem> {
+pub(super) async fn validate(State(door): State<Door>, request: Request) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let body = receive(&service, &head, body).await?;
-    let accepted = read_solve(&body, service.limits())?;
+    let body = receive(&door, &head, body).await?;
+    let accepted = read_solve(&body, door.service.limits())?;
     Ok(json(validate_answer(&accepted)))
+}
+
+/// `GET /limits`: what this server accepts at most.
+pub(super) async fn limits(State(door): State<Door>) -> Response {
+    let message = LimitsMessage::new(door.service.settings(), door.settings.batch_window.get());
+    json(limits_answer(&message))
 }
 
 /// `GET /examples/forward-drive`: a complete body for `/solve`.
@@ -82,8 +88,8 @@ pub(super) async fn livez() -> Response {
 }
 
 /// `GET /readyz`: the service takes work; a full queue is ready too.
-pub(super) async fn readyz(State(service): State<Arc<Service>>) -> Result<Response, Problem> {
-    service.check_ready()?;
+pub(super) async fn readyz(State(door): State<Door>) -> Result<Response, Problem> {
+    door.service.check_ready()?;
     Ok(json(br#"{"status":"ready"}"#.to_vec()))
 }
 
