@@ -4,6 +4,7 @@ use std::fmt;
 use std::time::Duration;
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use crate::api::error_table::ErrorCode;
 use crate::service::ServiceError;
@@ -24,7 +25,7 @@ pub struct Problem {
 }
 
 /// One fault of one field.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct FieldError {
     /// JSON pointer as a URI fragment, such as `#/robot/wheel_radius_m`.
     pub pointer: String,

@@ -1,6 +1,7 @@
 //! What a server accepts: its own limits, and the rules of single fields.
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use super::accept::accept_solve;
 use super::request::{GoalWire, ManeuverWire, RobotWire, SolveGridWire, SolveRequest, SolverWire, StateWire};
@@ -8,7 +9,8 @@ use crate::api::problem::Problem;
 use crate::service::{DEFAULT_TIME_LIMIT_S, Limits, ServiceSettings};
 
 /// Answer of `GET /limits`.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Limits)]
 pub(in crate::api) struct LimitsMessage {
     /// Most time steps of a grid.
     pub(in crate::api) max_steps: usize,
@@ -35,7 +37,8 @@ pub(in crate::api) struct LimitsMessage {
 }
 
 /// The rule that a field must keep.
-#[derive(Debug, PartialEq, Eq, Serialize)]
+#[derive(Debug, PartialEq, Eq, Serialize, ToSchema)]
+#[schema(as = Rule)]
 pub(in crate::api) struct RuleMessage {
     /// Dotted path, such as `robot.wheel_radius_m`.
     pub(in crate::api) field: String,
@@ -72,7 +75,7 @@ impl LimitsMessage {
 }
 
 /// The rules in the words of the checks themselves: what they say to a request in which every number breaks its rule.
-fn rules(limits: &Limits) -> Vec<RuleMessage> {
+pub(in crate::api) fn rules(limits: &Limits) -> Vec<RuleMessage> {
     let problem = accept_solve(spoiled(), limits).err();
     let mut rules: Vec<RuleMessage> = Vec::new();
     for error in problem.iter().flat_map(Problem::errors) {

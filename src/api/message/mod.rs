@@ -9,4 +9,5 @@ mod goal;
 pub(super) mod limits;
 pub(super) mod request;
 pub(super) mod response;
+mod schema;
 pub(super) mod strict;

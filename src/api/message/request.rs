@@ -4,12 +4,13 @@
 //! `input_hash` is taken of.
 
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use super::strict::{Named, object, read_name, some_object, some_value, write_name};
 use crate::service::domain::{ContactMethod, Method, ReferencePoint};
 
 /// Body of `POST /solve` and `POST /validate`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api) struct SolveRequest {
     #[serde(deserialize_with = "object")]
@@ -26,7 +27,9 @@ pub(in crate::api) struct SolveRequest {
     pub(in crate::api) view: View,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// The robot; the defaults are the reference robot. Lateral is positive to the right, longitudinal forward.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = Robot)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api) struct RobotWire {
     pub(in crate::api) chassis_mass_kg: f64,
@@ -47,7 +50,9 @@ pub(in crate::api) struct RobotWire {
     pub(in crate::api) gravity_m_s2: f64,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Start, goal and torque limits, all at the reference point.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = Maneuver)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api) struct ManeuverWire {
     #[serde(deserialize_with = "read_name", serialize_with = "write_name")]
@@ -60,7 +65,9 @@ pub(in crate::api) struct ManeuverWire {
     pub(in crate::api) torque_limit_right_n_m: f64,
 }
 
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+/// A state at the reference point. Heading 0 faces +y.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = State)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api) struct StateWire {
     pub(in crate::api) x_m: f64,
@@ -75,8 +82,9 @@ pub(in crate::api) struct StateWire {
     pub(in crate::api) wheel_rate_right_rad_s: f64,
 }
 
-/// Absent fields differ in meaning: see [`super::goal`].
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+/// The goal. Absent: position and heading are the start's, velocities are 0, wheel angles are free.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = Goal)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api) struct GoalWire {
     #[serde(deserialize_with = "some_value", skip_serializing_if = "Option::is_none")]
@@ -102,14 +110,18 @@ pub(in crate::api) struct GoalWire {
     pub(in crate::api) free: Vec<String>,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// The time grid of a solve.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = SolveGrid)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api) struct SolveGridWire {
     pub(in crate::api) steps: u64,
     pub(in crate::api) control_intervals: u64,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Search effort and tolerances.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = Solver)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api) struct SolverWire {
     #[serde(deserialize_with = "read_name", serialize_with = "write_name")]
@@ -123,7 +135,9 @@ pub(in crate::api) struct SolverWire {
     pub(in crate::api) replay_tolerance_rad: f64,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// A start of the search, tried first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = InitialGuess)]
 #[serde(deny_unknown_fields)]
 pub(in crate::api) struct InitialGuessWire {
     pub(in crate::api) final_time_s: f64,
@@ -132,7 +146,7 @@ pub(in crate::api) struct InitialGuessWire {
 }
 
 /// Body of `POST /simulate`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(in crate::api) struct SimulateRequest {
     #[serde(default, deserialize_with = "object")]
@@ -150,7 +164,8 @@ pub(in crate::api) struct SimulateRequest {
 }
 
 /// Written in answers and read by `/simulate`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = TorqueSchedule)]
 #[serde(deny_unknown_fields)]
 pub(in crate::api) struct TorqueScheduleWire {
     pub(in crate::api) interval_s: f64,
@@ -158,7 +173,9 @@ pub(in crate::api) struct TorqueScheduleWire {
     pub(in crate::api) right_n_m: Vec<f64>,
 }
 
-#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+/// The time grid of a simulation.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, ToSchema)]
+#[schema(as = SimulateGrid)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api) struct SimulateGridWire {
     #[serde(deserialize_with = "some_value")]

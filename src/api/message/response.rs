@@ -3,6 +3,7 @@
 //! JSON has no infinities: a number that is not finite, as in the trajectory of a diverged iterate, is written as `null`.
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use super::request::{SolveRequest, TorqueScheduleWire};
 use super::strict::{Named, write_name};
@@ -10,7 +11,7 @@ use crate::service::StopReason;
 use crate::service::domain::{ContactMode, ContactName, LowerBoundAssumption, Method, SolveProgress, Status};
 
 /// Answer of `POST /solve`.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub(in crate::api) struct SolveAnswer<'a> {
     #[serde(serialize_with = "write_name")]
     pub(in crate::api) status: Status,
@@ -34,7 +35,8 @@ pub(in crate::api) struct SolveAnswer<'a> {
     pub(in crate::api) input_hash: &'a str,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Reason)]
 pub(in crate::api) struct ReasonWire {
     pub(in crate::api) code: &'static str,
     pub(in crate::api) field: String,
@@ -44,7 +46,8 @@ pub(in crate::api) struct ReasonWire {
     pub(in crate::api) message: String,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ContactMode)]
 pub(in crate::api) struct ContactModeWire {
     pub(in crate::api) start_s: f64,
     pub(in crate::api) end_s: f64,
@@ -58,7 +61,8 @@ pub(in crate::api) struct ContactModeWire {
 }
 
 /// Wheel angles appear only where the goal constrains them.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = GoalError)]
 pub(in crate::api) struct GoalErrorWire {
     pub(in crate::api) x_m: f64,
     pub(in crate::api) y_m: f64,
@@ -75,7 +79,8 @@ pub(in crate::api) struct GoalErrorWire {
 }
 
 /// One array per component, one entry per node.
-#[derive(Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize, ToSchema)]
+#[schema(as = Trajectory)]
 pub(in crate::api) struct TrajectoryWire {
     pub(in crate::api) time_s: Vec<f64>,
     pub(in crate::api) x_m: Vec<f64>,
@@ -90,7 +95,8 @@ pub(in crate::api) struct TrajectoryWire {
     pub(in crate::api) wheel_rate_right_rad_s: Vec<f64>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Contacts)]
 pub(in crate::api) struct ContactsWire {
     pub(in crate::api) left: ContactWire,
     pub(in crate::api) right: ContactWire,
@@ -98,7 +104,8 @@ pub(in crate::api) struct ContactsWire {
 }
 
 /// One array per component, one entry per step.
-#[derive(Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize, ToSchema)]
+#[schema(as = Contact)]
 pub(in crate::api) struct ContactWire {
     pub(in crate::api) normal_force_n: Vec<f64>,
     pub(in crate::api) lateral_force_n: Vec<f64>,
@@ -107,7 +114,8 @@ pub(in crate::api) struct ContactWire {
     pub(in crate::api) longitudinal_slip_m_s: Vec<f64>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Report)]
 pub(in crate::api) struct ReportWire {
     #[serde(serialize_with = "write_name")]
     pub(in crate::api) method: Method,
@@ -129,13 +137,15 @@ pub(in crate::api) struct ReportWire {
     pub(in crate::api) replay: ReplayWire,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = DistinctOptimum)]
 pub(in crate::api) struct DistinctOptimumWire {
     pub(in crate::api) final_time_s: f64,
     pub(in crate::api) count: usize,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Separation)]
 pub(in crate::api) struct SeparationWire {
     pub(in crate::api) time_s: f64,
     #[serde(serialize_with = "write_name")]
@@ -143,7 +153,8 @@ pub(in crate::api) struct SeparationWire {
     pub(in crate::api) normal_force_n: f64,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Replay)]
 pub(in crate::api) struct ReplayWire {
     pub(in crate::api) steps: usize,
     pub(in crate::api) miss_m: f64,
@@ -152,13 +163,14 @@ pub(in crate::api) struct ReplayWire {
     pub(in crate::api) within_tolerance: bool,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = AppliedLimits)]
 pub(in crate::api) struct AppliedLimitsWire {
     pub(in crate::api) time_limit_s: f64,
 }
 
 /// Answer of `POST /simulate`.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub(in crate::api) struct SimulateAnswer {
     pub(in crate::api) trajectory: TrajectoryWire,
     pub(in crate::api) contacts: ContactsWire,
@@ -170,7 +182,7 @@ pub(in crate::api) struct SimulateAnswer {
 }
 
 /// Answer of `POST /validate`: the completed body and its hash.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub(in crate::api) struct ValidateAnswer<'a> {
     #[serde(flatten)]
     pub(in crate::api) completed: &'a SolveRequest,
@@ -178,14 +190,14 @@ pub(in crate::api) struct ValidateAnswer<'a> {
 }
 
 /// Event of a solve: it was queued.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub(in crate::api) struct QueuedEvent {
     /// Place in the line: 0 when a worker was idle, 1 when it is the next to start.
     pub(in crate::api) position: usize,
 }
 
 /// Event of a solve: the best iterate so far.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub(in crate::api) struct ProgressEvent {
     /// Its final time, s.
     pub(in crate::api) best_final_time_s: f64,

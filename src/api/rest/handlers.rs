@@ -3,6 +3,7 @@
 //! The checks come in the order of the contract: readiness, size and type, queue room, syntax, values.
 
 use axum::Extension;
+use axum::body::Bytes;
 use axum::extract::{Request, State};
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -80,6 +81,23 @@ pub(super) async fn limits(State(door): State<Door>) -> Response {
 /// `GET /examples/forward-drive`: a complete body for `/solve`.
 pub(super) async fn forward_drive() -> Response {
     json(forward_drive_body())
+}
+
+/// `GET /openapi.json`: this API for machines.
+pub(super) fn openapi(document: Bytes) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], document).into_response()
+}
+
+/// `GET /docs`: this API for people. The page loads nothing but `/openapi.json`.
+pub(super) async fn docs() -> Response {
+    let headers = [
+        (header::CONTENT_TYPE, "text/html; charset=utf-8"),
+        (
+            header::CONTENT_SECURITY_POLICY,
+            "default-src 'none'; connect-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline'",
+        ),
+    ];
+    (headers, include_str!("docs.html")).into_response()
 }
 
 /// `GET /livez`: the process answers.

@@ -4,12 +4,14 @@ mod border;
 mod events;
 mod extract;
 mod handlers;
+mod openapi;
 mod problem_json;
 
 use std::any::Any;
 use std::sync::Arc;
 
 use axum::Router;
+use axum::body::Bytes;
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
@@ -25,11 +27,14 @@ use crate::service::Service;
 
 /// All endpoints over one service.
 pub fn router(service: Arc<Service>, settings: ApiSettings) -> Router {
+    let document = Bytes::from(openapi::document(service.limits()));
     let door = Door { service, settings: Arc::new(settings) };
     let endpoints = Router::new()
         .route("/solve", post(handlers::solve))
         .route("/simulate", post(handlers::simulate))
         .route("/validate", post(handlers::validate))
+        .route("/openapi.json", get(async move || handlers::openapi(document)))
+        .route("/docs", get(handlers::docs))
         .route("/limits", get(handlers::limits))
         .route("/examples/forward-drive", get(handlers::forward_drive))
         .route("/livez", get(handlers::livez))

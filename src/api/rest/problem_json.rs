@@ -6,6 +6,7 @@
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use crate::api::problem::{FieldError, Problem};
 
@@ -27,8 +28,10 @@ pub(super) fn body(problem: &Problem, instance: &str, request_id: &str) -> Vec<u
     serde_json::to_vec(&body).expect("a problem of strings and numbers is valid JSON")
 }
 
-#[derive(Serialize)]
-struct ProblemBody<'a> {
+/// An error as RFC 9457 says, with the code, the faults of single fields, and when to come back.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Problem)]
+pub(super) struct ProblemBody<'a> {
     #[serde(rename = "type")]
     kind: String,
     title: &'a str,
