@@ -63,6 +63,12 @@ impl Default for ServerSettings {
     }
 }
 
+/// What one HTTP/2 stream may send unread, bytes.
+const STREAM_WINDOW_BYTES: u32 = 64 * 1024;
+/// What all streams of a connection may send unread, bytes: more than one of them may, so that a batch that is not read
+/// on holds up no other call.
+const CONNECTION_WINDOW_BYTES: u32 = 1024 * 1024;
+
 /// After the system refused a connection for want of files: until some are closed.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
@@ -169,6 +175,8 @@ fn builder(settings: &ServerSettings) -> auto::Builder<TokioExecutor> {
         .timer(TokioTimer::new())
         .keep_alive_interval(settings.ping_interval)
         .keep_alive_timeout(settings.ping_interval)
+        .initial_stream_window_size(STREAM_WINDOW_BYTES)
+        .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
         .max_concurrent_streams(settings.max_streams);
     builder
 }
