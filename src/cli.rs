@@ -13,7 +13,7 @@ use anyhow::Context as _;
 use slipdrive::api::rest::{Problem, forward_drive_body, read_simulate, read_solve, simulate_answer, solve_answer};
 use slipdrive::plot;
 use slipdrive::service::domain::Status;
-use slipdrive::service::{InProcessSolver, Limits, Service, ServiceSettings};
+use slipdrive::service::{InProcessSolver, Limits, Service, ServiceSettings, SolveClocks};
 
 use crate::EXIT_BAD_INPUT;
 use crate::config::{SimulateArguments, SolveArguments};
@@ -35,7 +35,8 @@ pub(crate) fn solve(arguments: &SolveArguments) -> anyhow::Result<ExitCode> {
     };
     // Named, because dropping the service stops its jobs.
     let service = service(limits)?;
-    let solved = service.reserve()?.solve_blocking(accepted.input.clone(), accepted.time_limit)?;
+    let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: None };
+    let solved = service.reserve()?.solve_blocking(accepted.input.clone(), clocks)?;
     let table = table::of_solution(&solved, &accepted.input.maneuver.goal);
     if let Some(path) = &arguments.plot {
         fs::write(path, plot::html(&solved.solution))

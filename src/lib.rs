@@ -27,7 +27,7 @@
 //! - [`plot`]: the paper's figures from a solution, as a page.
 //! - [`queue`]: a bounded queue that feeds blocking worker threads.
 //! - [`service`]: solve, simulate and validate behind the queue.
-//! - [`api`] offers the service over REST.
+//! - [`api`] offers the service over REST and gRPC.
 
 pub mod api;
 pub mod contact;

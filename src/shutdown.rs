@@ -1,18 +1,24 @@
-//! The life of a server: from the listener to the last answer.
+//! The life of a server: from the listeners to the last answer.
 //!
-//! On the first signal the service takes no more work (`/readyz` 503) while the listener stays open for the probes;
-//! when the solves in flight have ended, the listener closes and the last answers are written. Solves that outlast the
-//! drain timeout, or a second signal, are cut off and answered as unavailable.
+//! On the first signal the service says that it is not ready (`/readyz` 503, gRPC health `NOT_SERVING`) and still takes
+//! work for the drain delay, until balancers have heard. Then it takes none, while the listeners stay open for the
+//! probes; when the solves in flight have ended, the listeners close and the last answers are written. Solves that
+//! outlast the drain timeout, or a second signal, are cut off and answered as unavailable.
 
 use std::io;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use slipdrive::api::rest;
+use axum::Router;
+use slipdrive::api::grpc::{self, Health};
+use slipdrive::api::server::{self, ServerSettings};
+use slipdrive::api::{ApiSettings, rest};
 use slipdrive::service::{InProcessSolver, Service};
 use tokio::net::TcpListener;
-use tokio::sync::oneshot;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
 use crate::config::ServeArguments;
@@ -34,50 +40,98 @@ pub(crate) fn serve_until_stopped(arguments: &ServeArguments) -> anyhow::Result<
 
 async fn serve(arguments: &ServeArguments) -> anyhow::Result<()> {
     let mut signals = Signals::listen()?;
-    let listener =
-        TcpListener::bind(arguments.http).await.with_context(|| format!("{} cannot be bound", arguments.http))?;
-    let address = listener.local_addr()?;
+    let api_settings = arguments.api_settings()?;
+    let http = bind(arguments.http).await?;
+    let grpc = if arguments.one_port { None } else { Some(bind(arguments.grpc).await?) };
     let settings = arguments.service_settings();
     let service = Arc::new(Service::start(settings, Arc::new(InProcessSolver))?);
-    let (close_listener, listener_closed) = oneshot::channel::<()>();
-    let closed = async {
-        // A dropped sender closes it too.
-        let _ = listener_closed.await;
-    };
-    let mut server = tokio::spawn(rest::serve(listener, Arc::clone(&service), closed));
     tracing::info!(
-        http.address = %address,
+        http.address = %http.local_addr()?,
+        grpc.address = %grpc.as_ref().unwrap_or(&http).local_addr()?,
         queue.workers = settings.workers,
         queue.length = settings.queue_length,
         "listening"
     );
 
+    let (mut servers, health) = start_servers(&service, (http, grpc), &api_settings, arguments).await;
     tokio::select! {
-        ended = &mut server => return ended?.context("the server ended by itself"),
+        _ = servers.tasks.join_next() => anyhow::bail!("a server ended by itself"),
         () = signals.next() => {}
     }
-    drain(&service, &mut signals, Duration::from_secs(arguments.drain_timeout_s)).await;
-    drop(close_listener);
-    if let Ok(ended) = timeout(LAST_ANSWER_TIMEOUT, server).await {
-        ended??;
-    } else {
+    drain(&service, &health, &mut signals, arguments).await;
+    servers.close();
+    if timeout(LAST_ANSWER_TIMEOUT, async { while servers.tasks.join_next().await.is_some() {} }).await.is_err() {
         tracing::warn!("some callers did not take their last answer in time");
     }
     tracing::info!("stopped");
     Ok(())
 }
 
-async fn drain(service: &Arc<Service>, signals: &mut Signals, limit: Duration) {
-    service.close();
+async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
+    TcpListener::bind(address).await.with_context(|| format!("{address} cannot be bound"))
+}
+
+/// The running servers, and the way to close their listeners.
+struct Servers {
+    tasks: JoinSet<()>,
+    closing: watch::Sender<bool>,
+}
+
+impl Servers {
+    fn spawn(&mut self, listener: TcpListener, router: Router, settings: ServerSettings) {
+        let mut closing = self.closing.subscribe();
+        let closed = async move {
+            // A dropped sender closes it too.
+            let _ = closing.wait_for(|closing| *closing).await;
+        };
+        self.tasks.spawn(server::serve(listener, router, settings, closed));
+    }
+
+    fn close(&self) {
+        self.closing.send_replace(true);
+    }
+}
+
+/// REST and gRPC, on a listener each, or on one together.
+async fn start_servers(
+    service: &Arc<Service>,
+    (http, grpc): (TcpListener, Option<TcpListener>),
+    api_settings: &ApiSettings,
+    arguments: &ServeArguments,
+) -> (Servers, Health) {
+    let mut servers = Servers { tasks: JoinSet::new(), closing: watch::Sender::new(false) };
+    let rest_router = rest::router(Arc::clone(service), api_settings.clone());
+    let (grpc_router, health) = grpc::router(Arc::clone(service), api_settings.clone()).await;
+    match grpc {
+        Some(grpc) => {
+            servers.spawn(http, rest_router, arguments.server_settings());
+            servers.spawn(grpc, grpc_router, arguments.server_settings());
+        }
+        // Both routers have a fallback; that of REST stays.
+        None => servers.spawn(http, rest_router.merge(grpc_router.reset_fallback()), arguments.server_settings()),
+    }
+    (servers, health)
+}
+
+async fn drain(service: &Arc<Service>, health: &Health, signals: &mut Signals, arguments: &ServeArguments) {
+    health.announce_end().await;
+    service.announce_end();
     tracing::info!(queue.in_flight = service.jobs_in_flight(), "draining");
+    let has_time = tokio::select! {
+        () = sleep(Duration::from_secs(arguments.drain_delay_s)) => true,
+        () = signals.next() => false,
+    };
+    service.close();
     let mut ended = {
         let service = Arc::clone(service);
         tokio::task::spawn_blocking(move || service.join())
     };
-    tokio::select! {
-        _ = &mut ended => return,
-        () = sleep(limit) => {}
-        () = signals.next() => {}
+    if has_time {
+        tokio::select! {
+            _ = &mut ended => return,
+            () = sleep(Duration::from_secs(arguments.drain_timeout_s)) => {}
+            () = signals.next() => {}
+        }
     }
     tracing::warn!(queue.in_flight = service.jobs_in_flight(), "cutting off the solves in flight");
     service.cancel_all();

@@ -65,6 +65,14 @@ const TABLE: &[Module] = &[
     Module { name: "api", may_use: &["service", "violation"], must_not_mention: &["std::thread", "spawn_blocking"] },
 ];
 
+/// Folders inside a module that know less than the module does. Paths are below `src`.
+const FOLDERS: &[(&str, &[&str])] = &[
+    ("api/message", &["axum", "tonic", "prost", "hyper", "tower", "api::rest", "api::grpc"]),
+    ("api/rest", &["tonic", "prost", "api::grpc"]),
+    ("api/grpc", &["serde", "serde_json", "api::rest"]),
+    ("api/server", &["tonic", "prost", "serde", "crate::service", "api::rest", "api::grpc"]),
+];
+
 /// The program around the library may use what it needs.
 const PROGRAM: &[&str] = &["lib", "main", "cli", "config", "shutdown", "telemetry", "plot"];
 
@@ -96,6 +104,21 @@ fn modules_do_not_mention_what_is_foreign_to_them() {
         }
     }
     assert!(faults.is_empty(), "foreign words:\n{}", faults.join("\n"));
+}
+
+#[test]
+fn folders_do_not_mention_what_is_foreign_to_them() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    for (folder, words) in FOLDERS {
+        let mut files = Vec::new();
+        collect(&root.join(folder), &mut files);
+        assert!(!files.is_empty(), "{folder} has no files");
+        for file in files {
+            let code = code_of(&file);
+            let found: Vec<_> = words.iter().filter(|word| mentions(&code, word)).collect();
+            assert!(found.is_empty(), "{}: `{folder}` must not mention {found:?}", file.display());
+        }
+    }
 }
 
 #[test]

@@ -96,7 +96,7 @@ fn solve_prints_a_table_and_writes_the_answer_of_the_service() {
 /// Starts a server on a free port; gives its address and the rest of its log.
 fn serve(variable: (&str, &str)) -> (Child, String, BufReader<std::process::ChildStderr>) {
     let mut child = slipdrive()
-        .args(["serve", "--http", "127.0.0.1:0", "--workers", "1"])
+        .args(["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--workers", "1"])
         .env(variable.0, variable.1)
         .stderr(Stdio::piped())
         .spawn()
@@ -109,8 +109,31 @@ fn serve(variable: (&str, &str)) -> (Child, String, BufReader<std::process::Chil
     }
     let (_, rest) = line.split_once("http.address=").unwrap();
     let address = rest.split_whitespace().next().unwrap().to_owned();
-    assert!(line.contains(variable.1), "the variable is heard: {line}");
+    if variable.0 == "SLIPDRIVE_QUEUE_LENGTH" {
+        assert!(line.contains(variable.1), "the variable is heard: {line}");
+    }
     (child, address, log)
+}
+
+#[tokio::test]
+async fn one_port_speaks_both_protocols() {
+    let (mut child, address, _log) = serve(("SLIPDRIVE_ONE_PORT", "true"));
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    assert_eq!(client.get(format!("http://{address}/readyz")).send().await.unwrap().status(), 200);
+    assert_eq!(client.get(format!("http://{address}/nowhere")).send().await.unwrap().status(), 404);
+    let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{address}")).unwrap();
+    let mut health = tonic_health::pb::health_client::HealthClient::new(endpoint.connect().await.unwrap());
+    assert!(health.check(tonic_health::pb::HealthCheckRequest::default()).await.is_ok());
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn public_server_without_keys_does_not_start() {
+    let output = run_with_input(&["serve", "--http", "0.0.0.0:0", "--grpc", "127.0.0.1:0"], b"");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("SLIPDRIVE_API_KEYS"), "{message}");
 }
 
 #[cfg(unix)]

@@ -1,5 +1,7 @@
 //! Every error that a caller can meet, in one table for all transports.
 
+use tonic::Code;
+
 use crate::service::ServiceError;
 
 /// The code of an error; stable, new ones may be added.
@@ -7,6 +9,10 @@ use crate::service::ServiceError;
 pub enum ErrorCode {
     /// No place in the queue.
     QueueFull,
+    /// The wait for a worker would outlast the deadline.
+    DeadlineUnreachable,
+    /// The deadline passed before there was a plan.
+    DeadlineExceeded,
     /// Starting or draining.
     Unavailable,
     /// The caller left.
@@ -33,6 +39,8 @@ pub enum ErrorCode {
     SolverPanic,
     /// A fault of this server outside the solver.
     Internal,
+    /// The API key is missing or wrong.
+    Unauthenticated,
 }
 
 /// One row of the table.
@@ -42,6 +50,8 @@ pub struct ErrorEntry {
     pub code: &'static str,
     /// HTTP status.
     pub http_status: u16,
+    /// gRPC status.
+    pub grpc_code: Code,
     /// Whether the same request may succeed later.
     pub retryable: bool,
     /// One line for people, the same for every occurrence.
@@ -50,8 +60,10 @@ pub struct ErrorEntry {
 
 impl ErrorCode {
     /// All codes.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 17] = [
         Self::QueueFull,
+        Self::DeadlineUnreachable,
+        Self::DeadlineExceeded,
         Self::Unavailable,
         Self::Cancelled,
         Self::MalformedBody,
@@ -65,39 +77,51 @@ impl ErrorCode {
         Self::MethodNotAllowed,
         Self::SolverPanic,
         Self::Internal,
+        Self::Unauthenticated,
     ];
 
     /// The row of this code.
     #[rustfmt::skip] // one row per line reads as the table that it is
     pub const fn entry(self) -> ErrorEntry {
         match self {
-            Self::QueueFull        => row("queue_full",         429, true,  "the queue is full"),
-            Self::Unavailable      => row("unavailable",        503, true,  "the server takes no work at present"),
+            Self::QueueFull           => row("queue_full",           429, Code::ResourceExhausted, true,  "the queue is full"),
+            Self::DeadlineUnreachable => row("deadline_unreachable", 429, Code::ResourceExhausted, true,  "the wait for a worker would outlast the deadline"),
+            Self::DeadlineExceeded    => row("deadline_exceeded",    504, Code::DeadlineExceeded,  true,  "the deadline passed before there was a plan"),
+            Self::Unavailable         => row("unavailable",          503, Code::Unavailable,       true,  "the server takes no work at present"),
             // Nobody reads this status; 499 is what access logs say for it.
-            Self::Cancelled        => row("cancelled",          499, false, "the caller left"),
-            Self::MalformedBody    => row("malformed_body",     400, false, "the body is not valid JSON"),
-            Self::InvalidField     => row("invalid_field",      422, false, "the body does not have the expected fields"),
-            Self::InvalidValue     => row("invalid_value",      422, false, "some values break their rules"),
-            Self::ProblemTooLarge  => row("problem_too_large",  422, false, "the problem is larger than this server accepts"),
-            Self::BodyTooLarge     => row("body_too_large",     413, false, "the body is too large"),
-            Self::BodyTimeout      => row("body_timeout",       408, true,  "the body took too long to arrive"),
-            Self::UnsupportedMedia => row("unsupported_media",  415, false, "the media type is not supported"),
-            Self::NotFound         => row("not_found",          404, false, "there is nothing at this path"),
-            Self::MethodNotAllowed => row("method_not_allowed", 405, false, "the path does not take this method"),
-            Self::SolverPanic      => row("solver_panic",       500, false, "the solver failed on this input"),
-            Self::Internal         => row("internal",           500, false, "the server failed"),
+            Self::Cancelled           => row("cancelled",            499, Code::Cancelled,         false, "the caller left"),
+            Self::MalformedBody       => row("malformed_body",       400, Code::InvalidArgument,   false, "the body cannot be read"),
+            Self::InvalidField        => row("invalid_field",        422, Code::InvalidArgument,   false, "the body does not have the expected fields"),
+            Self::InvalidValue        => row("invalid_value",        422, Code::InvalidArgument,   false, "some values break their rules"),
+            Self::ProblemTooLarge     => row("problem_too_large",    422, Code::InvalidArgument,   false, "the problem is larger than this server accepts"),
+            Self::BodyTooLarge        => row("body_too_large",       413, Code::ResourceExhausted, false, "the body is too large"),
+            Self::BodyTimeout         => row("body_timeout",         408, Code::DeadlineExceeded,  true,  "the body took too long to arrive"),
+            Self::UnsupportedMedia    => row("unsupported_media",    415, Code::Unimplemented,     false, "the media type is not supported"),
+            Self::NotFound            => row("not_found",            404, Code::Unimplemented,     false, "there is nothing at this path"),
+            Self::MethodNotAllowed    => row("method_not_allowed",   405, Code::Unimplemented,     false, "the path does not take this method"),
+            Self::SolverPanic         => row("solver_panic",         500, Code::Internal,          false, "the solver failed on this input"),
+            Self::Internal            => row("internal",             500, Code::Internal,          false, "the server failed"),
+            Self::Unauthenticated     => row("unauthenticated",      401, Code::Unauthenticated,   false, "the API key is missing or wrong"),
         }
     }
 }
 
-const fn row(code: &'static str, http_status: u16, retryable: bool, title: &'static str) -> ErrorEntry {
-    ErrorEntry { code, http_status, retryable, title }
+const fn row(
+    code: &'static str,
+    http_status: u16,
+    grpc_code: Code,
+    retryable: bool,
+    title: &'static str,
+) -> ErrorEntry {
+    ErrorEntry { code, http_status, grpc_code, retryable, title }
 }
 
 impl From<&ServiceError> for ErrorCode {
     fn from(error: &ServiceError) -> Self {
         match error {
             ServiceError::QueueFull { .. } => Self::QueueFull,
+            ServiceError::DeadlineUnreachable { .. } => Self::DeadlineUnreachable,
+            ServiceError::DeadlineExceeded => Self::DeadlineExceeded,
             ServiceError::Unavailable { .. } => Self::Unavailable,
             ServiceError::Cancelled => Self::Cancelled,
             ServiceError::SolverPanic => Self::SolverPanic,
@@ -121,7 +145,7 @@ mod tests {
     fn only_overload_drain_and_slowness_are_worth_a_retry() {
         for code in ErrorCode::ALL {
             let entry = code.entry();
-            assert_eq!(entry.retryable, matches!(entry.http_status, 408 | 429 | 503), "{}", entry.code);
+            assert_eq!(entry.retryable, matches!(entry.http_status, 408 | 429 | 503 | 504), "{}", entry.code);
         }
     }
 }

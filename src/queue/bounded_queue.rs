@@ -3,11 +3,13 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::mem;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::time::Duration;
 
-use super::job::{self, Departure, Job, Ticket};
+use tokio::sync::Notify;
+
+use super::job::{self, Clocks, Departure, Job, Ticket};
 use super::lock;
 use super::stop::{StopCause, StopHandle};
+use super::watchdog::Watchdog;
 
 /// Why no place was given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,6 +26,8 @@ pub(super) struct BoundedQueue {
     state: Mutex<State>,
     /// Wakes workers: a job came, or the last one ended after closing.
     changed: Condvar,
+    /// Wakes those who wait for a place: one was given back, or the queue was closed.
+    place_freed: Notify,
     capacity: usize,
 }
 
@@ -49,21 +53,46 @@ impl BoundedQueue {
             waiting: VecDeque::new(),
             stops: BTreeMap::new(),
         };
-        Self { state: Mutex::new(state), changed: Condvar::new(), capacity }
+        Self { state: Mutex::new(state), changed: Condvar::new(), place_freed: Notify::new(), capacity }
     }
 
-    pub(super) fn reserve(self: &Arc<Self>) -> Result<Place, Refusal> {
+    pub(super) fn reserve(self: &Arc<Self>, watchdog: &Arc<Watchdog>) -> Result<Place, Refusal> {
+        self.reserve_below(self.capacity, watchdog)
+    }
+
+    /// Reserves a place while fewer than `bound` are taken.
+    fn reserve_below(self: &Arc<Self>, bound: usize, watchdog: &Arc<Watchdog>) -> Result<Place, Refusal> {
         let mut state = lock(&self.state);
         if !state.open {
             return Err(Refusal::Closed);
         }
-        if state.in_flight >= self.capacity {
+        if state.in_flight >= bound.min(self.capacity) {
             return Err(Refusal::Full);
         }
         state.in_flight += 1;
         let id = state.next_id;
         state.next_id += 1;
-        Ok(Place { queue: Arc::clone(self), id })
+        Ok(Place { queue: Arc::clone(self), watchdog: Arc::clone(watchdog), id })
+    }
+
+    /// Waits until fewer than `bound` places are taken and reserves one; fails only when the queue is closed.
+    pub(super) async fn wait_for_place(
+        self: &Arc<Self>,
+        bound: usize,
+        watchdog: &Arc<Watchdog>,
+    ) -> Result<Place, Refusal> {
+        loop {
+            let freed = self.place_freed.notified();
+            match self.reserve_below(bound, watchdog) {
+                Err(Refusal::Full) => freed.await,
+                decided => return decided,
+            }
+        }
+    }
+
+    /// Jobs that wait or run.
+    pub(super) fn queued(&self) -> usize {
+        lock(&self.state).stops.len()
     }
 
     pub(super) fn is_open(&self) -> bool {
@@ -77,6 +106,7 @@ impl BoundedQueue {
     pub(super) fn close(&self) {
         lock(&self.state).open = false;
         self.changed.notify_all();
+        self.place_freed.notify_waiters();
     }
 
     pub(super) fn cancel_all(&self, cause: StopCause) {
@@ -92,6 +122,7 @@ impl BoundedQueue {
         // Outside the lock: the jobs give their places back.
         drop(waiting);
         self.changed.notify_all();
+        self.place_freed.notify_waiters();
     }
 
     /// The oldest waiting job; blocks until there is one. `None` once the queue is closed and nothing is in flight.
@@ -141,6 +172,7 @@ impl BoundedQueue {
         if was_last {
             self.changed.notify_all();
         }
+        self.place_freed.notify_one();
     }
 }
 
@@ -148,6 +180,7 @@ impl BoundedQueue {
 #[derive(Debug)]
 pub struct Place {
     queue: Arc<BoundedQueue>,
+    watchdog: Arc<Watchdog>,
     id: u64,
 }
 
@@ -157,17 +190,28 @@ impl Place {
         self.id
     }
 
-    /// Queues `work`; it hears of its time limit, counted from its start, through the stop handle.
+    /// Jobs that wait or run ahead of this place.
+    pub fn jobs_ahead(&self) -> usize {
+        self.queue.queued()
+    }
+
+    /// Queues `work`; it hears of its clocks through the stop handle.
     pub fn fill<T: Send + 'static>(
         self,
-        time_limit: Option<Duration>,
+        clocks: Clocks,
         work: impl FnOnce(&StopHandle) -> T + Send + 'static,
     ) -> Ticket<T> {
-        let (queue, id, stop) = (Arc::clone(&self.queue), self.id, StopHandle::new());
+        let (queue, watchdog) = (Arc::clone(&self.queue), Arc::clone(&self.watchdog));
+        let (id, stop) = (self.id, StopHandle::new());
         let departure = Departure::new(stop.clone(), Arc::downgrade(&queue), id);
-        let (job, ticket) = job::pair(self, id, (stop.clone(), departure), time_limit, work);
-        queue.push(job, stop);
-        ticket
+        let (job, ticket) = job::pair(self, id, (stop.clone(), departure), clocks, work);
+        queue.push(job, stop.clone());
+        // After the job is in the line, so that a time that has passed already finds it there.
+        let watch = clocks.stop_time().map(|time| {
+            let line = (Arc::downgrade(&queue), id);
+            watchdog.watch_waiting(&stop, (time, StopCause::Deadline), line)
+        });
+        ticket.watched_by(watch)
     }
 }
 

@@ -10,7 +10,28 @@ use tokio::sync::oneshot;
 
 use super::bounded_queue::{BoundedQueue, Place};
 use super::stop::{StopCause, StopHandle};
-use super::watchdog::Watchdog;
+use super::watchdog::{Watch, Watchdog};
+
+/// How long before a deadline a job is told to stop: time to write the answer and send it.
+pub const ANSWER_MARGIN: Duration = Duration::from_millis(20);
+
+/// The two clocks of a job.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Clocks {
+    /// How long the job may run, counted from its start on the worker.
+    pub time_limit: Option<Duration>,
+    /// When its caller needs the answer, waiting included; the job is told to stop [`ANSWER_MARGIN`] earlier, and is
+    /// never started after that.
+    pub deadline: Option<Instant>,
+}
+
+impl Clocks {
+    /// When a job under this deadline is told to stop.
+    pub(super) fn stop_time(&self) -> Option<Instant> {
+        // Before the clock's own beginning: at once.
+        self.deadline.map(|deadline| deadline.checked_sub(ANSWER_MARGIN).unwrap_or_else(Instant::now))
+    }
+}
 
 /// How a job ended.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,8 +42,6 @@ pub enum JobOutcome<T> {
         value: T,
         /// How long it ran, waiting excluded.
         duration: Duration,
-        /// What told it to stop, if anything did before it returned.
-        stop_cause: Option<StopCause>,
     },
     /// The work panicked.
     Panicked {
@@ -41,12 +60,19 @@ pub enum JobOutcome<T> {
 pub struct Ticket<T> {
     answer: oneshot::Receiver<JobOutcome<T>>,
     departure: Departure,
+    /// Held until the end, if there is a deadline.
+    deadline: Option<Watch>,
 }
 
 impl<T> Ticket<T> {
+    /// Sets the watch over the deadline.
+    pub(super) fn watched_by(self, deadline: Option<Watch>) -> Self {
+        Self { deadline, ..self }
+    }
+
     /// Waits for the end of the job.
     pub async fn outcome(self) -> JobOutcome<T> {
-        let Self { answer, departure } = self;
+        let Self { answer, departure, deadline: _watch } = self;
         answer.await.unwrap_or_else(|_| departure.never_started())
     }
 
@@ -55,7 +81,7 @@ impl<T> Ticket<T> {
     /// # Panics
     /// When called on a thread of an async runtime.
     pub fn blocking_outcome(self) -> JobOutcome<T> {
-        let Self { answer, departure } = self;
+        let Self { answer, departure, deadline: _watch } = self;
         answer.blocking_recv().unwrap_or_else(|_| departure.never_started())
     }
 }
@@ -116,21 +142,25 @@ pub(super) fn pair<T: Send + 'static>(
     place: Place,
     id: u64,
     (stop, departure): (StopHandle, Departure),
-    time_limit: Option<Duration>,
+    clocks: Clocks,
     work: impl FnOnce(&StopHandle) -> T + Send + 'static,
 ) -> (Job, Ticket<T>) {
     let (sender, answer) = oneshot::channel();
     let run = move |watchdog: &Watchdog| {
+        // The watchdog may be a moment late.
+        if clocks.stop_time().is_some_and(|time| time <= Instant::now()) {
+            stop.stop(StopCause::Deadline);
+        }
         let outcome = match stop.cause() {
             Some(cause) => JobOutcome::NeverStarted { cause },
-            None => run_timed(&stop, time_limit, work, watchdog),
+            None => run_timed(&stop, clocks.time_limit, work, watchdog),
         };
         // Before the answer, so that an answered caller finds the place free.
         drop(place);
         // A caller who left needs no answer.
         let _ = sender.send(outcome);
     };
-    (Job { id, run: Box::new(run) }, Ticket { answer, departure })
+    (Job { id, run: Box::new(run) }, Ticket { answer, departure, deadline: None })
 }
 
 fn run_timed<T>(
@@ -146,10 +176,9 @@ fn run_timed<T>(
     // The work owns all it touches, so nothing half-changed outlives a panic.
     let result = catch_unwind(AssertUnwindSafe(|| work(stop)));
     let duration = start.elapsed();
-    let stop_cause = stop.cause();
     drop(watch);
     match result {
-        Ok(value) => JobOutcome::Finished { value, duration, stop_cause },
+        Ok(value) => JobOutcome::Finished { value, duration },
         Err(payload) => JobOutcome::Panicked { message: panic_message(payload.as_ref()) },
     }
 }

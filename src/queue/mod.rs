@@ -3,8 +3,9 @@
 //! - Admission is counted: at most `workers + queue_length` jobs are in flight, running and waiting together. A
 //!   [`Place`] is reserved first, filled with a job later, and given back when it is dropped.
 //! - Jobs start in the order in which they came. Each runs behind a panic border and answers through its [`Ticket`].
-//! - A job stops for the first [`StopCause`] that reaches its [`StopHandle`]: its time limit, its caller's departure
-//!   (the ticket is dropped), or a shutdown. A job that is stopped while it waits is never started.
+//! - A job stops for the first [`StopCause`] that reaches its [`StopHandle`]: its time limit, its deadline, its
+//!   caller's departure (the ticket is dropped), or a shutdown. A job that is stopped while it waits is taken out of
+//!   the line and never started.
 //!
 //! The waiting line is a deque under a mutex rather than a channel, because the place of a caller who left must be free
 //! at once, and a channel gives entries only to its receivers.
@@ -26,7 +27,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bounded_queue::BoundedQueue;
 pub use bounded_queue::{Place, Refusal};
-pub use job::{JobOutcome, Ticket};
+pub use job::{ANSWER_MARGIN, Clocks, JobOutcome, Ticket};
 pub use stop::{StopCause, StopHandle};
 use watchdog::Watchdog;
 use workers::Workers;
@@ -59,12 +60,25 @@ impl Queue {
     /// # Errors
     /// When all places are taken, or the queue was closed.
     pub fn reserve(&self) -> Result<Place, Refusal> {
-        self.waiting_line.reserve()
+        self.waiting_line.reserve(&self.watchdog)
+    }
+
+    /// Waits until fewer than `bound` places are taken, then reserves one.
+    ///
+    /// # Errors
+    /// Only when the queue is closed.
+    pub async fn wait_for_place(&self, bound: usize) -> Result<Place, Refusal> {
+        self.waiting_line.wait_for_place(bound, &self.watchdog).await
     }
 
     /// Whether places are still given out.
     pub fn is_open(&self) -> bool {
         self.waiting_line.is_open()
+    }
+
+    /// Jobs that wait or run.
+    pub fn queued(&self) -> usize {
+        self.waiting_line.queued()
     }
 
     /// Jobs in flight: reserved, waiting and running.

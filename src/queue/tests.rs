@@ -3,7 +3,7 @@
 use std::num::NonZeroUsize;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::*;
 
@@ -15,7 +15,7 @@ fn one_worker(queue_length: usize) -> Queue {
 fn hold_worker(queue: &Queue) -> (Ticket<()>, Sender<()>) {
     let (release, released): (Sender<()>, Receiver<()>) = channel();
     let (started, has_started) = channel();
-    let ticket = queue.reserve().unwrap().fill(None, move |_| {
+    let ticket = queue.reserve().unwrap().fill(Clocks::default(), move |_| {
         started.send(()).unwrap();
         let _ = released.recv();
     });
@@ -52,7 +52,7 @@ fn answered_caller_finds_its_place_free() {
     let queue = one_worker(0);
     for round in 0..100 {
         let place = queue.reserve().expect("the place of the round before is free");
-        assert_eq!(value_of(place.fill(None, move |_| round).blocking_outcome()), round);
+        assert_eq!(value_of(place.fill(Clocks::default(), move |_| round).blocking_outcome()), round);
     }
 }
 
@@ -64,7 +64,7 @@ fn jobs_start_in_order_of_arrival() {
     let tickets: Vec<_> = (0..8)
         .map(|number| {
             let order = order.clone();
-            queue.reserve().unwrap().fill(None, move |_| order.send(number).unwrap())
+            queue.reserve().unwrap().fill(Clocks::default(), move |_| order.send(number).unwrap())
         })
         .collect();
     drop((release, order));
@@ -75,16 +75,17 @@ fn jobs_start_in_order_of_arrival() {
 #[test]
 fn panicking_job_leaves_the_worker_alive() {
     let queue = one_worker(0);
-    let outcome = queue.reserve().unwrap().fill(None, |_| panic!("injected")).blocking_outcome();
+    let outcome = queue.reserve().unwrap().fill(Clocks::default(), |_| panic!("injected")).blocking_outcome();
     assert_eq!(outcome, JobOutcome::<()>::Panicked { message: "injected".to_owned() });
-    assert_eq!(value_of(queue.reserve().unwrap().fill(None, |_| 7).blocking_outcome()), 7);
+    assert_eq!(value_of(queue.reserve().unwrap().fill(Clocks::default(), |_| 7).blocking_outcome()), 7);
 }
 
 #[test]
 fn time_limit_counts_from_the_start_and_sets_the_flag() {
     let queue = one_worker(1);
     let (_held, release) = hold_worker(&queue);
-    let ticket = queue.reserve().unwrap().fill(Some(Duration::ZERO), |stop| {
+    let clocks = Clocks { time_limit: Some(Duration::ZERO), deadline: None };
+    let ticket = queue.reserve().unwrap().fill(clocks, |stop| {
         // Even a limit of nothing does not pass while the job waits.
         spin_until_stopped(stop);
         stop.cause()
@@ -98,7 +99,7 @@ fn dropped_ticket_stops_the_running_job() {
     let queue = one_worker(0);
     let (started, has_started) = channel();
     let (ended, end) = channel();
-    let ticket = queue.reserve().unwrap().fill(None, move |stop| {
+    let ticket = queue.reserve().unwrap().fill(Clocks::default(), move |stop| {
         started.send(()).unwrap();
         spin_until_stopped(stop);
         ended.send(stop.cause()).unwrap();
@@ -113,12 +114,12 @@ fn waiting_job_whose_caller_left_is_never_started_and_frees_its_place_at_once() 
     let queue = one_worker(1);
     let (_held, release) = hold_worker(&queue);
     let (started, has_started) = channel();
-    let ticket = queue.reserve().unwrap().fill(None, move |_| started.send(()).unwrap());
+    let ticket = queue.reserve().unwrap().fill(Clocks::default(), move |_| started.send(()).unwrap());
     assert_eq!(queue.reserve().unwrap_err(), Refusal::Full);
     drop(ticket);
     let place = queue.reserve().expect("the place of the caller who left is free");
     drop(release);
-    assert_eq!(value_of(place.fill(None, |_| 1).blocking_outcome()), 1);
+    assert_eq!(value_of(place.fill(Clocks::default(), |_| 1).blocking_outcome()), 1);
     // The sender went with the job that never ran.
     assert!(has_started.recv().is_err());
 }
@@ -127,7 +128,7 @@ fn waiting_job_whose_caller_left_is_never_started_and_frees_its_place_at_once() 
 fn join_finishes_what_is_in_flight() {
     let queue = one_worker(1);
     let (held, release) = hold_worker(&queue);
-    let waiting = queue.reserve().unwrap().fill(None, |_| 3);
+    let waiting = queue.reserve().unwrap().fill(Clocks::default(), |_| 3);
     queue.close();
     assert_eq!(queue.reserve().unwrap_err(), Refusal::Closed);
     drop(release);
@@ -140,7 +141,7 @@ fn place_reserved_before_closing_may_still_be_filled() {
     let queue = one_worker(0);
     let place = queue.reserve().unwrap();
     queue.close();
-    assert_eq!(value_of(place.fill(None, |_| 5).blocking_outcome()), 5);
+    assert_eq!(value_of(place.fill(Clocks::default(), |_| 5).blocking_outcome()), 5);
     queue.join();
 }
 
@@ -148,18 +149,84 @@ fn place_reserved_before_closing_may_still_be_filled() {
 fn cancelling_stops_running_waiting_and_reserved_jobs() {
     let queue = one_worker(2);
     let (started, has_started) = channel();
-    let running = queue.reserve().unwrap().fill(None, move |stop| {
+    let running = queue.reserve().unwrap().fill(Clocks::default(), move |stop| {
         started.send(()).unwrap();
         spin_until_stopped(stop);
         stop.cause()
     });
     has_started.recv().unwrap();
-    let waiting = queue.reserve().unwrap().fill(None, |_| ());
+    let waiting = queue.reserve().unwrap().fill(Clocks::default(), |_| ());
     let reserved = queue.reserve().unwrap();
     queue.cancel_all(StopCause::Shutdown);
     let never = JobOutcome::NeverStarted { cause: StopCause::Shutdown };
     assert_eq!(value_of(running.blocking_outcome()), Some(StopCause::Shutdown));
     assert_eq!(waiting.blocking_outcome(), never);
-    assert_eq!(reserved.fill(None, |_| ()).blocking_outcome(), never);
+    assert_eq!(reserved.fill(Clocks::default(), |_| ()).blocking_outcome(), never);
     queue.join();
+}
+
+fn until(deadline: Instant) -> Clocks {
+    Clocks { time_limit: None, deadline: Some(deadline) }
+}
+
+#[test]
+fn deadline_stops_the_running_job() {
+    let queue = one_worker(0);
+    let deadline = Instant::now() + ANSWER_MARGIN + Duration::from_millis(50);
+    let ticket = queue.reserve().unwrap().fill(until(deadline), |stop| {
+        spin_until_stopped(stop);
+        stop.cause()
+    });
+    assert_eq!(value_of(ticket.blocking_outcome()), Some(StopCause::Deadline));
+}
+
+#[test]
+fn waiting_job_whose_deadline_passes_is_answered_at_once_and_never_started() {
+    let queue = one_worker(1);
+    let (held, release) = hold_worker(&queue);
+    let (started, has_started) = channel::<()>();
+    let place = queue.reserve().unwrap();
+    let ticket = place.fill(until(Instant::now() + ANSWER_MARGIN), move |_| started.send(()).unwrap());
+    // The worker is still held: the watchdog alone ends the wait and frees the place.
+    assert_eq!(ticket.blocking_outcome(), JobOutcome::NeverStarted { cause: StopCause::Deadline });
+    assert!(queue.reserve().is_ok());
+    drop(release);
+    value_of(held.blocking_outcome());
+    assert!(has_started.recv().is_err());
+}
+
+#[test]
+fn deadline_in_the_past_is_never_started_on_an_idle_worker() {
+    let queue = one_worker(0);
+    let ticket = queue.reserve().unwrap().fill(until(Instant::now()), |_| ());
+    assert_eq!(ticket.blocking_outcome(), JobOutcome::NeverStarted { cause: StopCause::Deadline });
+    assert_eq!(queue.queued(), 0);
+}
+
+#[tokio::test]
+async fn place_below_a_bound_is_given_once_enough_are_given_back() {
+    let queue = one_worker(3);
+    let mut places: Vec<_> = (0..3).map(|_| queue.reserve().unwrap()).collect();
+    let waiting = queue.wait_for_place(2);
+    let free_two = async {
+        tokio::task::yield_now().await;
+        places.pop();
+        tokio::task::yield_now().await;
+        places.pop();
+    };
+    let (place, ()) = tokio::join!(waiting, free_two);
+    assert!(place.is_ok());
+    assert_eq!(queue.in_flight(), 2);
+}
+
+#[tokio::test]
+async fn closing_ends_the_wait_for_a_place() {
+    let queue = one_worker(0);
+    let _taken = queue.reserve().unwrap();
+    let close = async {
+        tokio::task::yield_now().await;
+        queue.close();
+    };
+    let (refused, ()) = tokio::join!(queue.wait_for_place(1), close);
+    assert_eq!(refused.unwrap_err(), Refusal::Closed);
 }

@@ -1,11 +1,12 @@
-//! One thread that sets stop flags when their time comes.
+//! One thread that stops jobs when their time comes.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::thread::{Builder, JoinHandle};
 use std::time::Instant;
 use std::{io, mem};
 
+use super::bounded_queue::BoundedQueue;
 use super::lock;
 use super::stop::{StopCause, StopHandle};
 
@@ -23,7 +24,28 @@ struct Watched {
 }
 
 /// Sorted by time, so that the next one due is the first; the number keeps equal times apart.
-type Due = BTreeMap<(Instant, u64), (StopHandle, StopCause)>;
+type Due = BTreeMap<(Instant, u64), Alarm>;
+
+/// What happens when a time comes.
+#[derive(Debug)]
+struct Alarm {
+    stop: StopHandle,
+    cause: StopCause,
+    /// The line that the job may still wait in, and its number there.
+    line: Option<(Weak<BoundedQueue>, u64)>,
+}
+
+impl Alarm {
+    fn ring(self) {
+        let Self { stop, cause, line } = self;
+        stop.stop(cause);
+        if let Some((queue, id)) = line
+            && let Some(queue) = queue.upgrade()
+        {
+            queue.remove(id);
+        }
+    }
+}
 
 #[derive(Debug, Default)]
 struct State {
@@ -44,10 +66,24 @@ impl Watchdog {
 
     /// Stops the job at `time` for `cause`, unless the watch is dropped before.
     pub(super) fn watch(&self, stop: &StopHandle, time: Instant, cause: StopCause) -> Watch {
+        self.set(time, Alarm { stop: stop.clone(), cause, line: None })
+    }
+
+    /// Like [`Watchdog::watch`], and takes the job out of the line if it still waits there at that time.
+    pub(super) fn watch_waiting(
+        &self,
+        stop: &StopHandle,
+        (time, cause): (Instant, StopCause),
+        line: (Weak<BoundedQueue>, u64),
+    ) -> Watch {
+        self.set(time, Alarm { stop: stop.clone(), cause, line: Some(line) })
+    }
+
+    fn set(&self, time: Instant, alarm: Alarm) -> Watch {
         let mut state = lock(&self.watched.state);
         let key = (time, state.next_number);
         state.next_number += 1;
-        state.due.insert(key, (stop.clone(), cause));
+        state.due.insert(key, alarm);
         drop(state);
         self.watched.changed.notify_one();
         Watch { watched: Arc::clone(&self.watched), key }
@@ -78,9 +114,13 @@ impl Watched {
         let mut state = lock(&self.state);
         while !state.closed {
             let now = Instant::now();
-            while let Some(entry) = state.due.first_entry().filter(|entry| entry.key().0 <= now) {
-                let (stop, cause) = entry.remove();
-                stop.stop(cause);
+            if let Some(entry) = state.due.first_entry().filter(|entry| entry.key().0 <= now) {
+                let alarm = entry.remove();
+                // Outside the lock: a job that goes with its alarm drops watches of its own.
+                drop(state);
+                alarm.ring();
+                state = lock(&self.state);
+                continue;
             }
             state = match state.due.first_key_value() {
                 Some(((time, _), _)) => {

@@ -8,5 +8,5 @@ pub use crate::solver::domain::{
 };
 pub use crate::solver::{
     DistinctOptimum, LowerBoundAssumption, Method, Reason, Refinement, Replay, Report, SimulateInput, Simulation,
-    Solution, SolveInput, SolverSettings, Status,
+    Solution, SolveInput, SolveProgress, SolverSettings, Status,
 };

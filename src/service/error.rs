@@ -13,6 +13,19 @@ pub enum ServiceError {
         /// Jobs that may run and wait at once.
         capacity: usize,
     },
+    /// The wait for a worker would outlast the caller's deadline.
+    #[error("the wait for a worker is about {} ms, the deadline is in {} ms", .estimated_wait.as_millis(), .remaining.as_millis())]
+    DeadlineUnreachable {
+        /// When it is worth trying again.
+        retry_after: Duration,
+        /// How long a worker would not be free.
+        estimated_wait: Duration,
+        /// How long the deadline was away.
+        remaining: Duration,
+    },
+    /// The deadline passed before the solve could start; there is no plan.
+    #[error("the deadline passed before a worker was free")]
+    DeadlineExceeded,
     /// The service starts or drains.
     #[error("the server takes no work at present, try again in {} s", .retry_after.as_secs())]
     Unavailable {
@@ -25,4 +38,16 @@ pub enum ServiceError {
     /// The solver panicked or broke its promise; the log holds the cause.
     #[error("the solver gave no answer; the log of the server holds the cause")]
     SolverPanic,
+}
+
+impl ServiceError {
+    /// When it is worth trying again, where that is known.
+    pub fn retry_after(&self) -> Option<Duration> {
+        match *self {
+            Self::QueueFull { retry_after, .. }
+            | Self::DeadlineUnreachable { retry_after, .. }
+            | Self::Unavailable { retry_after } => Some(retry_after),
+            Self::DeadlineExceeded | Self::Cancelled | Self::SolverPanic => None,
+        }
+    }
 }

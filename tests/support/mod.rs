@@ -2,6 +2,8 @@
 
 #![allow(dead_code, unreachable_pub, reason = "each test binary uses its own part of the support")]
 
+pub mod protobuf;
+
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Condvar, Mutex};
@@ -9,7 +11,10 @@ use std::time::Duration;
 
 use nalgebra::SVector;
 use serde_json::Value;
-use slipdrive::api::rest;
+use slipdrive::api::grpc::pb::maneuver_service_client::ManeuverServiceClient;
+use slipdrive::api::grpc::{self, Health};
+use slipdrive::api::server::{self, ServerSettings};
+use slipdrive::api::{ApiSettings, rest};
 use slipdrive::service::domain::{
     LowerBoundAssumption, Method, Replay, Report, SimulateInput, Simulation, Solution, SolveInput, State, Status,
     TorqueSchedule, Trajectory,
@@ -18,6 +23,7 @@ use slipdrive::service::{InProcessSolver, Limits, ManeuverSolver, Service, Servi
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
+use tonic::transport::{Channel, Endpoint};
 
 /// Far beyond anything that these tests wait for: passing it means that something hangs.
 pub const HANG_BOUND: Duration = Duration::from_secs(60);
@@ -111,19 +117,46 @@ pub struct TestServer {
     pub address: SocketAddr,
     pub service: Arc<Service>,
     pub client: reqwest::Client,
-    task: JoinHandle<std::io::Result<()>>,
+    /// Address of the gRPC server.
+    pub grpc_address: SocketAddr,
+    pub health: Health,
+    tasks: Vec<JoinHandle<()>>,
 }
 
 impl TestServer {
     /// Starts a server with one worker.
     pub async fn start(queue_length: usize, solver: Arc<dyn ManeuverSolver>) -> Self {
+        Self::start_with(queue_length, solver, ApiSettings::default(), ServerSettings::default()).await
+    }
+
+    /// Starts a server with one worker, REST and gRPC on a port each.
+    pub async fn start_with(
+        queue_length: usize,
+        solver: Arc<dyn ManeuverSolver>,
+        api: ApiSettings,
+        server: ServerSettings,
+    ) -> Self {
         let settings = ServiceSettings { workers: NonZeroUsize::MIN, queue_length, limits: Limits::default() };
         let service = Arc::new(Service::start(settings, solver).unwrap());
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let address = listener.local_addr().unwrap();
-        let task = tokio::spawn(rest::serve(listener, Arc::clone(&service), std::future::pending()));
+        let (grpc_router, health) = grpc::router(Arc::clone(&service), api.clone()).await;
+        let (mut addresses, mut tasks) = (Vec::new(), Vec::new());
+        for router in [rest::router(Arc::clone(&service), api), grpc_router] {
+            let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+            addresses.push(listener.local_addr().unwrap());
+            tasks.push(tokio::spawn(server::serve(listener, router, server.clone(), std::future::pending())));
+        }
         let client = reqwest::Client::builder().timeout(HANG_BOUND).no_proxy().build().unwrap();
-        Self { address, service, client, task }
+        Self { address: addresses[0], grpc_address: addresses[1], service, client, health, tasks }
+    }
+
+    /// A gRPC client with a connection of its own.
+    pub async fn grpc(&self) -> ManeuverServiceClient<Channel> {
+        ManeuverServiceClient::new(self.channel().await).max_decoding_message_size(16 * 1024 * 1024)
+    }
+
+    pub async fn channel(&self) -> Channel {
+        let endpoint = Endpoint::from_shared(format!("http://{}", self.grpc_address)).unwrap();
+        endpoint.connect().await.unwrap()
     }
 
     pub fn url(&self, path: &str) -> String {
@@ -143,7 +176,9 @@ impl TestServer {
 
 impl Drop for TestServer {
     fn drop(&mut self) {
-        self.task.abort();
+        for task in &self.tasks {
+            task.abort();
+        }
         self.service.cancel_all();
     }
 }

@@ -2,34 +2,50 @@
 
 use std::future::poll_fn;
 use std::pin::Pin;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody};
-use axum::extract::Request;
-use axum::http::{HeaderMap, header};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderName, header};
 use tokio::time::timeout;
 
-use super::problem::Problem;
+use crate::api::Door;
 use crate::api::error_table::ErrorCode;
+use crate::api::problem::Problem;
 use crate::service::Service;
 
-/// A caller that sends 256 KiB over the slowest mobile link needs less than this.
-const BODY_TIMEOUT: Duration = Duration::from_secs(30);
 /// Refused bodies are read on for this long, and up to [`MAX_DISCARDED_BYTES`]: a connection closed with unread bytes
 /// is reset, and the caller never sees the refusal.
 const DISCARD_TIMEOUT: Duration = Duration::from_secs(1);
 const MAX_DISCARDED_BYTES: usize = 16 * 1024 * 1024;
 
+const REQUEST_TIMEOUT_MS: HeaderName = HeaderName::from_static("request-timeout-ms");
+
+/// When the caller needs the answer: `Request-Timeout-Ms` after arrival, if it is given.
+///
+/// # Errors
+/// `invalid_value` when it is no whole number of milliseconds.
+pub(super) fn deadline(headers: &HeaderMap, arrival: Instant) -> Result<Option<Instant>, Problem> {
+    let Some(given) = headers.get(REQUEST_TIMEOUT_MS) else { return Ok(None) };
+    let milliseconds = given.to_str().ok().and_then(|text| text.parse::<u64>().ok()).filter(|&number| number > 0);
+    let Some(milliseconds) = milliseconds else {
+        let detail = format!("`request-timeout-ms` is {given:?}, must be a whole number of milliseconds, at least 1");
+        return Err(Problem::new(ErrorCode::InvalidValue, detail));
+    };
+    // Beyond the clock's range no deadline ever comes.
+    Ok(arrival.checked_add(Duration::from_millis(milliseconds)))
+}
+
 /// The body of a JSON request, as bytes.
 ///
 /// # Errors
 /// `unavailable`, `body_too_large`, `unsupported_media`, `body_timeout`, in the order of the contract.
-pub(super) async fn receive(service: &Service, request: Request) -> Result<Vec<u8>, Problem> {
-    let (head, mut body) = request.into_parts();
+pub(super) async fn receive(door: &Door, head: &Parts, mut body: Body) -> Result<Vec<u8>, Problem> {
+    let (service, patience) = (&door.service, door.settings.body_timeout);
     let limit = service.limits().max_body_bytes;
     let admitted = admit(service, &head.headers, limit);
     let received = match admitted {
-        Ok(()) => timeout(BODY_TIMEOUT, read_within(&mut body, limit)).await.unwrap_or_else(|_| Err(too_slow())),
+        Ok(()) => timeout(patience, read_within(&mut body, limit)).await.unwrap_or_else(|_| Err(too_slow(patience))),
         Err(problem) => Err(problem),
     };
     // A caller who waits for `100 Continue` has sent nothing that could be left unread.
@@ -41,7 +57,7 @@ pub(super) async fn receive(service: &Service, request: Request) -> Result<Vec<u
 }
 
 fn admit(service: &Service, headers: &HeaderMap, limit: usize) -> Result<(), Problem> {
-    service.check_ready()?;
+    service.check_open()?;
     let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
     if declared.is_some_and(|length| length > limit as u64) {
         return Err(Problem::body_too_large(limit));
@@ -105,9 +121,8 @@ async fn next_chunk(body: &mut Body) -> Option<Result<axum::body::Bytes, axum::E
     Some(frame.map(|frame| frame.into_data().unwrap_or_default()))
 }
 
-fn too_slow() -> Problem {
-    let seconds = BODY_TIMEOUT.as_secs();
-    Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {seconds} s"))
+fn too_slow(patience: Duration) -> Problem {
+    Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {patience:?}"))
 }
 
 #[cfg(test)]

@@ -1,72 +1,53 @@
 //! REST: JSON in and out, strict in what it reads, `application/problem+json` for every error.
 
 mod border;
-mod convert_goal;
-mod convert_request;
-mod convert_response;
+mod events;
 mod extract;
 mod handlers;
-mod problem;
-mod strict;
-mod wire_request;
-mod wire_response;
+mod openapi;
+mod problem_json;
 
 use std::any::Any;
-use std::io;
 use std::sync::Arc;
 
 use axum::Router;
-use axum::middleware::from_fn;
+use axum::body::Bytes;
+use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
-use axum::serve::ListenerExt;
-use tokio::net::TcpListener;
 use tower_http::catch_panic::CatchPanicLayer;
 
-pub use convert_request::{AcceptedSolve, forward_drive_body, read_simulate, read_solve};
-pub use convert_response::{simulate_answer, solve_answer};
-pub use problem::{FieldError, Problem};
-pub use wire_request::View;
-
 use crate::api::error_table::ErrorCode;
+pub use crate::api::message::accept::{AcceptedSolve, forward_drive_body, read_simulate, read_solve};
+pub use crate::api::message::answer::{simulate_answer, solve_answer};
+pub use crate::api::message::request::View;
+pub use crate::api::problem::{FieldError, Problem};
+use crate::api::{ApiSettings, Door};
 use crate::service::Service;
 
 /// All endpoints over one service.
-pub fn router(service: Arc<Service>) -> Router {
+pub fn router(service: Arc<Service>, settings: ApiSettings) -> Router {
+    let document = Bytes::from(openapi::document(service.limits()));
+    let door = Door { service, settings: Arc::new(settings) };
     let endpoints = Router::new()
         .route("/solve", post(handlers::solve))
         .route("/simulate", post(handlers::simulate))
         .route("/validate", post(handlers::validate))
+        .route("/openapi.json", get(async move || handlers::openapi(document)))
+        .route("/docs", get(handlers::docs))
+        .route("/limits", get(handlers::limits))
         .route("/examples/forward-drive", get(handlers::forward_drive))
         .route("/livez", get(handlers::livez))
         .route("/readyz", get(handlers::readyz))
-        .with_state(service);
-    behind_border(endpoints)
+        .with_state(door.clone());
+    behind_border(endpoints, door.settings)
 }
 
-fn behind_border(endpoints: Router) -> Router {
+fn behind_border(endpoints: Router, settings: Arc<ApiSettings>) -> Router {
     endpoints
         // Inside the border, so that the answer to a panic is a problem with an id too.
         .layer(CatchPanicLayer::custom(|panic: Box<dyn Any + Send>| problem_of_panic(panic.as_ref())))
-        .layer(from_fn(border::pass))
-}
-
-/// Serves until `shutdown` is ready, then lets the answers under way finish.
-///
-/// # Errors
-/// When the listener fails for good.
-pub async fn serve(
-    listener: TcpListener,
-    service: Arc<Service>,
-    shutdown: impl Future<Output = ()> + Send + 'static,
-) -> io::Result<()> {
-    // Answers are written in one piece: waiting for more to send only adds delay.
-    let listener = listener.tap_io(|stream| {
-        if let Err(error) = stream.set_nodelay(true) {
-            tracing::debug!(error = %error, "a connection keeps its send delay");
-        }
-    });
-    axum::serve(listener, router(service)).with_graceful_shutdown(shutdown).await
+        .layer(from_fn_with_state(settings, border::pass))
 }
 
 fn problem_of_panic(panic: &(dyn Any + Send)) -> Response {
@@ -89,7 +70,7 @@ mod tests {
 
     #[tokio::test]
     async fn panic_in_a_handler_is_a_problem_without_internals() {
-        let router = behind_border(Router::new().route("/panic", get(panicking)));
+        let router = behind_border(Router::new().route("/panic", get(panicking)), Arc::default());
         let response = router.oneshot(Request::get("/panic").body(Body::empty()).unwrap()).await.unwrap();
         assert_eq!(response.status(), StatusCode::INTERNAL_SERVER_ERROR);
         assert_eq!(response.headers()["content-type"], "application/problem+json");
@@ -100,7 +81,8 @@ mod tests {
 
     #[tokio::test]
     async fn plain_errors_of_the_framework_become_problems() {
-        let router = behind_border(Router::new().route("/teapot", get(|| async { StatusCode::IM_A_TEAPOT })));
+        let router =
+            behind_border(Router::new().route("/teapot", get(|| async { StatusCode::IM_A_TEAPOT })), Arc::default());
         let response = router.oneshot(Request::get("/teapot").body(Body::empty()).unwrap()).await.unwrap();
         assert_eq!(response.headers()["content-type"], "application/problem+json");
     }

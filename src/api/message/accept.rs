@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use sha2::{Digest, Sha256};
 
-use super::convert_goal::{goal_from_wire, goal_to_wire};
-use super::problem::Problem;
-use super::strict::read_object;
-use super::wire_request::{
+use super::goal::{goal_from_wire, goal_to_wire};
+use super::request::{
     GoalWire, InitialGuessWire, ManeuverWire, RobotWire, SimulateGridWire, SimulateRequest, SolveGridWire,
     SolveRequest, SolverWire, StateWire, TorqueScheduleWire, View,
 };
+use super::strict::read_object;
+use crate::api::problem::Problem;
 use crate::service::domain::{
     Configuration, Maneuver, PerWheel, Refinement, RobotParameters, SimulateInput, SolveInput, SolverSettings, State,
     TorqueSchedule, Velocity,
@@ -32,7 +32,7 @@ pub struct AcceptedSolve {
     pub view: View,
     /// SHA-256 of the completed request, in hexadecimal.
     pub input_hash: String,
-    pub(super) completed: SolveRequest,
+    pub(in crate::api) completed: SolveRequest,
 }
 
 /// Reads, validates and completes the body of a solve.
@@ -66,7 +66,7 @@ pub fn forward_drive_body() -> Vec<u8> {
     canonical_bytes(&request)
 }
 
-pub(super) fn accept_solve(request: SolveRequest, limits: &Limits) -> Result<AcceptedSolve, Problem> {
+pub(in crate::api) fn accept_solve(request: SolveRequest, limits: &Limits) -> Result<AcceptedSolve, Problem> {
     let mut checks = Checks::new();
     let SolveRequest { robot, maneuver, grid, solver, initial_guess, view } = request.clone();
     let maneuver = maneuver_from_wire(&maneuver, &mut checks);
@@ -87,7 +87,7 @@ pub(super) fn accept_solve(request: SolveRequest, limits: &Limits) -> Result<Acc
     Ok(AcceptedSolve { input, time_limit, view, input_hash, completed })
 }
 
-fn accept_simulate(request: SimulateRequest, limits: &Limits) -> Result<SimulateInput, Problem> {
+pub(in crate::api) fn accept_simulate(request: SimulateRequest, limits: &Limits) -> Result<SimulateInput, Problem> {
     let mut checks = Checks::new();
     let SimulateRequest { robot, reference_point, start, torque_schedule, grid, contact_solver } = request;
     let SimulateGridWire { steps } = grid;
@@ -107,7 +107,7 @@ fn accept_simulate(request: SimulateRequest, limits: &Limits) -> Result<Simulate
 }
 
 /// The bytes whose hash names a request.
-pub(super) fn canonical_bytes(completed: &SolveRequest) -> Vec<u8> {
+pub(in crate::api) fn canonical_bytes(completed: &SolveRequest) -> Vec<u8> {
     serde_json::to_vec(completed).expect("a request of names and numbers is valid JSON")
 }
 

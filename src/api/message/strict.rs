@@ -9,15 +9,15 @@ use serde::{Serialize, Serializer};
 use serde_json::error::Category;
 use serde_path_to_error::{Path, Segment};
 
-use super::problem::Problem;
 use crate::api::error_table::ErrorCode;
+use crate::api::problem::Problem;
 
 /// Reads a body that must be one JSON object of the form `T`.
 ///
 /// # Errors
 /// `malformed_body` with line and column when the bytes are no JSON, `invalid_field` with a pointer when they are, but
 /// not of this form.
-pub(super) fn read_object<'de, T: Deserialize<'de>>(body: &'de [u8]) -> Result<T, Problem> {
+pub(in crate::api) fn read_object<'de, T: Deserialize<'de>>(body: &'de [u8]) -> Result<T, Problem> {
     let mut deserializer = serde_json::Deserializer::from_slice(body);
     let Object(value) =
         serde_path_to_error::deserialize(&mut deserializer).map_err(|error| problem_of(error.path(), error.inner()))?;
@@ -99,7 +99,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Object<T> {
 }
 
 /// Reads an object and nothing else.
-pub(super) fn object<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<T, D::Error> {
+pub(in crate::api) fn object<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<T, D::Error> {
     struct ObjectVisitor<T>(PhantomData<T>);
 
     impl<'de, T: Deserialize<'de>> Visitor<'de> for ObjectVisitor<T> {
@@ -118,21 +118,21 @@ pub(super) fn object<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserialize
 }
 
 /// Reads the object of an optional field that is present.
-pub(super) fn some_object<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+pub(in crate::api) fn some_object<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<T>, D::Error> {
     object(deserializer).map(Some)
 }
 
 /// Reads the value of an optional field that is present; `null` is no value.
-pub(super) fn some_value<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+pub(in crate::api) fn some_value<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<T>, D::Error> {
     T::deserialize(deserializer).map(Some)
 }
 
 /// An enum of the domain that the contract writes by name.
-pub(super) trait Named: Copy + 'static {
+pub(in crate::api) trait Named: Copy + 'static {
     /// All its values.
     const ALL: &'static [Self];
 
@@ -141,12 +141,12 @@ pub(super) trait Named: Copy + 'static {
 }
 
 /// Writes a named enum.
-pub(super) fn write_name<T: Named, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
+pub(in crate::api) fn write_name<T: Named, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
     value.name().serialize(serializer)
 }
 
 /// Reads a named enum from its name and nothing else.
-pub(super) fn read_name<'de, D: Deserializer<'de>, T: Named>(deserializer: D) -> Result<T, D::Error> {
+pub(in crate::api) fn read_name<'de, D: Deserializer<'de>, T: Named>(deserializer: D) -> Result<T, D::Error> {
     struct NameVisitor<T>(PhantomData<T>);
 
     impl<T: Named> Visitor<'_> for NameVisitor<T> {

@@ -3,12 +3,12 @@
 //! Absent `x_m`, `y_m`, `heading_rad` mean the start's value; absent velocities mean 0; absent wheel angles are free.
 //! `goal.free` names fields that are free; a field both given and free contradicts itself.
 
-use super::wire_request::GoalWire;
+use super::request::GoalWire;
 use crate::service::domain::{Goal, State, StateComponent};
 use crate::violation::Checks;
 
 /// The goal that is meant; faults of `goal.free` go to `checks`, below the goal.
-pub(super) fn goal_from_wire(wire: &GoalWire, start: &State, checks: &mut Checks) -> Goal {
+pub(in crate::api) fn goal_from_wire(wire: &GoalWire, start: &State, checks: &mut Checks) -> Goal {
     let given = given_values(wire);
     let free = free_components(wire, &given, checks);
     let start = start.to_vector();
@@ -21,7 +21,7 @@ pub(super) fn goal_from_wire(wire: &GoalWire, start: &State, checks: &mut Checks
 }
 
 /// The goal with every field either given or named as free.
-pub(super) fn goal_to_wire(goal: &Goal) -> GoalWire {
+pub(in crate::api) fn goal_to_wire(goal: &Goal) -> GoalWire {
     let is_free = |component: &StateComponent| goal.value(*component).is_none();
     GoalWire {
         x_m: goal.value(StateComponent::X),

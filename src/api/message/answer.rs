@@ -4,9 +4,10 @@
 
 use nalgebra::SVector;
 
-use super::convert_request::AcceptedSolve;
-use super::wire_request::{TorqueScheduleWire, View};
-use super::wire_response::{
+use super::accept::AcceptedSolve;
+use super::limits::LimitsMessage;
+use super::request::{TorqueScheduleWire, View};
+use super::response::{
     AppliedLimitsWire, ContactModeWire, ContactWire, ContactsWire, DistinctOptimumWire, GoalErrorWire, ReasonWire,
     ReplayWire, ReportWire, SeparationWire, SimulateAnswer, SolveAnswer, TrajectoryWire, ValidateAnswer,
 };
@@ -18,6 +19,11 @@ use crate::service::{Simulated, Solved};
 
 /// The JSON answer of a solve.
 pub fn solve_answer(accepted: &AcceptedSolve, solved: &Solved) -> Vec<u8> {
+    json(&solve_message(accepted, solved))
+}
+
+/// The answer of a solve.
+pub(in crate::api) fn solve_message<'a>(accepted: &'a AcceptedSolve, solved: &Solved) -> SolveAnswer<'a> {
     let Solved { solution, solve_time, stop_reason } = solved;
     let Solution {
         status,
@@ -32,9 +38,9 @@ pub fn solve_answer(accepted: &AcceptedSolve, solved: &Solved) -> Vec<u8> {
         report,
     } = solution;
     let is_full = accepted.view == View::Full;
-    json(&SolveAnswer {
-        status: status.as_str(),
-        stop_reason: stop_reason.as_str(),
+    SolveAnswer {
+        status: *status,
+        stop_reason: *stop_reason,
         executable: *executable,
         reason: reason.as_ref().map(reason_to_wire),
         final_time_s: schedule.final_time,
@@ -47,15 +53,20 @@ pub fn solve_answer(accepted: &AcceptedSolve, solved: &Solved) -> Vec<u8> {
         applied_limits: AppliedLimitsWire { time_limit_s: accepted.time_limit.as_secs_f64() },
         solver_version: env!("CARGO_PKG_VERSION"),
         input_hash: &accepted.input_hash,
-    })
+    }
 }
 
 /// The JSON answer of a simulation.
 pub fn simulate_answer(simulated: &Simulated) -> Vec<u8> {
+    json(&simulate_message(simulated))
+}
+
+/// The answer of a simulation.
+pub(in crate::api) fn simulate_message(simulated: &Simulated) -> SimulateAnswer {
     // The same request gives the same bytes: the duration goes to the log only.
     let Simulated { simulation, duration: _ } = simulated;
     let Simulation { trajectory, contact_modes, separations, slip_reversals } = simulation;
-    json(&SimulateAnswer {
+    SimulateAnswer {
         trajectory: trajectory_to_wire(trajectory),
         contacts: contacts_to_wire(&trajectory.contact),
         contact_modes: contact_modes.iter().map(contact_mode_to_wire).collect(),
@@ -63,12 +74,17 @@ pub fn simulate_answer(simulated: &Simulated) -> Vec<u8> {
         worst_contact_residual: trajectory.worst_contact_residual,
         indeterminate_steps: trajectory.indeterminate_steps,
         slip_reversals: *slip_reversals,
-    })
+    }
 }
 
 /// The JSON answer of a validation.
-pub(super) fn validate_answer(accepted: &AcceptedSolve) -> Vec<u8> {
+pub(in crate::api) fn validate_answer(accepted: &AcceptedSolve) -> Vec<u8> {
     json(&ValidateAnswer { completed: &accepted.completed, input_hash: &accepted.input_hash })
+}
+
+/// The JSON answer of `GET /limits`.
+pub(in crate::api) fn limits_answer(message: &LimitsMessage) -> Vec<u8> {
+    json(message)
 }
 
 fn json<T: serde::Serialize>(answer: &T) -> Vec<u8> {
@@ -88,14 +104,7 @@ fn schedule_to_wire(schedule: &TorqueSchedule) -> TorqueScheduleWire {
 fn contact_mode_to_wire(span: &ContactModeSpan) -> ContactModeWire {
     let ContactModeSpan { start, end, mode, degrees_of_freedom } = *span;
     let PerContact { left, right, front } = mode;
-    ContactModeWire {
-        start_s: start,
-        end_s: end,
-        left: left.as_str(),
-        right: right.as_str(),
-        front: front.as_str(),
-        degrees_of_freedom,
-    }
+    ContactModeWire { start_s: start, end_s: end, left, right, front, degrees_of_freedom }
 }
 
 fn goal_error_to_wire(error: &SVector<f64, { State::LEN }>, goal: &Goal) -> GoalErrorWire {
@@ -184,7 +193,7 @@ fn report_to_wire(report: &Report, solve_time_s: f64) -> ReportWire {
         replay,
     } = report;
     ReportWire {
-        method: method.as_str(),
+        method: *method,
         steps: *step_count,
         control_intervals: *control_count,
         iterations: *iterations,
@@ -195,7 +204,7 @@ fn report_to_wire(report: &Report, solve_time_s: f64) -> ReportWire {
         worst_contact_residual: *worst_contact_residual,
         predicted_decrease_s: *predicted_decrease,
         lower_bound_s: *lower_bound,
-        lower_bound_assumption: lower_bound_assumption.as_str(),
+        lower_bound_assumption: *lower_bound_assumption,
         separations: separations.iter().map(separation_to_wire).collect(),
         indeterminate_steps: *indeterminate_steps,
         slip_reversals: *slip_reversals,
@@ -210,7 +219,7 @@ fn distinct_optimum_to_wire(optimum: &DistinctOptimum) -> DistinctOptimumWire {
 
 fn separation_to_wire(separation: &Separation) -> SeparationWire {
     let Separation { time, contact, normal_force } = *separation;
-    SeparationWire { time_s: time, contact: contact.as_str(), normal_force_n: normal_force }
+    SeparationWire { time_s: time, contact, normal_force_n: normal_force }
 }
 
 fn replay_to_wire(replay: &Replay) -> ReplayWire {

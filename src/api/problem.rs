@@ -1,14 +1,10 @@
-//! Errors as RFC 9457 `application/problem+json`.
-//!
-//! A handler returns a [`Problem`]; it travels in the response's extensions to the border
-//! ([`super::border`]), which knows the request and writes the body.
+//! Errors on their way to a caller, whichever transport carries them.
 
 use std::fmt;
 use std::time::Duration;
 
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use utoipa::ToSchema;
 
 use crate::api::error_table::ErrorCode;
 use crate::service::ServiceError;
@@ -29,7 +25,7 @@ pub struct Problem {
 }
 
 /// One fault of one field.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct FieldError {
     /// JSON pointer as a URI fragment, such as `#/robot/wheel_radius_m`.
     pub pointer: String,
@@ -48,12 +44,12 @@ impl Problem {
     }
 
     /// The refusal of a body above the limit.
-    pub(super) fn body_too_large(limit_bytes: usize) -> Self {
+    pub(in crate::api) fn body_too_large(limit_bytes: usize) -> Self {
         Self::new(ErrorCode::BodyTooLarge, format!("the body is larger than {limit_bytes} bytes"))
     }
 
     /// A problem of the one field at `pointer`.
-    pub(super) fn at_field(code: ErrorCode, pointer: String, message: String) -> Self {
+    pub(in crate::api) fn at_field(code: ErrorCode, pointer: String, message: String) -> Self {
         let message = shortened(message);
         let error = FieldError { pointer, code: code.entry().code, message: message.clone(), limit: None };
         Self { code, detail: message, retry_after: None, errors: vec![error] }
@@ -69,38 +65,15 @@ impl Problem {
         &self.errors
     }
 
-    /// The body that the caller of `instance` gets.
-    pub(super) fn body(&self, instance: &str, request_id: &str) -> Vec<u8> {
-        let entry = self.code.entry();
-        let body = ProblemBody {
-            kind: format!("urn:slipdrive:problem:{}", entry.code),
-            title: entry.title,
-            status: entry.http_status,
-            detail: &self.detail,
-            instance,
-            code: entry.code,
-            retryable: entry.retryable,
-            retry_after_ms: self.retry_after.map(|wait| u64::try_from(wait.as_millis()).unwrap_or(u64::MAX)),
-            request_id,
-            errors: &self.errors,
-        };
-        serde_json::to_vec(&body).expect("a problem of strings and numbers is valid JSON")
+    /// What this occurrence is about.
+    pub(super) fn detail(&self) -> &str {
+        &self.detail
     }
-}
 
-#[derive(Serialize)]
-struct ProblemBody<'a> {
-    #[serde(rename = "type")]
-    kind: String,
-    title: &'a str,
-    status: u16,
-    detail: &'a str,
-    instance: &'a str,
-    code: &'a str,
-    retryable: bool,
-    retry_after_ms: Option<u64>,
-    request_id: &'a str,
-    errors: &'a [FieldError],
+    /// When it is worth trying again, where that is known.
+    pub(super) fn retry_after(&self) -> Option<Duration> {
+        self.retry_after
+    }
 }
 
 impl fmt::Display for Problem {
@@ -114,12 +87,7 @@ impl std::error::Error for Problem {}
 
 impl From<ServiceError> for Problem {
     fn from(error: ServiceError) -> Self {
-        let retry_after = match error {
-            ServiceError::QueueFull { retry_after, .. } | ServiceError::Unavailable { retry_after } => {
-                Some(retry_after)
-            }
-            ServiceError::Cancelled | ServiceError::SolverPanic => None,
-        };
+        let retry_after = error.retry_after();
         Self { retry_after, ..Self::new(ErrorCode::from(&error), error.to_string()) }
     }
 }
@@ -168,21 +136,6 @@ fn shortened(mut text: String) -> String {
     text
 }
 
-impl IntoResponse for Problem {
-    fn into_response(self) -> Response {
-        let status = StatusCode::from_u16(self.code.entry().http_status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-        let mut response = status.into_response();
-        if let Some(wait) = self.retry_after {
-            // The header counts whole seconds; rounding up keeps callers from coming too early.
-            let seconds = wait.as_secs_f64().ceil().max(1.0);
-            let value = HeaderValue::try_from(format!("{seconds:.0}"));
-            response.headers_mut().insert(header::RETRY_AFTER, value.unwrap_or(HeaderValue::from_static("1")));
-        }
-        response.extensions_mut().insert(self);
-        response
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -211,12 +164,5 @@ mod tests {
         let problem = Problem::from(checks.into_result(()).unwrap_err());
         assert_eq!(problem.errors().len(), MAX_LISTED_ERRORS);
         assert!(problem.to_string().contains("1000 values"));
-    }
-
-    #[test]
-    fn retry_after_is_whole_seconds_of_at_least_one() {
-        let error = ServiceError::Unavailable { retry_after: Duration::from_millis(1) };
-        let response = Problem::from(error).into_response();
-        assert_eq!(response.headers()[header::RETRY_AFTER], "1");
     }
 }

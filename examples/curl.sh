@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# The REST API with curl: ./examples/curl.sh [http://127.0.0.1:8080]
+set -euo pipefail
+base=${1:-http://127.0.0.1:8080}
+# With API keys: CURL_KEY=... sends one.
+auth=()
+if [ -n "${CURL_KEY:-}" ]; then auth=(-H "Authorization: Bearer $CURL_KEY"); fi
+
+echo "ready?"
+curl -fsS "$base/readyz"; echo
+
+echo "the fastest way 5 m ahead, torques only:"
+curl -fsS "${auth[@]}" "$base/solve" -H 'content-type: application/json' \
+  -d '{"maneuver": {"goal": {"y_m": 5}}, "view": "plan"}'; echo
+
+echo "the same with progress:"
+curl -fsSN "${auth[@]}" "$base/solve" -H 'content-type: application/json' -H 'accept: text/event-stream' \
+  -H 'request-timeout-ms: 5000' -d '{"maneuver": {"goal": {"y_m": 5}}, "view": "plan"}'
+
+echo "what a refusal says:"
+curl -sS "${auth[@]}" "$base/validate" -H 'content-type: application/json' -d '{"robot": {"wheel_radius_m": 0}}'; echo

@@ -1,0 +1,80 @@
+//! What every call passes on its way in and out: its id, its admission, its line in the log, and the details of errors
+//! that the framework answers by itself.
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderValue, StatusCode};
+use axum::middleware::Next;
+use axum::response::Response;
+use tonic::{Code, Status};
+use tracing::Instrument as _;
+
+use super::{admission, status};
+use crate::api::Door;
+use crate::api::access::{AccessLine, REQUEST_ID, RequestContext};
+use crate::api::error_table::ErrorCode;
+use crate::api::problem::Problem;
+
+/// Gives the call an id, admits it or not, and logs it once it is answered or abandoned.
+pub(super) async fn pass(State(door): State<Door>, request: Request, next: Next) -> Response {
+    let context = RequestContext::of(request.uri().path(), request.headers());
+    let mut line = AccessLine::open(request.method().clone(), context.clone());
+    let span = tracing::info_span!("request", request.id = context.request_id);
+    let limit = door.service.limits().max_body_bytes;
+    let mut response = match admission::admit(&door, request, &context).await {
+        Ok(request) => next.run(request).instrument(span).await,
+        Err(problem) => answer(&problem, &context),
+    };
+    if let Some(problem) = problem_of(&mut response, &context.path, limit) {
+        line.code = Some(problem.code().entry().code);
+        response = answer(&problem, &context);
+    }
+    if let Ok(value) = HeaderValue::try_from(&context.request_id) {
+        response.headers_mut().insert(REQUEST_ID, value);
+    }
+    let code = Status::from_header_map(response.headers()).map_or(Code::Ok, |status| status.code());
+    line.status = Some(u16::try_from(i32::from(code)).unwrap_or_default());
+    response
+}
+
+/// What is refused for its media type or method is no gRPC: plain HTTP clients see it by the status.
+fn answer(problem: &Problem, context: &RequestContext) -> Response {
+    let mut response: Response = status::of_problem(problem, &context.request_id).into_http();
+    if matches!(problem.code(), ErrorCode::UnsupportedMedia | ErrorCode::MethodNotAllowed) {
+        let status = StatusCode::from_u16(problem.code().entry().http_status);
+        *response.status_mut() = status.unwrap_or(StatusCode::BAD_REQUEST);
+    }
+    response
+}
+
+/// The problem of a panic, or of an error that the framework answered by itself: those bear no details.
+fn problem_of(response: &mut Response, path: &str, limit_bytes: usize) -> Option<Problem> {
+    if let Some(problem) = response.extensions_mut().remove::<Problem>() {
+        return Some(problem);
+    }
+    let status = Status::from_header_map(response.headers())?;
+    let is_own = !status.details().is_empty() || admission::is_foreign(path);
+    (status.code() != Code::Ok && !is_own).then(|| of_framework(&status, path, limit_bytes))
+}
+
+/// tonic reports messages that it cannot read as `INTERNAL` or `OUT_OF_RANGE`, which blames the server.
+pub(super) fn of_framework(status: &Status, path: &str, limit_bytes: usize) -> Problem {
+    match status.code() {
+        Code::Unimplemented if admission::is_call(path) => Problem::new(ErrorCode::UnsupportedMedia, status.message()),
+        Code::Unimplemented => Problem::new(ErrorCode::NotFound, format!("there is nothing at `{path}`")),
+        Code::OutOfRange | Code::ResourceExhausted => Problem::body_too_large(limit_bytes),
+        Code::Cancelled => Problem::new(ErrorCode::Cancelled, "the caller left"),
+        Code::Ok
+        | Code::Unknown
+        | Code::InvalidArgument
+        | Code::DeadlineExceeded
+        | Code::NotFound
+        | Code::AlreadyExists
+        | Code::PermissionDenied
+        | Code::FailedPrecondition
+        | Code::Aborted
+        | Code::Internal
+        | Code::Unavailable
+        | Code::DataLoss
+        | Code::Unauthenticated => Problem::new(ErrorCode::MalformedBody, status.message()),
+    }
+}

@@ -1,0 +1,109 @@
+//! Errors as gRPC statuses with the rich details of `google.rpc`.
+
+use std::collections::HashMap;
+
+use prost::Message as _;
+use tonic::Status;
+use tonic::metadata::{MetadataMap, MetadataValue};
+use tonic_types::{ErrorDetails, FieldViolation, StatusExt as _};
+
+use crate::api::problem::Problem;
+
+/// Who speaks in the error details.
+const DOMAIN: &str = "slipdrive";
+/// Tells retrying clients when to come back; -1: not at all.
+const PUSHBACK: &str = "grpc-retry-pushback-ms";
+
+/// The status that the caller of this request gets.
+pub(super) fn of_problem(problem: &Problem, request_id: &str) -> Status {
+    let entry = problem.code().entry();
+    let mut details = ErrorDetails::new();
+    let metadata = HashMap::from([("retryable".to_owned(), entry.retryable.to_string())]);
+    details.set_error_info(entry.code.to_uppercase(), DOMAIN, metadata);
+    details.set_request_info(request_id, "");
+    if !problem.errors().is_empty() {
+        let violations = problem.errors().iter().map(|error| FieldViolation {
+            field: field_of_pointer(&error.pointer),
+            description: error.message.clone(),
+            reason: error.code.to_uppercase(),
+            localized_message: None,
+        });
+        details.set_bad_request(violations.collect::<Vec<_>>());
+    }
+    if let Some(wait) = problem.retry_after() {
+        details.set_retry_info(Some(wait));
+    }
+    Status::with_error_details_and_metadata(entry.grpc_code, problem.detail(), details, trailers(problem))
+}
+
+/// The same status as a message, for answers that carry one.
+pub(super) fn as_message(status: &Status) -> tonic_types::Status {
+    // Written by `of_problem`: it can be read.
+    tonic_types::Status::decode(status.details()).unwrap_or_default()
+}
+
+fn trailers(problem: &Problem) -> MetadataMap {
+    let mut trailers = MetadataMap::new();
+    let pushback = match problem.retry_after() {
+        Some(wait) => wait.as_millis().to_string(),
+        None if problem.code().entry().retryable => return trailers,
+        // Retry policies go by the status alone: this tells that the same request fails again.
+        None => "-1".to_owned(),
+    };
+    if let Ok(value) = MetadataValue::try_from(pushback) {
+        trailers.insert(PUSHBACK, value);
+    }
+    trailers
+}
+
+/// `#/robot/wheel_radius_m` as `robot.wheel_radius_m`, `#/a/b/3` as `a.b[3]`.
+pub(super) fn field_of_pointer(pointer: &str) -> String {
+    let mut field = String::new();
+    for segment in pointer.trim_start_matches(['#', '/']).split('/') {
+        if segment.parse::<usize>().is_ok() {
+            field.push('[');
+            field.push_str(segment);
+            field.push(']');
+        } else {
+            if !field.is_empty() {
+                field.push('.');
+            }
+            field.push_str(segment);
+        }
+    }
+    field
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use tonic::Code;
+
+    use super::*;
+    use crate::api::error_table::ErrorCode;
+    use crate::service::ServiceError;
+
+    #[test]
+    fn pointers_become_dotted_fields() {
+        assert_eq!(field_of_pointer("#/initial_guess/torque_left_n_m/3"), "initial_guess.torque_left_n_m[3]");
+    }
+
+    #[test]
+    fn overload_tells_when_to_come_back_in_detail_and_trailer() {
+        let error = ServiceError::QueueFull { retry_after: Duration::from_millis(1500), capacity: 5 };
+        let status = of_problem(&Problem::from(error), "id-1");
+        assert_eq!(status.code(), Code::ResourceExhausted);
+        let details = status.get_error_details();
+        assert_eq!(details.error_info().unwrap().reason, "QUEUE_FULL");
+        assert_eq!(details.retry_info().unwrap().retry_delay, Some(Duration::from_millis(1500)));
+        assert_eq!(details.request_info().unwrap().request_id, "id-1");
+        assert_eq!(status.metadata().get(PUSHBACK).unwrap(), "1500");
+    }
+
+    #[test]
+    fn what_fails_again_is_not_to_be_retried() {
+        let status = of_problem(&Problem::new(ErrorCode::BodyTooLarge, "too large"), "id-1");
+        assert_eq!(status.metadata().get(PUSHBACK).unwrap(), "-1");
+    }
+}

@@ -1,0 +1,76 @@
+//! Errors as RFC 9457 `application/problem+json`.
+//!
+//! A handler returns a [`Problem`]; it travels in the response's extensions to the border
+//! ([`super::border`]), which knows the request and writes the body.
+
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::api::problem::{FieldError, Problem};
+
+/// The body that the caller of `instance` gets.
+pub(super) fn body(problem: &Problem, instance: &str, request_id: &str) -> Vec<u8> {
+    let entry = problem.code().entry();
+    let body = ProblemBody {
+        kind: format!("urn:slipdrive:problem:{}", entry.code),
+        title: entry.title,
+        status: entry.http_status,
+        detail: problem.detail(),
+        instance,
+        code: entry.code,
+        retryable: entry.retryable,
+        retry_after_ms: problem.retry_after().map(|wait| u64::try_from(wait.as_millis()).unwrap_or(u64::MAX)),
+        request_id,
+        errors: problem.errors(),
+    };
+    serde_json::to_vec(&body).expect("a problem of strings and numbers is valid JSON")
+}
+
+/// An error as RFC 9457 says, with the code, the faults of single fields, and when to come back.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Problem)]
+pub(super) struct ProblemBody<'a> {
+    #[serde(rename = "type")]
+    kind: String,
+    title: &'a str,
+    status: u16,
+    detail: &'a str,
+    instance: &'a str,
+    code: &'a str,
+    retryable: bool,
+    retry_after_ms: Option<u64>,
+    request_id: &'a str,
+    errors: &'a [FieldError],
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.code().entry().http_status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        let mut response = status.into_response();
+        if let Some(wait) = self.retry_after() {
+            // The header counts whole seconds; rounding up keeps callers from coming too early.
+            let seconds = wait.as_secs_f64().ceil().max(1.0);
+            let value = HeaderValue::try_from(format!("{seconds:.0}"));
+            response.headers_mut().insert(header::RETRY_AFTER, value.unwrap_or(HeaderValue::from_static("1")));
+        }
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::service::ServiceError;
+
+    #[test]
+    fn retry_after_is_whole_seconds_of_at_least_one() {
+        let error = ServiceError::Unavailable { retry_after: Duration::from_millis(1) };
+        let response = Problem::from(error).into_response();
+        assert_eq!(response.headers()[header::RETRY_AFTER], "1");
+    }
+}

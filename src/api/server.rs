@@ -1,0 +1,206 @@
+//! Connections: accepted, bounded in number, age and patience, and ended in good order.
+//!
+//! `axum::serve` keeps half-sent heads and silent callers for ever, so each connection is driven here: HTTP/1 and
+//! HTTP/2 on the same port, told apart by their first bytes.
+
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::Body;
+use axum::extract::Request;
+use http_body_util::BodyExt as _;
+use hyper::body::Incoming;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use hyper_util::server::conn::auto;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{Semaphore, watch};
+use tokio::task::JoinSet;
+use tokio::time::{Instant, interval_at, sleep};
+use tower::ServiceExt as _;
+
+mod activity;
+mod patient_stream;
+
+use activity::Activity;
+use patient_stream::PatientStream;
+
+/// The patience of a server with its connections.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ServerSettings {
+    /// Connections that may be open at once; more wait in the backlog of the system.
+    pub max_connections: usize,
+    /// Requests of one HTTP/2 connection that may be open at once.
+    pub max_streams: u32,
+    /// How long a caller may take to send the head of a request, also the first and between two (HTTP/1).
+    pub head_timeout: Duration,
+    /// How long a caller may leave what was sent to it unread.
+    pub write_timeout: Duration,
+    /// How often a quiet HTTP/2 connection is asked whether it lives, and how long it may take to say so.
+    pub ping_interval: Duration,
+    /// How long an HTTP/2 connection may stay without a request.
+    pub idle_timeout: Duration,
+    /// Age at which a connection takes no new requests, so that load spreads over replicas.
+    pub max_age: Duration,
+    /// How long the requests of an aged connection may take to end.
+    pub age_grace: Duration,
+}
+
+impl Default for ServerSettings {
+    fn default() -> Self {
+        Self {
+            max_connections: 1024,
+            max_streams: 128,
+            head_timeout: Duration::from_secs(30),
+            write_timeout: Duration::from_secs(30),
+            ping_interval: Duration::from_secs(20),
+            idle_timeout: Duration::from_secs(5 * 60),
+            max_age: Duration::from_secs(30 * 60),
+            age_grace: Duration::from_secs(2 * 60),
+        }
+    }
+}
+
+/// What one HTTP/2 stream may send unread, bytes.
+const STREAM_WINDOW_BYTES: u32 = 64 * 1024;
+/// What all streams of a connection may send unread, bytes: more than one of them may, so that a batch that is not read
+/// on holds up no other call.
+const CONNECTION_WINDOW_BYTES: u32 = 1024 * 1024;
+
+/// After the system refused a connection for want of files: until some are closed.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
+/// Serves until `shutdown` is ready, then closes the listener, tells the callers, and returns when the last answer is
+/// written.
+pub async fn serve(
+    listener: TcpListener,
+    router: Router,
+    settings: ServerSettings,
+    shutdown: impl Future<Output = ()> + Send,
+) {
+    let (closing, is_closing) = watch::channel(false);
+    let mut connections = JoinSet::new();
+    let places = Arc::new(Semaphore::new(settings.max_connections));
+    tokio::pin!(shutdown);
+    loop {
+        let accepted = async {
+            let place = Arc::clone(&places).acquire_owned().await;
+            (place, listener.accept().await)
+        };
+        tokio::select! {
+            () = &mut shutdown => break,
+            // Reaps what has ended.
+            Some(_) = connections.join_next(), if !connections.is_empty() => {}
+            (place, accepted) = accepted => match accepted {
+                Ok((stream, _)) => {
+                    let (router, settings, is_closing) = (router.clone(), settings.clone(), is_closing.clone());
+                    connections.spawn(async move {
+                        let _place = place;
+                        drive(stream, router, &settings, is_closing).await;
+                    });
+                }
+                Err(error) => pause_after(&error).await,
+            },
+        }
+    }
+    drop(listener);
+    closing.send_replace(true);
+    while connections.join_next().await.is_some() {}
+}
+
+async fn pause_after(error: &io::Error) {
+    let is_of_one_connection = matches!(
+        error.kind(),
+        io::ErrorKind::ConnectionAborted | io::ErrorKind::ConnectionReset | io::ErrorKind::ConnectionRefused
+    );
+    if !is_of_one_connection {
+        tracing::error!(error = %error, "a connection cannot be accepted");
+        sleep(ACCEPT_PAUSE).await;
+    }
+}
+
+/// Drives one connection to its end.
+async fn drive(stream: TcpStream, router: Router, settings: &ServerSettings, mut is_closing: watch::Receiver<bool>) {
+    // Answers are written in one piece: waiting for more to send only adds delay.
+    if let Err(error) = stream.set_nodelay(true) {
+        tracing::debug!(error = %error, "a connection keeps its send delay");
+    }
+    let activity = Arc::new(Activity::default());
+    let io = TokioIo::new(PatientStream::new(stream, settings.write_timeout, Arc::clone(&activity)));
+    let builder = builder(settings);
+    let connection = builder.serve_connection(io, service(router, Arc::clone(&activity)));
+    tokio::pin!(connection);
+
+    let silent = sleep(settings.head_timeout);
+    let aged = sleep(settings.max_age);
+    let expired = sleep(settings.max_age + settings.age_grace);
+    tokio::pin!(silent, aged, expired);
+    let mut idle = interval_at(Instant::now() + settings.idle_timeout, settings.idle_timeout);
+    let (mut is_watched, mut is_ending, mut seen) = (true, false, 0);
+    loop {
+        let must_end = tokio::select! {
+            ended = &mut connection => {
+                if let Err(error) = ended {
+                    tracing::debug!(error = %error, "a connection failed");
+                }
+                return;
+            }
+            // Before the first bytes tell the protocol, no other timer runs.
+            () = &mut silent, if is_watched => {
+                if !activity.has_spoken() {
+                    return;
+                }
+                is_watched = false;
+                false
+            }
+            _ = is_closing.wait_for(|closing| *closing), if !is_ending => true,
+            () = &mut aged, if !is_ending => true,
+            () = &mut expired => return,
+            _ = idle.tick() => activity.is_idle_since(&mut seen),
+        };
+        if must_end && !is_ending {
+            is_ending = true;
+            connection.as_mut().graceful_shutdown();
+        }
+    }
+}
+
+fn builder(settings: &ServerSettings) -> auto::Builder<TokioExecutor> {
+    let mut builder = auto::Builder::new(TokioExecutor::new());
+    builder.http1().timer(TokioTimer::new()).header_read_timeout(settings.head_timeout);
+    builder
+        .http2()
+        .timer(TokioTimer::new())
+        .keep_alive_interval(settings.ping_interval)
+        .keep_alive_timeout(settings.ping_interval)
+        .initial_stream_window_size(STREAM_WINDOW_BYTES)
+        .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
+        .max_concurrent_streams(settings.max_streams);
+    builder
+}
+
+fn service(
+    router: Router,
+    activity: Arc<Activity>,
+) -> impl hyper::service::Service<
+    Request<Incoming>,
+    Response = axum::response::Response,
+    Error = std::convert::Infallible,
+    Future: Send + 'static,
+> {
+    service_fn(move |request: Request<Incoming>| {
+        let (router, under_way) = (router.clone(), Activity::enter(&activity));
+        async move {
+            let response = router.oneshot(request.map(Body::new)).await?;
+            // The request is under way until its answer is written or dropped.
+            Ok(response.map(|body| {
+                Body::new(body.map_frame(move |frame| {
+                    let _ = &under_way;
+                    frame
+                }))
+            }))
+        }
+    })
+}
