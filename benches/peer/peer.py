@@ -39,7 +39,7 @@ IPOPT_OPTIONS = {
     "linear_solver": "mumps",
     "mu_strategy": "adaptive",
     # Two sticking wheels share one lateral slip, so their rows depend on each other at every such step. Without this
-    # option half of the sample has exact stages that fail.
+    # option exact stages fail or take many times as long (README.md).
     "perturb_always_cd": "yes",
     # At 1e-6, or with a tighter `constr_viol_tol`, the sample takes up to four times as long and is not faster driven.
     "tol": 1e-5,
