@@ -1,0 +1,199 @@
+#!/usr/bin/env python3
+"""Slipdrive and the CasADi + IPOPT peer side by side on a sample of maneuvers, in one table.
+
+Both answers are judged by the same physics: the torques of either are simulated by `slipdrive simulate` on the grid of
+the request, and the goal miss is read from the end of that rollout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import resource
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from maneuver import STATE_FIELDS, Maneuver, Refusal, maneuver_from_request, state_scale
+
+HERE = Path(__file__).resolve().parent
+REPOSITORY = HERE.parents[1]
+# Exit code of `slipdrive solve` for a plan that misses its goal; the answer is there all the same.
+EXIT_NO_PLAN = 2
+
+
+class RunFailure(Exception):
+    """A program that gave no answer."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One solver on one maneuver.
+
+    `solve_s`: what the solver reports for the solve alone (slipdrive: wall time, the peer: CPU time). `process_cpu_s`:
+    user and system time of the whole process. `goal_miss`: magnitude of each constrained component of the simulated
+    end minus the goal, in the request's units. `separations`: steps in which a contact would lift.
+    """
+
+    status: str
+    final_time_s: float
+    solve_s: float
+    process_cpu_s: float
+    goal_miss: dict[str, float]
+    separations: int
+
+    @property
+    def largest_miss(self) -> float:
+        """Largest goal miss (m, rad, m/s, rad/s), the measure of slipdrive's `goal_tolerance`."""
+        return max(self.goal_miss.values(), default=math.nan)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Both solvers on one maneuver."""
+
+    maneuver: str
+    slipdrive: Run
+    peer: Run
+
+
+def run_for_answer(command: list[str], accepted: tuple[int, ...] = (0,)) -> tuple[dict[str, Any], float]:
+    """The JSON that `command --json OUT` writes, and the CPU seconds of its process."""
+    with tempfile.TemporaryDirectory() as directory:
+        path = Path(directory) / "answer.json"
+        before = children_cpu()
+        done = subprocess.run([*command, "--json", str(path)], capture_output=True, text=True, check=False)
+        cpu = children_cpu() - before
+        if done.returncode not in accepted or not path.exists():
+            raise RunFailure(f"{' '.join(command)} ended with {done.returncode}: {done.stderr.strip()}")
+        return json.loads(path.read_text()), cpu
+
+
+def children_cpu() -> float:
+    """User and system time of all processes that have ended, s."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def run_slipdrive(slipdrive: Path, request: Path) -> Run:
+    """Solves with slipdrive."""
+    answer, cpu = run_for_answer([str(slipdrive), "solve", str(request)], accepted=(0, EXIT_NO_PLAN))
+    miss, separations = simulated_miss(slipdrive, request, answer["torque_schedule"])
+    return Run(answer["status"], answer["final_time_s"], answer["report"]["solve_time_s"], cpu, miss, separations)
+
+
+def run_peer(slipdrive: Path, request: Path, cpu_limit: float) -> Run:
+    """Solves with CasADi and IPOPT."""
+    command = [sys.executable, str(HERE / "peer.py"), str(request), "--cpu-limit", str(cpu_limit)]
+    answer, cpu = run_for_answer(command)
+    left, right = answer["torque_left_n_m"], answer["torque_right_n_m"]
+    schedule = {"interval_s": answer["final_time_s"] / len(left), "left_n_m": left, "right_n_m": right}
+    miss, separations = simulated_miss(slipdrive, request, schedule)
+    return Run(answer["status"], answer["final_time_s"], answer["cpu_s"], cpu, miss, separations)
+
+
+def simulated_miss(slipdrive: Path, request: Path, schedule: dict[str, Any]) -> tuple[dict[str, float], int]:
+    """Goal miss and separations of a schedule on slipdrive's exact rollout."""
+    asked = json.loads(request.read_text())
+    maneuver = maneuver_from_request(asked)
+    body = {
+        "robot": asked.get("robot", {}),
+        "start": asked["maneuver"].get("start", {}),
+        "torque_schedule": schedule,
+        "grid": {"steps": maneuver.step_count},
+        "contact_solver": "exact",
+    }
+    with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
+        json.dump(body, file)
+        file.flush()
+        answer, _ = run_for_answer([str(slipdrive), "simulate", file.name])
+    return goal_miss(maneuver, answer["trajectory"]), len(answer["separations"])
+
+
+def goal_miss(maneuver: Maneuver, trajectory: dict[str, list[float]]) -> dict[str, float]:
+    """Magnitude of the end minus the goal by constrained field; headings modulo whole turns."""
+    goal = maneuver.goal / state_scale(maneuver.robot)
+    miss = {}
+    for field, target in zip(STATE_FIELDS, goal, strict=True):
+        if math.isnan(target):
+            continue
+        difference = trajectory[field][-1] - target
+        miss[field] = abs(math.remainder(difference, math.tau) if field == "heading_rad" else difference)
+    return miss
+
+
+def build_slipdrive() -> Path:
+    """Builds the release binary of this repository and gives its path."""
+    command = ["cargo", "build", "--release", "--bin", "slipdrive", "--message-format", "json-render-diagnostics"]
+    done = subprocess.run(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True, check=True)
+    messages = [json.loads(line) for line in done.stdout.splitlines()]
+    return Path(next(path for message in messages if (path := message.get("executable"))))
+
+
+COLUMNS = (
+    f"{'':26}{'slipdrive':^46}{'peer (CasADi + IPOPT)':^40}{'peer / slipdrive':>19}\n"
+    f"{'maneuver':26}{'t_f s':>9}{'solve s':>9}{'CPU s':>8}{'miss':>9} {'status':<11}"
+    f"{'t_f s':>9}{'CPU s':>9}{'miss':>9}  {'status':<11}{'t_f':>9}{'CPU':>10}"
+)
+
+
+def table_row(comparison: Comparison) -> str:
+    """One line of the table."""
+    ours, peers = comparison.slipdrive, comparison.peer
+    return (
+        f"{comparison.maneuver:26}{ours.final_time_s:9.4f}{ours.solve_s:9.3f}{ours.process_cpu_s:8.3f}"
+        f"{ours.largest_miss:9.1e} {ours.status:<11}"
+        f"{peers.final_time_s:9.4f}{peers.solve_s:9.2f}{peers.largest_miss:9.1e}  {peers.status:<11}"
+        f"{ratio(peers.final_time_s, ours.final_time_s):9.4f}{ratio(peers.solve_s, ours.process_cpu_s):9.0f}x"
+    )
+
+
+def ratio(numerator: float, denominator: float) -> float:
+    """The quotient; NaN over zero."""
+    return numerator / denominator if denominator > 0.0 else math.nan
+
+
+LEGEND = (
+    "CPU s: slipdrive's whole process (user + system); the peer's formulation and solves, without Python's start.\n"
+    "miss: largest goal error (m, rad, m/s, rad/s) after slipdrive's exact rollout of the torques."
+)
+
+
+def arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("requests", type=Path, nargs="*", help="solve requests, default: all of sample/")
+    parser.add_argument("--slipdrive", type=Path, help="the binary; default: built from this repository by cargo")
+    parser.add_argument("--cpu-limit", type=float, default=300.0, metavar="S", help="of the peer, default %(default)g")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="where all figures are written")
+    return parser.parse_args()
+
+
+def main() -> int:
+    """Exit code 0, or 1 if a program gave no answer on some maneuver."""
+    asked = arguments()
+    slipdrive = asked.slipdrive.resolve() if asked.slipdrive else build_slipdrive()
+    comparisons, failed = [], False
+    print(COLUMNS, flush=True)
+    for request in asked.requests or sorted((HERE / "sample").glob("*.json")):
+        try:
+            ours = run_slipdrive(slipdrive, request)
+            peers = run_peer(slipdrive, request, asked.cpu_limit)
+        except (RunFailure, Refusal) as error:
+            failed = True
+            print(f"{request.stem:26}no answer: {error}", flush=True)
+            continue
+        comparisons.append(Comparison(request.stem, ours, peers))
+        print(table_row(comparisons[-1]), flush=True)
+    print(LEGEND)
+    if asked.json:
+        asked.json.write_text(json.dumps([asdict(comparison) for comparison in comparisons], indent=2) + "\n")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,133 @@
+"""The nonlinear program of a maneuver: direct simultaneous transcription with one of two friction laws.
+
+Unknowns are the states at every step, the contact forces of every step, the torques of every control interval and the
+final time, each scaled to about 1. A wheel with normal force N carries the friction mu N n; with slip gamma at the end
+of the step the laws are
+
+    smooth, slip scale eps:   n sqrt(gamma.gamma + eps^2) + gamma = 0
+    exact Coulomb, lifted:    gamma + s n = 0,  w = 1 - n.n,  0 <= s, w,  s w <= tau
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import casadi as ca
+import numpy as np
+
+from maneuver import Maneuver
+from mechanics import STATE_LEN, Mechanics, control_interval
+
+# Shortest final time, s, as in slipdrive.
+SHORTEST_FINAL_TIME = 0.02
+
+
+class Law(Enum):
+    """How friction is written."""
+
+    SMOOTH = "smooth"
+    COULOMB = "coulomb"
+
+
+Values = dict[str, np.ndarray]
+"""Unknowns by name: `state` (8 x steps + 1), `direction` (4 x steps), `load` (3 x steps, over the weight), `effort`
+(2 x intervals, torque over limit), `final_time` (1 x 1, s); with exact friction also `sliding` (2 x steps, the s of the
+law, m/s) and `margin` (2 x steps, w)."""
+
+
+class Program:
+    """The nonlinear program of one maneuver with one friction law; its parameter is eps or tau."""
+
+    def __init__(self, maneuver: Maneuver, law: Law) -> None:
+        self.maneuver, self.law = maneuver, law
+        steps, controls = maneuver.step_count, maneuver.control_count
+        self.shapes = {"state": (STATE_LEN, steps + 1), "direction": (4, steps), "load": (3, steps)}
+        if law is Law.COULOMB:
+            self.shapes |= {"sliding": (2, steps), "margin": (2, steps)}
+        self.shapes |= {"effort": (2, controls), "final_time": (1, 1)}
+        self._formulate()
+        self.lower, self.upper = self._bounds()
+
+    def _formulate(self) -> None:
+        """Sets the symbolic program and the bounds of its rows."""
+        unknown = {name: ca.MX.sym(name, *shape) for name, shape in self.shapes.items()}
+        parameter = ca.MX.sym("parameter")
+        rows = self._step_rows().map(self.maneuver.step_count)(*self._step_arguments(unknown, parameter))
+        self.problem = {
+            "x": ca.vertcat(*map(ca.vec, unknown.values())),
+            "p": parameter,
+            "f": unknown["final_time"],
+            "g": ca.vec(rows),
+        }
+        lower = np.zeros(rows.shape)
+        if self.law is Law.COULOMB:
+            lower[-2:] = -np.inf
+        self.row_lower = lower.ravel(order="F")
+
+    def _step_arguments(self, unknown: dict[str, ca.MX], parameter: ca.MX) -> list[ca.MX]:
+        """The arguments of the step rows, one column per step."""
+        steps, controls = self.maneuver.step_count, self.maneuver.control_count
+        intervals = [control_interval(step, steps, controls) for step in range(steps)]
+        state, effort = unknown["state"], unknown["effort"]
+        contact = [unknown[name] for name in self._contact_names()]
+        shared = [ca.repmat(scalar, 1, steps) for scalar in (unknown["final_time"], parameter)]
+        return [state[:, :-1], state[:, 1:], effort[:, intervals], *contact, *shared]
+
+    def _contact_names(self) -> list[str]:
+        """The unknowns of every step's contacts."""
+        return [name for name in self.shapes if name not in ("state", "effort", "final_time")]
+
+    def _step_rows(self) -> ca.Function:
+        """The rows of one step: motion 8, normal forces 3, friction 4; exact friction adds margins 2, products 2."""
+        robot = self.maneuver.robot
+        state, after, effort = ca.SX.sym("state", STATE_LEN), ca.SX.sym("next", STATE_LEN), ca.SX.sym("effort", 2)
+        contact = {name: ca.SX.sym(name, self.shapes[name][0]) for name in self._contact_names()}
+        final_time, parameter = ca.SX.sym("final_time"), ca.SX.sym("parameter")
+        direction, load = contact["direction"], contact["load"]
+        grip = robot.wheel_friction_coefficient * robot.weight * load
+        force = ca.vertcat(grip[0] * direction[:2], grip[1] * direction[2:])
+        dt = final_time / self.maneuver.step_count
+        step = Mechanics(robot).step()
+        defect, slip, normal_force = step(state, after, force, effort * self.maneuver.torque_limit, dt)
+        rows = [defect, normal_force / robot.weight - load, *friction_rows(self.law, slip, contact, parameter)]
+        arguments = [state, after, effort, *contact.values(), final_time, parameter]
+        return ca.Function("rows", arguments, [ca.vertcat(*rows)])
+
+    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the unknowns: start, goal, torque limits, no separation."""
+        lower = {name: np.full(shape, -np.inf) for name, shape in self.shapes.items()}
+        upper = {name: np.full(shape, np.inf) for name, shape in self.shapes.items()}
+        start, goal = self.maneuver.start, self.maneuver.goal
+        fixed = ~np.isnan(goal)
+        for bound in (lower, upper):
+            bound["state"][:, 0] = start
+            bound["state"][fixed, -1] = goal[fixed]
+        lower["effort"][:], upper["effort"][:] = -1.0, 1.0
+        lower["final_time"][:] = SHORTEST_FINAL_TIME
+        for name in {"load", "sliding", "margin"} & set(self.shapes):
+            lower[name][:] = 0.0
+        return self.pack(lower), self.pack(upper)
+
+    def pack(self, values: Values) -> np.ndarray:
+        """The vector of the unknowns, column by column."""
+        return np.concatenate([values[name].ravel(order="F") for name in self.shapes])
+
+    def unpack(self, vector: np.ndarray) -> Values:
+        """The inverse of `pack`."""
+        ends = np.cumsum([rows * columns for rows, columns in self.shapes.values()])
+        parts = np.split(vector, ends[:-1])
+        return {
+            name: part.reshape(shape, order="F") for (name, shape), part in zip(self.shapes.items(), parts, strict=True)
+        }
+
+
+def friction_rows(law: Law, slip: ca.SX, contact: dict[str, ca.SX], parameter: ca.SX) -> list[ca.SX]:
+    """The friction law of both wheels; all rows are zero but the last two of exact friction, which are at most zero."""
+    gammas, units = (slip[:2], slip[2:]), (contact["direction"][:2], contact["direction"][2:])
+    if law is Law.SMOOTH:
+        pairs = zip(gammas, units, strict=True)
+        return [unit * ca.sqrt(ca.dot(gamma, gamma) + parameter**2) + gamma for gamma, unit in pairs]
+    sliding, margin = contact["sliding"], contact["margin"]
+    opposed = [gammas[wheel] + sliding[wheel] * unit for wheel, unit in enumerate(units)]
+    margins = [margin[wheel] - 1.0 + ca.dot(unit, unit) for wheel, unit in enumerate(units)]
+    return [*opposed, *margins, sliding * margin - parameter]
