@@ -11,6 +11,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::elastic_program::{ElasticProgram, ElasticSolution};
+
 /// Reduced costs closer to zero are rounding of the row prices.
 const PRICE_TOLERANCE: f64 = 1e-11;
 /// How far a basic variable may pass its bound within one ratio test.
@@ -19,36 +21,6 @@ const BOUND_TOLERANCE: f64 = 1e-9;
 const STALL_LIMIT: usize = 50;
 /// Iterations per variable and row before the program counts as stuck.
 const ITERATION_FACTOR: usize = 50;
-
-/// The data of one program.
-#[derive(Debug, Clone, Copy)]
-pub struct ElasticProgram<'a> {
-    /// m x n.
-    pub matrix: &'a DMatrix<f64>,
-    /// m.
-    pub target: &'a DVector<f64>,
-    /// n.
-    pub cost: &'a DVector<f64>,
-    /// n.
-    pub lower: &'a DVector<f64>,
-    /// n.
-    pub upper: &'a DVector<f64>,
-    /// Price of a unit of any row's violation, > 0.
-    pub weight: f64,
-}
-
-/// The minimiser.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ElasticSolution {
-    /// n.
-    pub x: DVector<f64>,
-    /// Price of each row, between -weight and weight: change of the minimum per unit of its target.
-    pub price: DVector<f64>,
-    /// `cost' x + weight |matrix x - target|_1`.
-    pub objective: f64,
-    /// Simplex iterations.
-    pub iterations: usize,
-}
 
 /// How much the simplex does against rounding. Rows are dependent when a plan ends sticking, and about one program in
 /// twenty thousand then needs more than usual.
@@ -198,7 +170,7 @@ impl ElasticSolver {
             self.place[basic] = Place::Basic;
             self.place[resting] = Place::Lower;
             self.basis_value[row] = excess.abs();
-            self.inverse[(row, row)] = slack_sign(basic, rows, columns);
+            self.inverse[(row, row)] = program.slack_sign(basic);
         }
         self.pivots_since_inversion = 0;
     }
@@ -206,8 +178,8 @@ impl ElasticSolver {
     fn resting_value(&self, program: &ElasticProgram, column: usize) -> f64 {
         match self.place[column] {
             Place::Zero | Place::Basic => 0.0,
-            Place::Lower => bounds(program, column).0,
-            Place::Upper => bounds(program, column).1,
+            Place::Lower => program.bounds(column).0,
+            Place::Upper => program.bounds(column).1,
         }
     }
 
@@ -217,7 +189,7 @@ impl ElasticSolver {
         self.price.resize_vertically_mut(rows, 0.0);
         self.price.fill(0.0);
         for (position, &column) in self.basis.iter().enumerate() {
-            let cost = column_cost(program, column);
+            let cost = program.column_cost(column);
             if cost != 0.0 {
                 for row in 0..rows {
                     self.price[row] += cost * self.inverse[(position, row)];
@@ -246,12 +218,12 @@ impl ElasticSolver {
 
     #[inline]
     fn reduced_cost(&self, program: &ElasticProgram, column: usize) -> f64 {
-        let (rows, columns) = program.matrix.shape();
-        let cost = column_cost(program, column);
+        let columns = program.cost.len();
+        let cost = program.column_cost(column);
         if column < columns {
             cost - program.matrix.column(column).dot(&self.price)
         } else {
-            cost - slack_sign(column, rows, columns) * self.price[slack_row(column, rows, columns)]
+            cost - program.slack_sign(column) * self.price[program.slack_row(column)]
         }
     }
 
@@ -286,14 +258,14 @@ impl ElasticSolver {
         if column < columns {
             self.inverse.mul_to(&program.matrix.column(column), &mut self.direction);
         } else {
-            self.direction.copy_from(&self.inverse.column(slack_row(column, rows, columns)));
-            self.direction *= slack_sign(column, rows, columns);
+            self.direction.copy_from(&self.inverse.column(program.slack_row(column)));
+            self.direction *= program.slack_sign(column);
         }
     }
 
     /// How far a column can move before its own bound.
     fn room(&self, program: &ElasticProgram, entering: &Entering) -> f64 {
-        let (lower, upper) = bounds(program, entering.column);
+        let (lower, upper) = program.bounds(entering.column);
         let value = self.resting_value(program, entering.column);
         if entering.sign > 0.0 { upper - value } else { value - lower }
     }
@@ -342,7 +314,7 @@ impl ElasticSolver {
         if rate.abs() <= smallest_pivot {
             return None;
         }
-        let (lower, upper) = bounds(program, self.basis[index]);
+        let (lower, upper) = program.bounds(self.basis[index]);
         let value = self.basis_value[index];
         let (room, at) = if rate > 0.0 { (value - lower, Place::Lower) } else { (upper - value, Place::Upper) };
         Some((room, rate.abs(), at))
@@ -375,7 +347,7 @@ impl ElasticSolver {
             if column < columns {
                 matrix.set_column(position, &program.matrix.column(column));
             } else {
-                matrix[(slack_row(column, rows, columns), position)] = slack_sign(column, rows, columns);
+                matrix[(program.slack_row(column), position)] = program.slack_sign(column);
             }
         }
         let Some(inverse) = matrix.try_inverse() else { return false };
@@ -400,29 +372,8 @@ impl ElasticSolver {
                 x[column] = self.basis_value[position].clamp(program.lower[column], program.upper[column]);
             }
         }
-        ElasticSolution { objective: objective(program, &x), x, price: self.price.clone(), iterations }
+        ElasticSolution { objective: program.objective(&x), x, price: self.price.clone(), iterations }
     }
-}
-
-fn objective(program: &ElasticProgram, x: &DVector<f64>) -> f64 {
-    program.cost.dot(x) + program.weight * (program.matrix * x - program.target).lp_norm(1)
-}
-
-fn column_cost(program: &ElasticProgram, column: usize) -> f64 {
-    if column < program.cost.len() { program.cost[column] } else { program.weight }
-}
-
-fn bounds(program: &ElasticProgram, column: usize) -> (f64, f64) {
-    if column < program.cost.len() { (program.lower[column], program.upper[column]) } else { (0.0, f64::INFINITY) }
-}
-
-fn slack_row(column: usize, rows: usize, columns: usize) -> usize {
-    (column - columns) % rows
-}
-
-/// Coefficient of a slack in its row: `matrix x - above + below = target`.
-fn slack_sign(column: usize, rows: usize, columns: usize) -> f64 {
-    if column < columns + rows { -1.0 } else { 1.0 }
 }
 
 #[cfg(test)]

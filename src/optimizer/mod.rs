@@ -1,12 +1,14 @@
 //! Optimisers that know no mechanics: sequential linear programming and Nelder-Mead.
 
+mod elastic_program;
 mod evaluation;
 mod linear_program;
 mod nelder_mead;
 mod sequential_linear;
 
+pub use elastic_program::{ElasticProgram, ElasticSolution};
 pub use evaluation::{Budget, Interruption, Problem};
-pub use linear_program::{ElasticProgram, ElasticSolution, ElasticSolver};
+pub use linear_program::ElasticSolver;
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
 pub use sequential_linear::{
     Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, confirmed_decrease, minimise_sequentially,

@@ -11,8 +11,9 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
+use super::elastic_program::ElasticProgram;
 use super::evaluation::{Budget, Interruption, Problem};
-use super::linear_program::{ElasticProgram, ElasticSolver};
+use super::linear_program::ElasticSolver;
 
 /// Parameters of the iteration; the defaults were measured on the paper's forward drive.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,0 +1,62 @@
+//! The data of an elastic linear program, and how its columns are numbered.
+//!
+//! Column j < n is variable j; then come m slacks above and m slacks below: `matrix x - above + below = target`.
+
+use nalgebra::{DMatrix, DVector};
+
+/// The data of one program.
+#[derive(Debug, Clone, Copy)]
+pub struct ElasticProgram<'a> {
+    /// m x n.
+    pub matrix: &'a DMatrix<f64>,
+    /// m.
+    pub target: &'a DVector<f64>,
+    /// n.
+    pub cost: &'a DVector<f64>,
+    /// n.
+    pub lower: &'a DVector<f64>,
+    /// n.
+    pub upper: &'a DVector<f64>,
+    /// Price of a unit of any row's violation, > 0.
+    pub weight: f64,
+}
+
+/// The minimiser.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ElasticSolution {
+    /// n.
+    pub x: DVector<f64>,
+    /// Price of each row, between -weight and weight: change of the minimum per unit of its target.
+    pub price: DVector<f64>,
+    /// `cost' x + weight |matrix x - target|_1`.
+    pub objective: f64,
+    /// Simplex iterations.
+    pub iterations: usize,
+}
+
+impl ElasticProgram<'_> {
+    /// `cost' x + weight |matrix x - target|_1`.
+    pub(super) fn objective(&self, x: &DVector<f64>) -> f64 {
+        self.cost.dot(x) + self.weight * (self.matrix * x - self.target).lp_norm(1)
+    }
+
+    pub(super) fn column_cost(&self, column: usize) -> f64 {
+        if column < self.cost.len() { self.cost[column] } else { self.weight }
+    }
+
+    pub(super) fn bounds(&self, column: usize) -> (f64, f64) {
+        if column < self.cost.len() { (self.lower[column], self.upper[column]) } else { (0.0, f64::INFINITY) }
+    }
+
+    /// The row of a slack.
+    pub(super) fn slack_row(&self, column: usize) -> usize {
+        let (rows, columns) = self.matrix.shape();
+        (column - columns) % rows
+    }
+
+    /// Coefficient of a slack in its row.
+    pub(super) fn slack_sign(&self, column: usize) -> f64 {
+        let (rows, columns) = self.matrix.shape();
+        if column < columns + rows { -1.0 } else { 1.0 }
+    }
+}
