@@ -135,6 +135,17 @@ fn stopped_search_ends_within_one_rollout() {
 }
 
 #[test]
+fn abandoned_answer_is_not_certified() {
+    let flag = AtomicBool::new(false);
+    let observer = StopAt { flag: &flag, at: 3, heard: AtomicU64::new(0) };
+    let nobody_waits = || true;
+    let control = RunControl::new(&flag, &observer).abandoned_when(&nobody_waits);
+    let solution = solve(&SolveInput::forward_drive(), &control);
+    assert_eq!(solution.stop_reason, StopReason::Stopped);
+    assert_eq!(solution.trajectory.step_count(), 0, "no rollout after the flag");
+}
+
+#[test]
 fn rollout_limit_is_kept() {
     for method in [Method::SequentialLinear, Method::NelderMead] {
         let mut input = SolveInput::forward_drive();

@@ -170,7 +170,9 @@ impl Place {
         let (job_id, recorded) = (place.job_id(), Arc::clone(&pace));
         let work = move |stop: &StopHandle| {
             let start = Instant::now();
-            let solution = solver.solve(&input, &RunControl::new(stop.flag(), &observer));
+            let is_abandoned = || matches!(stop.cause(), Some(StopCause::CallerGone | StopCause::Shutdown));
+            let control = RunControl::new(stop.flag(), &observer).abandoned_when(&is_abandoned);
+            let solution = solver.solve(&input, &control);
             let solve_time = start.elapsed();
             let stop_reason = stop_reason(job_id, solution.stop_reason, stop.cause())?;
             recorded.record(solve_time);

@@ -48,8 +48,8 @@ pub(super) fn certified(
     Evidence::collect(input, simulator, schedule, result.step_count).solution(input, result, measure, is_stationary)
 }
 
-/// The answer where the start already meets the goal: stay.
-pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
+/// The answer where the start already meets the goal, or where nobody wants an answer: stay.
+pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) -> Solution {
     let trajectory = Trajectory { time: vec![0.0], state: vec![input.maneuver.start], ..Trajectory::default() };
     let evidence = Evidence {
         goal_error: input.maneuver.goal_error(&input.maneuver.start),
@@ -65,7 +65,7 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
     };
     let result = SearchResult {
         best: None,
-        stop_reason: StopReason::Finished,
+        stop_reason,
         step_count: 0,
         iterations: 0,
         rollouts: 0,

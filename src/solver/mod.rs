@@ -36,7 +36,7 @@ const STANDING_TIME: f64 = 1e-9;
 pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     let start_error = input.maneuver.goal_error(&input.maneuver.start);
     if start_error.amax() <= input.settings.goal_tolerance {
-        return certificate::certified_standstill(input);
+        return certificate::certified_standstill(input, StopReason::Finished);
     }
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
@@ -46,6 +46,10 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     if let Refinement::UntilExecutable { step_limit } = settings.refinement {
         refinement::refine(input, &simulator, step_limit, control, &mut result);
         problem = problem_on(result.step_count);
+    }
+    if control.is_abandoned() {
+        // The worker is free one rollout after the flag.
+        return certificate::certified_standstill(input, StopReason::Stopped);
     }
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
     let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));

@@ -33,18 +33,25 @@ impl ProgressObserver for NoProgress {
 pub struct RunControl<'a> {
     stop: &'a AtomicBool,
     observer: &'a dyn ProgressObserver,
+    is_abandoned: Option<&'a (dyn Fn() -> bool + Sync)>,
 }
 
 impl<'a> RunControl<'a> {
     /// Control by a flag that anyone may set, and an observer.
     pub fn new(stop: &'a AtomicBool, observer: &'a dyn ProgressObserver) -> Self {
-        Self { stop, observer }
+        Self { stop, observer, is_abandoned: None }
+    }
+
+    /// Also asks, once stopped, whether anybody still wants the answer: an unwanted one is not certified.
+    #[must_use]
+    pub fn abandoned_when(self, is_abandoned: &'a (dyn Fn() -> bool + Sync)) -> Self {
+        Self { is_abandoned: Some(is_abandoned), ..self }
     }
 
     /// Runs to the end, unobserved.
     pub fn unattended() -> RunControl<'static> {
         static NEVER: AtomicBool = AtomicBool::new(false);
-        RunControl { stop: &NEVER, observer: &NoProgress }
+        RunControl { stop: &NEVER, observer: &NoProgress, is_abandoned: None }
     }
 
     /// The stop flag itself.
@@ -55,6 +62,11 @@ impl<'a> RunControl<'a> {
     /// Whether the solve was asked to stop.
     pub fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Whether the solve was stopped and nobody wants its answer.
+    pub fn is_abandoned(&self) -> bool {
+        self.is_stopped() && self.is_abandoned.is_some_and(|is_abandoned| is_abandoned())
     }
 
     /// Tells the observer.
