@@ -9,8 +9,8 @@ use slipdrive::robot::{Robot, RobotParameters, State};
 use slipdrive::shooting::StateComponent;
 use slipdrive::simulation::{ContactMethod, Rollout, Simulator};
 use slipdrive::solver::{
-    Method, ProgressObserver, RunControl, Solution, SolveInput, SolveProgress, SolverSettings, Status, StopReason,
-    solve,
+    Method, ProgressObserver, Refinement, RunControl, Solution, SolveInput, SolveProgress, SolverSettings, Status,
+    StopReason, solve,
 };
 
 /// The paper's final time, s, with its rounding.
@@ -94,6 +94,17 @@ fn default_search_finds_the_drift() {
     // The best known plan of this robot takes 2.836 s: it turns while braking, and both wheels slide.
     assert!(solution.schedule.final_time <= 2.845, "{}", solution.schedule.final_time);
     assert!(solution.report.distinct_optima.len() > 1);
+}
+
+#[test]
+fn refined_plan_is_executable() {
+    let mut input = SolveInput::forward_drive();
+    input.settings.refinement = Refinement::UntilExecutable { step_limit: 10_000 };
+    let solution = solved(&input);
+    assert_eq!((solution.status, solution.executable), (Status::Converged, true));
+    assert!(solution.report.step_count > 200);
+    assert_eq!(solution.trajectory.step_count(), solution.report.step_count);
+    assert!(solution.report.replay.miss_position <= input.settings.replay_tolerance_position);
 }
 
 #[test]
