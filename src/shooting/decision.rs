@@ -17,8 +17,17 @@ pub fn decision_from_schedule(schedule: &TorqueSchedule) -> DVector<f64> {
     DVector::from_iterator(decision_len(schedule.control_count()), torques.chain([schedule.final_time]))
 }
 
+/// The schedule of a decision vector; the inverse of [`decision_from_schedule`].
+pub fn schedule_from_decision(decision: &DVector<f64>) -> TorqueSchedule {
+    let control_count = (decision.len() - 1) / 2;
+    let mut schedule =
+        TorqueSchedule { final_time: 0.0, left: vec![0.0; control_count], right: vec![0.0; control_count] };
+    write_schedule(decision, &mut schedule);
+    schedule
+}
+
 /// Writes a decision vector into a schedule of the same number of intervals.
-pub fn write_schedule(decision: &DVector<f64>, schedule: &mut TorqueSchedule) {
+pub(super) fn write_schedule(decision: &DVector<f64>, schedule: &mut TorqueSchedule) {
     let control_count = schedule.control_count();
     let torques = decision.as_slice();
     schedule.left.copy_from_slice(&torques[..control_count]);
@@ -35,8 +44,6 @@ mod tests {
         let schedule = TorqueSchedule { final_time: 2.5, left: vec![1.0, 2.0], right: vec![-3.0, 4.0] };
         let decision = decision_from_schedule(&schedule);
         assert_eq!(decision.as_slice(), [1.0, 2.0, -3.0, 4.0, 2.5]);
-        let mut copy = TorqueSchedule { final_time: 0.0, left: vec![0.0; 2], right: vec![0.0; 2] };
-        write_schedule(&decision, &mut copy);
-        assert_eq!(copy, schedule);
+        assert_eq!(schedule_from_decision(&decision), schedule);
     }
 }

@@ -183,6 +183,12 @@ impl Maneuver {
         }
     }
 
+    /// The goal heading in the winding nearest to the start's, rad; none where it is free.
+    pub fn nearest_goal_heading(&self) -> Option<f64> {
+        let start = self.start.configuration.heading;
+        self.goal.value(StateComponent::Heading).map(|goal| start + wrapped_angle(goal - start))
+    }
+
     /// The start state at the chassis centre of mass.
     pub fn start_at_center_of_mass(&self, robot: &RobotParameters) -> State {
         self.start.moved_by(-self.reference_point.offset(robot))

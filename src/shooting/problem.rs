@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Vector2};
 
 use super::decision::{decision_len, write_schedule};
-use super::maneuver::{Maneuver, StateComponent, wrapped_angle};
+use super::maneuver::{Maneuver, StateComponent};
 use crate::optimizer::Problem;
 use crate::robot::State;
 use crate::simulation::{EndDerivative, EndSensitivity, Rollout, Simulator, TorqueSchedule};
@@ -182,14 +182,10 @@ impl Problem for ShootingProblem<'_> {
 }
 
 fn goal_rows(maneuver: &Maneuver, wheel_radius: f64) -> Vec<GoalRow> {
-    let start_heading = maneuver.start.configuration.heading;
+    let nearest_heading = maneuver.nearest_goal_heading();
     let row = |(component, value): (StateComponent, f64)| GoalRow {
         component: component.index(),
-        target: if component == StateComponent::Heading {
-            start_heading + wrapped_angle(value - start_heading)
-        } else {
-            value
-        },
+        target: nearest_heading.filter(|_| component == StateComponent::Heading).unwrap_or(value),
         scale: residual_scale(component, wheel_radius),
     };
     maneuver.goal.constrained().map(row).collect()

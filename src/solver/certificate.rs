@@ -11,7 +11,7 @@ use super::settings::SolveInput;
 use super::solution::{DistinctOptimum, Reason, Replay, Report, Solution, Status, StopReason};
 use crate::optimizer::{Budget, confirmed_decrease};
 use crate::robot::State;
-use crate::shooting::{ShootingProblem, StateComponent, write_schedule};
+use crate::shooting::{ShootingProblem, StateComponent, schedule_from_decision};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
 
 /// The replay's grid is this much finer than the plan's.
@@ -32,10 +32,7 @@ pub(super) fn certified(
     best: &Candidate,
     result: SearchResult,
 ) -> Solution {
-    let control_count = input.settings.control_count;
-    let mut schedule =
-        TorqueSchedule { final_time: 0.0, left: vec![0.0; control_count], right: vec![0.0; control_count] };
-    write_schedule(&best.decision, &mut schedule);
+    let schedule = schedule_from_decision(&best.decision);
     if let Some(heading) = best.goal_heading {
         problem.aim_at_heading(heading);
     }

@@ -9,8 +9,8 @@ use super::run_control::RunControl;
 use super::search::SearchResult;
 use super::settings::SolveInput;
 use super::solution::{Replay, StopReason};
-use crate::shooting::{ShootingProblem, write_schedule};
-use crate::simulation::{Rollout, Simulator, TorqueSchedule};
+use crate::shooting::{ShootingProblem, schedule_from_decision};
+use crate::simulation::{Rollout, Simulator};
 
 /// Grids are refined by at least and at most these factors at a time.
 const FACTORS: (f64, f64) = (2.0, 8.0);
@@ -53,10 +53,7 @@ pub(super) fn refine(
 }
 
 fn replay_of(input: &SolveInput, simulator: &Simulator, best: &Candidate, step_count: usize) -> Replay {
-    let control_count = input.settings.control_count;
-    let mut schedule =
-        TorqueSchedule { final_time: 0.0, left: vec![0.0; control_count], right: vec![0.0; control_count] };
-    write_schedule(&best.decision, &mut schedule);
+    let schedule = schedule_from_decision(&best.decision);
     let start = input.maneuver.start_at_center_of_mass(input.robot.parameters());
     replay(input, simulator, &Rollout { start: &start, schedule: &schedule, step_count })
 }

@@ -78,7 +78,7 @@ pub(super) fn starts(input: &SolveInput) -> Vec<Start> {
     let count = input.settings.start_count;
     let guess = input.initial_guess.iter().map(|guess| Start {
         schedule: resampled(guess, input.settings.control_count),
-        goal_heading: nearest_goal_heading(&input.maneuver),
+        goal_heading: input.maneuver.nearest_goal_heading(),
         way: Way::Direct,
     });
     let mut starts: Vec<Start> = guess.collect();
@@ -133,12 +133,6 @@ fn perturbed(plan: &Start, limit: PerWheel<f64>, rng: &mut Xoshiro256PlusPlus) -
     start
 }
 
-/// The goal heading in the winding nearest to the start's.
-fn nearest_goal_heading(maneuver: &Maneuver) -> Option<f64> {
-    let start = maneuver.start.configuration.heading;
-    maneuver.goal.value(StateComponent::Heading).map(|goal| start + wrapped_angle(goal - start))
-}
-
 /// Full effort towards the goal in the first half, full braking in the second, as if the goal lay straight ahead.
 fn straight(maneuver: &Maneuver, robot: &RobotParameters, control_count: usize) -> Start {
     let rolling = Rolling::new(maneuver, robot, AMPLITUDES[0]);
@@ -150,7 +144,7 @@ fn straight(maneuver: &Maneuver, robot: &RobotParameters, control_count: usize) 
     rolling.drive(x.hypot(y).copysign(ahead), &mut segments);
     Start {
         schedule: schedule_from_segments(&segments, control_count),
-        goal_heading: nearest_goal_heading(maneuver),
+        goal_heading: maneuver.nearest_goal_heading(),
         way: Way::Direct,
     }
 }
