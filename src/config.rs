@@ -1,47 +1,37 @@
-//! Flags and environment variables.
+//! The configuration: flags, environment variables and an optional TOML file, read once, with all faults told at once.
+//!
+//! A flag goes before its variable, the variable before the file, the file before the default. Keys of the API are
+//! secrets: they come from a variable or a file of their own, never from a flag, and are never shown.
 
+mod settings;
+mod sources;
+mod value;
+
+use std::fmt;
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::thread::available_parallelism;
-use std::time::Duration;
-use std::{env, fs, iter};
+use std::{env, fs};
 
-use anyhow::Context as _;
-use clap::{Args, Parser, Subcommand, ValueEnum};
-use slipdrive::api::ApiSettings;
+use clap::{Args, Parser, Subcommand};
 use slipdrive::api::auth::ApiKeys;
 use slipdrive::api::server::ServerSettings;
+use slipdrive::api::{ApiSettings, Probes};
 use slipdrive::service::{Limits, ServiceSettings};
+
+pub(crate) use settings::{LogSettings, ServeSettings};
+use sources::{Given, Shown, Sources};
+pub(crate) use value::LogFormat;
 
 /// Time-optimal maneuvers of a differential-drive robot whose wheels may slip.
 #[derive(Debug, Parser)]
 #[command(version)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    pub(crate) log: LogArguments,
+    log: Given<LogSettings>,
     #[command(subcommand)]
     pub(crate) command: Command,
-}
-
-/// What is logged to standard error, and how.
-#[derive(Debug, Args)]
-pub(crate) struct LogArguments {
-    /// Log filter, such as `info` or `slipdrive=debug`.
-    #[arg(long = "log", env = "SLIPDRIVE_LOG", default_value = "info", global = true)]
-    pub(crate) filter: String,
-    /// Form of the log lines.
-    #[arg(long = "log-format", env = "SLIPDRIVE_LOG_FORMAT", default_value = "text", global = true)]
-    pub(crate) format: LogFormat,
-}
-
-/// Form of the log lines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum LogFormat {
-    /// For people.
-    Text,
-    /// One JSON object per line.
-    Json,
 }
 
 /// What to do.
@@ -49,140 +39,42 @@ pub(crate) enum LogFormat {
 pub(crate) enum Command {
     /// Serve REST and gRPC until a signal comes.
     Serve(ServeArguments),
+    /// Ask a server of this configuration whether it is ready; the exit code tells.
+    Health(HealthArguments),
     /// Solve one maneuver and print what came out.
     Solve(SolveArguments),
     /// Integrate one torque schedule and print what came out.
     Simulate(SimulateArguments),
 }
 
-/// Size and address of a server.
+/// How a server is configured.
+#[derive(Debug, Args)]
+pub(crate) struct ServerArguments {
+    /// File with settings, in TOML; its keys are the names of the flags with underscores.
+    #[arg(long = "config", env = "SLIPDRIVE_CONFIG", value_name = "FILE")]
+    file: Option<PathBuf>,
+    #[command(flatten)]
+    given: Given<ServeSettings>,
+}
+
+/// A server to run.
 #[derive(Debug, Args)]
 pub(crate) struct ServeArguments {
-    /// Address of the REST server; port 0 takes a free one, which the log tells.
-    #[arg(long, env = "SLIPDRIVE_HTTP", default_value = "127.0.0.1:8080")]
-    pub(crate) http: SocketAddr,
-    /// Address of the gRPC server.
-    #[arg(long, env = "SLIPDRIVE_GRPC", default_value = "127.0.0.1:50051")]
-    pub(crate) grpc: SocketAddr,
-    /// Serves gRPC on the address of REST too, in place of its own.
-    #[arg(long, env = "SLIPDRIVE_ONE_PORT")]
-    pub(crate) one_port: bool,
-    /// Worker threads, each running one solve at a time [default: cores - 1, at least 1].
-    #[arg(long, env = "SLIPDRIVE_WORKERS")]
-    pub(crate) workers: Option<NonZeroUsize>,
-    /// Requests that may wait for a worker; more are refused with 429.
-    #[arg(long, env = "SLIPDRIVE_QUEUE_LENGTH", default_value_t = 64)]
-    pub(crate) queue_length: usize,
-    /// Items of one gRPC batch that may be unanswered at once; the server reads no further meanwhile.
-    #[arg(long, env = "SLIPDRIVE_BATCH_WINDOW", default_value = "16")]
-    pub(crate) batch_window: NonZeroUsize,
-    /// Seconds that work is still taken after a stop signal, while probes already tell that the server is not ready.
-    #[arg(long, env = "SLIPDRIVE_DRAIN_DELAY_S", default_value_t = 0)]
-    pub(crate) drain_delay_s: u64,
-    /// Seconds that solves in flight may take after that before they are cut off.
-    #[arg(long, env = "SLIPDRIVE_DRAIN_TIMEOUT_S", default_value_t = 30)]
-    pub(crate) drain_timeout_s: u64,
     #[command(flatten)]
-    pub(crate) access: AccessArguments,
+    server: ServerArguments,
+    /// Prints the settings in force and where each comes from, and ends.
+    #[arg(long)]
+    pub(crate) print_config: bool,
+}
+
+/// A server to ask.
+#[derive(Debug, Args)]
+pub(crate) struct HealthArguments {
     #[command(flatten)]
-    pub(crate) connections: ConnectionArguments,
-}
-
-/// Who may call. Keys come from the variable `SLIPDRIVE_API_KEYS`, separated by commas, or from a file.
-#[derive(Debug, Args)]
-pub(crate) struct AccessArguments {
-    /// File with API keys, one per line.
-    #[arg(long, env = "SLIPDRIVE_API_KEYS_FILE", value_name = "FILE")]
-    pub(crate) api_keys_file: Option<PathBuf>,
-    /// Lets a server without keys listen where others can reach it.
-    #[arg(long, env = "SLIPDRIVE_ALLOW_UNAUTHENTICATED")]
-    pub(crate) allow_unauthenticated: bool,
-}
-
-/// Patience with connections.
-#[derive(Debug, Args)]
-pub(crate) struct ConnectionArguments {
-    /// Connections per port that may be open at once.
-    #[arg(long, env = "SLIPDRIVE_MAX_CONNECTIONS", default_value = "1024")]
-    pub(crate) max_connections: NonZeroUsize,
-    /// Requests of one HTTP/2 connection that may be open at once.
-    #[arg(long, env = "SLIPDRIVE_MAX_STREAMS", default_value_t = 128)]
-    pub(crate) max_streams: u32,
-    /// Seconds that a caller may take to send the head of a request.
-    #[arg(long, env = "SLIPDRIVE_HEAD_TIMEOUT_S", default_value_t = 30)]
-    pub(crate) head_timeout_s: u64,
-    /// Seconds that an HTTP/2 connection may stay without a request.
-    #[arg(long, env = "SLIPDRIVE_IDLE_TIMEOUT_S", default_value_t = 300)]
-    pub(crate) idle_timeout_s: u64,
-    /// Seconds after which a connection takes no new requests.
-    #[arg(long, env = "SLIPDRIVE_MAX_CONNECTION_AGE_S", default_value_t = 1800)]
-    pub(crate) max_connection_age_s: u64,
-}
-
-/// Keys are secrets: a flag would show them to everyone who can list processes.
-const API_KEYS_VARIABLE: &str = "SLIPDRIVE_API_KEYS";
-
-impl ServeArguments {
-    pub(crate) fn service_settings(&self) -> ServiceSettings {
-        let workers = self.workers.unwrap_or_else(default_workers);
-        ServiceSettings { workers, queue_length: self.queue_length, limits: Limits::default() }
-    }
-
-    /// Who may call.
-    ///
-    /// # Errors
-    /// When the file of keys cannot be read, or a server without keys would listen where others can reach it.
-    pub(crate) fn api_settings(&self) -> anyhow::Result<ApiSettings> {
-        let keys = self.access.keys(env::var(API_KEYS_VARIABLE).ok())?;
-        let grpc = (!self.one_port).then_some(("--grpc", self.grpc));
-        for (flag, address) in iter::once(("--http", self.http)).chain(grpc) {
-            if keys.is_empty() && !self.access.allow_unauthenticated && !address.ip().is_loopback() {
-                anyhow::bail!(
-                    "`{flag}` is {address}, which others can reach: set {API_KEYS_VARIABLE}, or \
-                     SLIPDRIVE_ALLOW_UNAUTHENTICATED=true where something in front of this server checks its callers"
-                );
-            }
-        }
-        Ok(ApiSettings { keys, batch_window: self.batch_window, ..ApiSettings::default() })
-    }
-
-    pub(crate) fn server_settings(&self) -> ServerSettings {
-        let ConnectionArguments { max_connections, max_streams, head_timeout_s, idle_timeout_s, max_connection_age_s } =
-            self.connections;
-        ServerSettings {
-            max_connections: max_connections.get(),
-            max_streams,
-            head_timeout: Duration::from_secs(head_timeout_s),
-            idle_timeout: Duration::from_secs(idle_timeout_s.max(1)),
-            max_age: Duration::from_secs(max_connection_age_s),
-            ..ServerSettings::default()
-        }
-    }
-}
-
-impl AccessArguments {
-    /// Configured, but empty, is a fault: it would open the server that was meant to be closed.
-    fn keys(&self, variable: Option<String>) -> anyhow::Result<ApiKeys> {
-        let text = match (&self.api_keys_file, variable) {
-            (Some(_), Some(_)) => {
-                anyhow::bail!("both {API_KEYS_VARIABLE} and SLIPDRIVE_API_KEYS_FILE are set, must be one of them")
-            }
-            (Some(file), None) => {
-                fs::read_to_string(file).with_context(|| format!("{} cannot be read", file.display()))?
-            }
-            (None, Some(text)) => text,
-            (None, None) => return Ok(ApiKeys::default()),
-        };
-        let keys = ApiKeys::parse(&text);
-        anyhow::ensure!(!keys.is_empty(), "API keys are configured, but there is none among them");
-        Ok(keys)
-    }
-}
-
-/// One core is left to the threads that talk to callers.
-fn default_workers() -> NonZeroUsize {
-    let cores = available_parallelism().map_or(1, NonZeroUsize::get);
-    NonZeroUsize::new(cores - 1).unwrap_or(NonZeroUsize::MIN)
+    server: ServerArguments,
+    /// Asks whether the process lives, in place of whether it takes work.
+    #[arg(long)]
+    pub(crate) live: bool,
 }
 
 /// A maneuver to solve.
@@ -210,70 +102,201 @@ pub(crate) struct SimulateArguments {
     pub(crate) json: Option<PathBuf>,
 }
 
-#[cfg(test)]
-mod tests {
-    use clap::CommandFactory as _;
+/// Keys are secrets: a flag would show them to everyone who can list processes.
+const API_KEYS_VARIABLE: &str = "SLIPDRIVE_API_KEYS";
 
-    use super::*;
+/// Everything that is wrong with a configuration.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(crate) struct Faults(Vec<String>);
 
-    #[test]
-    fn arguments_are_consistent() {
-        Arguments::command().debug_assert();
+impl Faults {
+    fn add(&mut self, fault: String) {
+        self.0.push(fault);
     }
 
-    #[test]
-    fn flags_set_the_service() {
-        let arguments = Arguments::parse_from([
-            "slipdrive",
-            "serve",
-            "--http",
-            "127.0.0.1:0",
-            "--workers",
-            "3",
-            "--queue-length",
-            "4",
-        ]);
-        let Command::Serve(serve) = arguments.command else { panic!("serve was asked") };
-        let settings = serve.service_settings();
-        assert_eq!((settings.workers.get(), settings.queue_length), (3, 4));
-    }
-
-    #[test]
-    fn every_flag_of_the_server_has_a_variable() {
-        let command = Arguments::command();
-        let serve = command.find_subcommand("serve").unwrap();
-        for argument in serve.get_arguments().filter(|argument| argument.get_id() != "help") {
-            let flag = argument.get_long().unwrap();
-            let expected = format!("SLIPDRIVE_{}", flag.replace('-', "_").to_uppercase());
-            assert_eq!(argument.get_env().and_then(|name| name.to_str()), Some(expected.as_str()), "--{flag}");
+    fn into_result<T>(self, value: Option<T>) -> Result<T, Self> {
+        match value {
+            Some(value) if self.0.is_empty() => Ok(value),
+            _ => Err(self),
         }
-    }
-
-    fn serve(flags: &[&str]) -> ServeArguments {
-        let arguments = Arguments::parse_from(["slipdrive", "serve"].iter().chain(flags));
-        let Command::Serve(serve) = arguments.command else { panic!("serve was asked") };
-        serve
-    }
-
-    #[test]
-    fn public_server_without_keys_is_refused() {
-        for flags in [["--http", "0.0.0.0:0"], ["--grpc", "[::]:0"], ["--http", "192.0.2.1:80"]] {
-            let error = serve(&flags).api_settings().unwrap_err().to_string();
-            assert!(error.contains(flags[0]) && error.contains("SLIPDRIVE_API_KEYS"), "{error}");
-            let allowed = serve(&[flags[0], flags[1], "--allow-unauthenticated"]);
-            assert!(allowed.api_settings().is_ok());
-        }
-        assert!(serve(&[]).api_settings().is_ok());
-        assert!(serve(&["--grpc", "0.0.0.0:0", "--one-port"]).api_settings().is_ok(), "it is not bound");
-    }
-
-    #[test]
-    fn configured_keys_that_are_none_are_refused() {
-        let access = serve(&[]).access;
-        assert!(access.keys(Some(" ,\n".to_owned())).is_err());
-        assert!(!access.keys(Some("key".to_owned())).unwrap().is_empty());
-        assert!(access.keys(None).unwrap().is_empty());
-        let file = serve(&["--api-keys-file", "/nonexistent"]).access;
-        assert!(file.keys(None).is_err() && file.keys(Some("key".to_owned())).is_err());
     }
 }
+
+impl fmt::Display for Faults {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(faults) = self;
+        write!(formatter, "the configuration cannot be used")?;
+        faults.iter().try_for_each(|fault| write!(formatter, "\n  {fault}"))
+    }
+}
+
+impl Arguments {
+    /// What is logged where no server runs.
+    ///
+    /// # Errors
+    /// All faults.
+    pub(crate) fn log_settings(&self) -> Result<LogSettings, Faults> {
+        let mut faults = Faults::default();
+        let log = Sources::new(None, &mut faults).read(&self.log, &mut faults);
+        faults.into_result(log)
+    }
+}
+
+/// A checked configuration of a server.
+#[derive(Debug)]
+pub(crate) struct ServerConfig {
+    pub(crate) settings: ServeSettings,
+    pub(crate) log: LogSettings,
+    pub(crate) keys: ApiKeys,
+    shown: Vec<Shown>,
+}
+
+impl ServeArguments {
+    /// The configuration in force.
+    ///
+    /// # Errors
+    /// All faults: values that cannot be read, unknown keys of the file, settings that contradict each other.
+    pub(crate) fn config(&self, log: &Given<LogSettings>) -> Result<ServerConfig, Faults> {
+        let mut faults = Faults::default();
+        let sources = Sources::new(self.server.file.as_deref(), &mut faults);
+        sources.check_keys(&[ServeSettings::TABLE, LogSettings::TABLE], &mut faults);
+        let settings: Option<ServeSettings> = sources.read(&self.server.given, &mut faults);
+        let log_settings = sources.read(log, &mut faults);
+        let keys = settings.as_ref().and_then(|settings| {
+            settings.check(&mut faults);
+            settings.keys(env::var(API_KEYS_VARIABLE).ok(), &mut faults)
+        });
+        let shown = sources.shown(&self.server.given).chain(sources.shown(log)).collect();
+        let all = settings.zip(log_settings).zip(keys);
+        faults.into_result(all.map(|((settings, log), keys)| ServerConfig { settings, log, keys, shown }))
+    }
+}
+
+impl HealthArguments {
+    /// Where probes are answered.
+    ///
+    /// # Errors
+    /// All faults of the settings.
+    pub(crate) fn address(&self) -> Result<SocketAddr, Faults> {
+        let mut faults = Faults::default();
+        let sources = Sources::new(self.server.file.as_deref(), &mut faults);
+        let settings: Option<ServeSettings> = sources.read(&self.server.given, &mut faults);
+        faults.into_result(settings.map(|settings| settings.admin.unwrap_or(settings.http)))
+    }
+}
+
+impl Arguments {
+    /// The configuration of the server to run.
+    ///
+    /// # Errors
+    /// As [`ServeArguments::config`].
+    pub(crate) fn server_config(&self, arguments: &ServeArguments) -> Result<ServerConfig, Faults> {
+        arguments.config(&self.log)
+    }
+}
+
+impl ServerConfig {
+    /// The settings as TOML that `--config` takes, each with its source; of secrets only how many there are.
+    pub(crate) fn to_toml(&self) -> String {
+        let mut text: String = self.shown.iter().map(ToString::to_string).collect();
+        if let Some(count) = self.keys.count() {
+            text += &format!("# {count} API keys, which are not shown\n");
+        }
+        text
+    }
+
+    pub(crate) fn service_settings(&self) -> ServiceSettings {
+        let workers = self.settings.workers.unwrap_or_else(default_workers);
+        ServiceSettings { workers, queue_length: self.settings.queue_length, limits: Limits::default() }
+    }
+
+    pub(crate) fn api_settings(&self) -> ApiSettings {
+        let probes = if self.settings.admin.is_some() { Probes::Apart } else { Probes::WithApi };
+        let (keys, batch_window) = (self.keys.clone(), self.settings.batch_window);
+        ApiSettings { keys, batch_window, probes, ..ApiSettings::default() }
+    }
+
+    pub(crate) fn server_settings(&self) -> ServerSettings {
+        let settings = &self.settings;
+        ServerSettings {
+            max_connections: settings.max_connections.get(),
+            max_streams: settings.max_streams,
+            head_timeout: settings.head_timeout_s,
+            idle_timeout: settings.idle_timeout_s,
+            max_age: settings.max_connection_age_s,
+            ..ServerSettings::default()
+        }
+    }
+}
+
+impl ServeSettings {
+    /// Addresses that callers of the API reach.
+    fn api_addresses(&self) -> impl Iterator<Item = (&'static str, SocketAddr)> {
+        let grpc = (!self.one_port).then_some(("grpc", self.grpc));
+        std::iter::once(("http", self.http)).chain(grpc)
+    }
+
+    /// Adds what contradicts itself.
+    fn check(&self, faults: &mut Faults) {
+        let admin = self.admin.map(|admin| ("admin", admin));
+        let addresses: Vec<_> = self.api_addresses().chain(admin).collect();
+        for (index, (key, address)) in addresses.iter().enumerate() {
+            for (other_key, other) in &addresses[..index] {
+                if address.port() != 0 && address == other {
+                    faults.add(format!("`{other_key}` and `{key}` are both {address}, must differ"));
+                }
+            }
+        }
+        for (key, duration) in [("head_timeout_s", self.head_timeout_s), ("idle_timeout_s", self.idle_timeout_s)] {
+            if duration.is_zero() {
+                faults.add(format!("`{key}` is 0, must be > 0 s"));
+            }
+        }
+    }
+
+    /// Who may call. Configured, but empty, is a fault: it would open the server that was meant to be closed.
+    fn keys(&self, variable: Option<String>, faults: &mut Faults) -> Option<ApiKeys> {
+        let text = match (&self.api_keys_file, variable) {
+            (Some(_), Some(_)) => {
+                faults.add(format!("both {API_KEYS_VARIABLE} and `api_keys_file` are set, must be one of them"));
+                return None;
+            }
+            (Some(file), None) => match fs::read_to_string(file) {
+                Ok(text) => Some(text),
+                Err(error) => {
+                    faults.add(format!("`api_keys_file` is {}, which cannot be read: {error}", file.display()));
+                    return None;
+                }
+            },
+            (None, variable) => variable,
+        };
+        let keys = ApiKeys::parse(text.as_deref().unwrap_or_default());
+        if text.is_some() && keys.is_empty() {
+            faults.add("API keys are configured, but there is none among them".to_owned());
+        }
+        self.check_exposure(&keys, text.is_some(), faults);
+        Some(keys)
+    }
+
+    /// Adds that a server without keys would listen where others can reach it.
+    fn check_exposure(&self, keys: &ApiKeys, is_configured: bool, faults: &mut Faults) {
+        if is_configured || !keys.is_empty() || self.allow_unauthenticated {
+            return;
+        }
+        for (key, address) in self.api_addresses().filter(|(_, address)| !address.ip().is_loopback()) {
+            faults.add(format!(
+                "`{key}` is {address}, which others can reach: set {API_KEYS_VARIABLE} or `api_keys_file`, or \
+                 `allow_unauthenticated` where something in front of this server checks its callers"
+            ));
+        }
+    }
+}
+
+/// One core is left to the threads that talk to callers.
+fn default_workers() -> NonZeroUsize {
+    let cores = available_parallelism().map_or(1, NonZeroUsize::get);
+    NonZeroUsize::new(cores - 1).unwrap_or(NonZeroUsize::MIN)
+}
+
+#[cfg(test)]
+mod tests;

@@ -27,10 +27,12 @@
 //! - [`plot`]: the paper's figures from a solution, as a page.
 //! - [`queue`]: a bounded queue that feeds blocking worker threads.
 //! - [`service`]: solve, simulate and validate behind the queue.
+//! - [`metrics`]: what a server counts about itself.
 //! - [`api`] offers the service over REST and gRPC.
 
 pub mod api;
 pub mod contact;
+pub mod metrics;
 pub mod optimizer;
 pub mod plot;
 pub mod queue;

@@ -13,15 +13,15 @@ use std::time::Duration;
 use anyhow::Context as _;
 use axum::Router;
 use slipdrive::api::grpc::{self, Health};
+use slipdrive::api::rest;
 use slipdrive::api::server::{self, ServerSettings};
-use slipdrive::api::{ApiSettings, rest};
-use slipdrive::service::{InProcessSolver, Service};
+use slipdrive::service::{InProcessSolver, Service, ServiceSettings};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-use crate::config::ServeArguments;
+use crate::config::ServerConfig;
 
 /// How long callers may take to read their last answer: a silent one must not hold the process.
 const LAST_ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
@@ -30,41 +30,64 @@ const LAST_ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 ///
 /// # Errors
 /// When the address cannot be bound or the server fails.
-pub(crate) fn serve_until_stopped(arguments: &ServeArguments) -> anyhow::Result<()> {
+pub(crate) fn serve_until_stopped(config: &ServerConfig) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().thread_name("slipdrive-http").build()?;
-    let result = runtime.block_on(serve(arguments));
+    let result = runtime.block_on(serve(config));
     // Without waiting: what is still open has had its time.
     runtime.shutdown_background();
     result
 }
 
-async fn serve(arguments: &ServeArguments) -> anyhow::Result<()> {
+async fn serve(config: &ServerConfig) -> anyhow::Result<()> {
     let mut signals = Signals::listen()?;
-    let api_settings = arguments.api_settings()?;
-    let http = bind(arguments.http).await?;
-    let grpc = if arguments.one_port { None } else { Some(bind(arguments.grpc).await?) };
-    let settings = arguments.service_settings();
+    let listeners = Listeners::bind(config).await?;
+    let settings = config.service_settings();
     let service = Arc::new(Service::start(settings, Arc::new(InProcessSolver))?);
-    tracing::info!(
-        http.address = %http.local_addr()?,
-        grpc.address = %grpc.as_ref().unwrap_or(&http).local_addr()?,
-        queue.workers = settings.workers,
-        queue.length = settings.queue_length,
-        "listening"
-    );
-
-    let (mut servers, health) = start_servers(&service, (http, grpc), &api_settings, arguments).await;
+    listeners.tell(&settings)?;
+    let (mut servers, health) = start_servers(&service, listeners, config).await;
     tokio::select! {
         _ = servers.tasks.join_next() => anyhow::bail!("a server ended by itself"),
         () = signals.next() => {}
     }
-    drain(&service, &health, &mut signals, arguments).await;
+    drain(&service, &health, &mut signals, config).await;
     servers.close();
     if timeout(LAST_ANSWER_TIMEOUT, async { while servers.tasks.join_next().await.is_some() {} }).await.is_err() {
         tracing::warn!("some callers did not take their last answer in time");
     }
     tracing::info!("stopped");
     Ok(())
+}
+
+/// The bound addresses; gRPC and probes may share that of REST.
+struct Listeners {
+    http: TcpListener,
+    grpc: Option<TcpListener>,
+    admin: Option<TcpListener>,
+}
+
+impl Listeners {
+    async fn bind(config: &ServerConfig) -> anyhow::Result<Self> {
+        let settings = &config.settings;
+        let http = bind(settings.http).await?;
+        let grpc = if settings.one_port { None } else { Some(bind(settings.grpc).await?) };
+        let admin = match settings.admin {
+            Some(address) => Some(bind(address).await?),
+            None => None,
+        };
+        Ok(Self { http, grpc, admin })
+    }
+
+    fn tell(&self, settings: &ServiceSettings) -> io::Result<()> {
+        tracing::info!(
+            http.address = %self.http.local_addr()?,
+            grpc.address = %self.grpc.as_ref().unwrap_or(&self.http).local_addr()?,
+            admin.address = %self.admin.as_ref().unwrap_or(&self.http).local_addr()?,
+            queue.workers = settings.workers,
+            queue.length = settings.queue_length,
+            "listening"
+        );
+        Ok(())
+    }
 }
 
 async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
@@ -92,33 +115,33 @@ impl Servers {
     }
 }
 
-/// REST and gRPC, on a listener each, or on one together.
-async fn start_servers(
-    service: &Arc<Service>,
-    (http, grpc): (TcpListener, Option<TcpListener>),
-    api_settings: &ApiSettings,
-    arguments: &ServeArguments,
-) -> (Servers, Health) {
+/// REST and gRPC, on a listener each, or on one together; probes beside REST, or on their own.
+async fn start_servers(service: &Arc<Service>, listeners: Listeners, config: &ServerConfig) -> (Servers, Health) {
     let mut servers = Servers { tasks: JoinSet::new(), closing: watch::Sender::new(false) };
+    let (api_settings, server_settings) = (config.api_settings(), config.server_settings());
     let rest_router = rest::router(Arc::clone(service), api_settings.clone());
-    let (grpc_router, health) = grpc::router(Arc::clone(service), api_settings.clone()).await;
-    match grpc {
+    if let Some(admin) = listeners.admin {
+        let router = rest::admin_router(Arc::clone(service), api_settings.clone());
+        servers.spawn(admin, router, server_settings.clone());
+    }
+    let (grpc_router, health) = grpc::router(Arc::clone(service), api_settings).await;
+    match listeners.grpc {
         Some(grpc) => {
-            servers.spawn(http, rest_router, arguments.server_settings());
-            servers.spawn(grpc, grpc_router, arguments.server_settings());
+            servers.spawn(listeners.http, rest_router, server_settings.clone());
+            servers.spawn(grpc, grpc_router, server_settings);
         }
         // Both routers have a fallback; that of REST stays.
-        None => servers.spawn(http, rest_router.merge(grpc_router.reset_fallback()), arguments.server_settings()),
+        None => servers.spawn(listeners.http, rest_router.merge(grpc_router.reset_fallback()), server_settings),
     }
     (servers, health)
 }
 
-async fn drain(service: &Arc<Service>, health: &Health, signals: &mut Signals, arguments: &ServeArguments) {
+async fn drain(service: &Arc<Service>, health: &Health, signals: &mut Signals, config: &ServerConfig) {
     health.announce_end().await;
     service.announce_end();
     tracing::info!(queue.in_flight = service.jobs_in_flight(), "draining");
     let has_time = tokio::select! {
-        () = sleep(Duration::from_secs(arguments.drain_delay_s)) => true,
+        () = sleep(config.settings.drain_delay_s) => true,
         () = signals.next() => false,
     };
     service.close();
@@ -129,7 +152,7 @@ async fn drain(service: &Arc<Service>, health: &Health, signals: &mut Signals, a
     if has_time {
         tokio::select! {
             _ = &mut ended => return,
-            () = sleep(Duration::from_secs(arguments.drain_timeout_s)) => {}
+            () = sleep(config.settings.drain_timeout_s) => {}
             () = signals.next() => {}
         }
     }

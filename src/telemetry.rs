@@ -1,4 +1,5 @@
-//! Logs: to standard error, so that standard output carries answers only.
+//! Logs and spans: logs to standard error, so that standard output carries answers only; spans, with the feature
+//! `otel`, to a collector.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::io::{self, IsTerminal as _};
@@ -6,25 +7,47 @@ use std::panic::{self, PanicHookInfo};
 use std::thread;
 
 use anyhow::Context as _;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{EnvFilter, Layer, Registry};
 
-use crate::config::{LogArguments, LogFormat};
+use crate::config::{LogFormat, LogSettings};
 
-/// Starts logging.
+#[cfg(feature = "otel")]
+mod export;
+
+/// Sends what is left of the spans when it is dropped.
+pub(crate) struct Exporter {
+    #[cfg(feature = "otel")]
+    _provider: Option<export::Provider>,
+}
+
+type BoxedLayer = Box<dyn Layer<Registry> + Send + Sync>;
+
+/// Starts logging and, where it is built in and asked for, the export of spans.
 ///
 /// # Errors
-/// When the filter cannot be understood.
-pub(crate) fn start(arguments: &LogArguments) -> anyhow::Result<()> {
-    let filter = EnvFilter::try_new(&arguments.filter)
-        .with_context(|| format!("the log filter `{}` cannot be understood", arguments.filter))?;
-    let lines =
-        tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
-    match arguments.format {
-        LogFormat::Text => lines.init(),
-        LogFormat::Json => lines.json().flatten_event(true).init(),
-    }
+/// When the filter cannot be understood, or the exporter cannot be built.
+pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Exporter> {
+    let filter = EnvFilter::try_new(&settings.log)
+        .with_context(|| format!("the log filter `{}` cannot be understood", settings.log))?;
+    let lines = tracing_subscriber::fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
+    let lines: BoxedLayer = match settings.log_format {
+        LogFormat::Text => lines.with_filter(filter).boxed(),
+        LogFormat::Json => lines.json().flatten_event(true).with_filter(filter).boxed(),
+    };
+    #[cfg_attr(not(feature = "otel"), expect(unused_mut, reason = "the exporter adds its own"))]
+    let mut layers = vec![lines];
+    #[cfg(feature = "otel")]
+    let provider = export::provider()?;
+    #[cfg(feature = "otel")]
+    layers.extend(provider.as_ref().map(export::Provider::layer));
+    tracing_subscriber::registry().with(layers).init();
     panic::set_hook(Box::new(log_panic));
-    Ok(())
+    Ok(Exporter {
+        #[cfg(feature = "otel")]
+        _provider: provider,
+    })
 }
 
 /// Panics are lines of the log like all others; the default hook writes several lines, in its own form.

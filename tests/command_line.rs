@@ -2,19 +2,13 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod support;
+
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::{Value, json};
-
-fn slipdrive() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_slipdrive"));
-    // The tests' own settings, whatever the machine has.
-    for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("SLIPDRIVE_")) {
-        command.env_remove(name);
-    }
-    command
-}
+use support::process::slipdrive;
 
 fn run_with_input(arguments: &[&str], input: &[u8]) -> Output {
     let mut child = slipdrive()
@@ -132,7 +126,7 @@ async fn one_port_speaks_both_protocols() {
 fn public_server_without_keys_does_not_start() {
     let output = run_with_input(&["serve", "--http", "0.0.0.0:0", "--grpc", "127.0.0.1:0"], b"");
     let message = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert_eq!(output.status.code(), Some(64), "{message}");
     assert!(message.contains("SLIPDRIVE_API_KEYS"), "{message}");
 }
 

@@ -1,11 +1,16 @@
-//! The id of a request and its line in the log, the same for every transport.
+//! The id of a request, its line in the log and its place in the counts, the same for every transport.
 
-use std::time::Instant;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
-use axum::http::{HeaderMap, HeaderName, Method};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method};
+use tonic::Code;
+use tracing::{Span, field};
 use uuid::Uuid;
 
 use super::error_table::ErrorCode;
+use super::trace_context::{TRACEPARENT, TraceContext};
+use crate::metrics::{Answered, Metrics};
 
 /// Carries the id of a request in both directions.
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -32,20 +37,80 @@ pub(super) struct RequestContext {
     pub(super) path: String,
     /// Its id, the caller's own or a new one.
     pub(super) request_id: String,
+    /// The trace that it belongs to.
+    pub(super) trace: TraceContext,
+    /// What becomes known of it on the way, for its line.
+    pub(super) notes: Notes,
 }
 
 impl RequestContext {
-    /// The context of the request that arrives at this moment.
-    pub(super) fn of(path: &str, headers: &HeaderMap) -> Self {
-        let path = path.chars().take(MAX_PATH).collect();
-        Self { arrival: Instant::now(), path, request_id: request_id(headers) }
+    /// The context of the request that arrives at this moment, and its span.
+    pub(super) fn open(path: &str, headers: &HeaderMap) -> (Self, Span) {
+        let path: String = path.chars().take(MAX_PATH).collect();
+        let request_id = request_id(headers);
+        let span = tracing::info_span!("request", request.id = request_id, trace.id = field::Empty);
+        let trace = TraceContext::of_request(&span, headers);
+        (Self { arrival: Instant::now(), path, request_id, trace, notes: Notes::default() }, span)
+    }
+
+    /// Tells the id and the trace in the head of the answer.
+    pub(super) fn sign(&self, headers: &mut HeaderMap) {
+        if let Ok(value) = HeaderValue::try_from(&self.request_id) {
+            headers.insert(REQUEST_ID, value);
+        }
+        if let Some(value) = self.trace.header() {
+            headers.insert(TRACEPARENT, value);
+        }
     }
 }
 
-/// One line of the log, written when the request is over: also when the caller left and the handler was dropped.
+/// What is learnt of a request while it is served; clones speak of the same request.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Notes(Arc<Mutex<Noted>>);
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Noted {
+    queue_wait: Option<Duration>,
+    solve_time: Option<Duration>,
+    code: Option<&'static str>,
+}
+
+impl Notes {
+    /// Notes a job: of a batch the longest wait, and the work of all items.
+    pub(super) fn job(&self, queue_wait: Duration, work: Duration) {
+        let mut noted = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        noted.queue_wait = noted.queue_wait.max(Some(queue_wait));
+        noted.solve_time = Some(noted.solve_time.unwrap_or_default() + work);
+    }
+
+    /// Notes the problem that a stream ends with.
+    pub(super) fn problem(&self, code: ErrorCode) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).code = Some(code.entry().code);
+    }
+
+    fn noted(&self) -> Noted {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Where a request goes, in words of the server: routes and methods, never the path of a caller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Endpoint {
+    /// A route of REST.
+    Http(&'static str),
+    /// A method of gRPC.
+    Grpc(&'static str),
+}
+
+/// One line of the log and one count, written when the request is over: also when the caller left and the handler was
+/// dropped.
 pub(super) struct AccessLine {
     method: Method,
     context: RequestContext,
+    /// Ends with the line.
+    _span: Span,
+    endpoint: Endpoint,
+    metrics: Arc<Metrics>,
     /// HTTP or gRPC status, once there is an answer.
     pub(super) status: Option<u16>,
     /// The code of the problem that was answered, if any.
@@ -54,29 +119,95 @@ pub(super) struct AccessLine {
 
 impl AccessLine {
     /// Opens the line of a request.
-    pub(super) fn open(method: Method, context: RequestContext) -> Self {
-        Self { method, context, status: None, code: None }
+    pub(super) fn open(
+        method: Method,
+        context: RequestContext,
+        span: Span,
+        endpoint: Endpoint,
+        metrics: Arc<Metrics>,
+    ) -> Self {
+        Self { method, context, _span: span, endpoint, metrics, status: None, code: None }
+    }
+
+    /// The caller left before the end of the answer.
+    pub(super) fn abandon(&mut self) {
+        self.status = None;
+    }
+
+    /// Status and code: without an answer, those of a caller who left.
+    fn outcome(&self, noted: &Noted) -> (u16, Option<&'static str>) {
+        let gone = ErrorCode::Cancelled.entry();
+        match (self.status, self.endpoint) {
+            (Some(status), _) => (status, self.code.or(noted.code)),
+            (None, Endpoint::Http(_)) => (gone.http_status, Some(gone.code)),
+            (None, Endpoint::Grpc(_)) => (status_number(gone.grpc_code), Some(gone.code)),
+        }
+    }
+
+    fn count(&self, (status, code): (u16, Option<&'static str>), duration: Duration) {
+        match self.endpoint {
+            Endpoint::Http(route) => {
+                self.metrics.answered(Answered::Http { route, status: &status.to_string() }, duration);
+            }
+            Endpoint::Grpc(method) => {
+                let code = grpc_code_name(Code::from(i32::from(status)));
+                self.metrics.answered(Answered::Grpc { method, code }, duration);
+            }
+        }
+        if let Some(code) = code.filter(|&code| code != ErrorCode::Cancelled.entry().code) {
+            self.metrics.rejected_after(code, duration);
+        }
     }
 }
 
 impl Drop for AccessLine {
     fn drop(&mut self) {
-        // No answer means that the caller left.
-        let gone = ErrorCode::Cancelled.entry();
-        let (status, code) = match self.status {
-            Some(status) => (status, self.code),
-            None => (gone.http_status, Some(gone.code)),
-        };
-        let duration_ms = self.context.arrival.elapsed().as_secs_f64() * 1e3;
+        let duration = self.context.arrival.elapsed();
+        let noted = self.context.notes.noted();
+        let (status, code) = self.outcome(&noted);
+        self.count((status, code), duration);
+        let milliseconds = |duration: Duration| duration.as_secs_f64() * 1e3;
         tracing::info!(
+            parent: Span::none(),
             request.id = self.context.request_id,
+            trace.id = self.context.trace.trace_id(),
             http.method = %self.method,
             http.path = self.context.path,
             response.status = status,
             problem.code = code,
-            request.duration_ms = duration_ms,
+            queue.wait_ms = noted.queue_wait.map(milliseconds),
+            solve.duration_ms = noted.solve_time.map(milliseconds),
+            request.duration_ms = milliseconds(duration),
             "request"
         );
+    }
+}
+
+/// The number of a gRPC status.
+pub(super) fn status_number(code: Code) -> u16 {
+    u16::try_from(i32::from(code)).unwrap_or_default()
+}
+
+/// The name of a gRPC status in the words of its specification.
+const fn grpc_code_name(code: Code) -> &'static str {
+    match code {
+        Code::Ok => "OK",
+        Code::Cancelled => "CANCELLED",
+        Code::Unknown => "UNKNOWN",
+        Code::InvalidArgument => "INVALID_ARGUMENT",
+        Code::DeadlineExceeded => "DEADLINE_EXCEEDED",
+        Code::NotFound => "NOT_FOUND",
+        Code::AlreadyExists => "ALREADY_EXISTS",
+        Code::PermissionDenied => "PERMISSION_DENIED",
+        Code::ResourceExhausted => "RESOURCE_EXHAUSTED",
+        Code::FailedPrecondition => "FAILED_PRECONDITION",
+        Code::Aborted => "ABORTED",
+        Code::OutOfRange => "OUT_OF_RANGE",
+        Code::Unimplemented => "UNIMPLEMENTED",
+        Code::Internal => "INTERNAL",
+        Code::Unavailable => "UNAVAILABLE",
+        Code::DataLoss => "DATA_LOSS",
+        Code::Unauthenticated => "UNAUTHENTICATED",
     }
 }
 

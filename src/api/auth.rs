@@ -27,6 +27,11 @@ impl ApiKeys {
         self.hashes.is_empty()
     }
 
+    /// How many keys are configured, if any.
+    pub fn count(&self) -> Option<usize> {
+        (!self.is_empty()).then_some(self.hashes.len())
+    }
+
     /// Whether a request with these headers may pass: it bears one of the keys, or none is configured.
     pub fn admit(&self, headers: &HeaderMap) -> bool {
         self.is_empty() || bearer(headers).is_some_and(|key| self.contains(key))

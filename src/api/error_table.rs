@@ -80,6 +80,11 @@ impl ErrorCode {
         Self::Unauthenticated,
     ];
 
+    /// All codes that callers can read: one who left reads nothing.
+    pub(super) fn answered() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|code| *code != Self::Cancelled)
+    }
+
     /// The row of this code.
     #[rustfmt::skip] // one row per line reads as the table that it is
     pub const fn entry(self) -> ErrorEntry {

@@ -5,9 +5,11 @@ pub mod auth;
 pub mod error_table;
 pub mod grpc;
 mod message;
+mod observed_body;
 mod problem;
 pub mod rest;
 pub mod server;
+mod trace_context;
 
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -26,6 +28,18 @@ pub struct ApiSettings {
     pub batch_window: NonZeroUsize,
     /// How long the body of a request, or the message of a call, may take to arrive.
     pub body_timeout: Duration,
+    /// Where probes and metrics are answered.
+    pub probes: Probes,
+}
+
+/// Where `/livez`, `/readyz` and `/metrics` are answered.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Probes {
+    /// Beside the API.
+    #[default]
+    WithApi,
+    /// On a port of their own.
+    Apart,
 }
 
 /// What every request needs, whichever way it came.
@@ -43,6 +57,7 @@ impl Default for ApiSettings {
             batch_window: NonZeroUsize::new(16).unwrap_or(NonZeroUsize::MIN),
             // A caller that sends the largest body over the slowest mobile link needs less.
             body_timeout: Duration::from_secs(30),
+            probes: Probes::default(),
         }
     }
 }

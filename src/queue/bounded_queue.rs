@@ -43,6 +43,15 @@ struct State {
     stops: BTreeMap<u64, StopHandle>,
 }
 
+/// What the queue holds at one moment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Load {
+    /// Jobs that wait for a worker.
+    pub waiting: usize,
+    /// Jobs that run.
+    pub running: usize,
+}
+
 impl BoundedQueue {
     pub(super) fn new(capacity: usize) -> Self {
         let state = State {
@@ -93,6 +102,14 @@ impl BoundedQueue {
     /// Jobs that wait or run.
     pub(super) fn queued(&self) -> usize {
         lock(&self.state).stops.len()
+    }
+
+    /// Jobs that wait, and jobs that run.
+    pub(super) fn load(&self) -> Load {
+        let state = lock(&self.state);
+        let waiting = state.waiting.len();
+        // A job that was taken out of the line gives its place back a moment later.
+        Load { waiting, running: state.stops.len().saturating_sub(waiting) }
     }
 
     pub(super) fn is_open(&self) -> bool {

@@ -26,7 +26,7 @@ use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bounded_queue::BoundedQueue;
-pub use bounded_queue::{Place, Refusal};
+pub use bounded_queue::{Load, Place, Refusal};
 pub use job::{ANSWER_MARGIN, Clocks, JobOutcome, Ticket};
 pub use stop::{StopCause, StopHandle};
 use watchdog::Watchdog;
@@ -79,6 +79,11 @@ impl Queue {
     /// Jobs that wait or run.
     pub fn queued(&self) -> usize {
         self.waiting_line.queued()
+    }
+
+    /// Jobs that wait, and jobs that run.
+    pub fn load(&self) -> Load {
+        self.waiting_line.load()
     }
 
     /// Jobs in flight: reserved, waiting and running.

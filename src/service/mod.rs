@@ -8,6 +8,7 @@
 pub mod domain;
 mod error;
 pub mod limits;
+mod observation;
 mod pace;
 mod place;
 mod solver;
@@ -24,6 +25,7 @@ pub use place::{Place, RunningSolve, Simulated, SolveClocks, SolveEvent, Solved,
 pub use solver::{InProcessSolver, ManeuverSolver};
 use tokio::sync::watch;
 
+use crate::metrics::{Metrics, QueueLevels};
 use crate::queue::{self, Queue, Refusal, StopCause};
 
 /// Size of the service.
@@ -43,6 +45,7 @@ pub struct Service {
     solver: Arc<dyn ManeuverSolver>,
     settings: ServiceSettings,
     pace: Arc<Pace>,
+    metrics: Arc<Metrics>,
     /// Whether the end was announced: probes turn away, work is still taken.
     draining: AtomicBool,
     /// Whether the queue was closed, for those who wait for it.
@@ -56,8 +59,9 @@ impl Service {
     /// When the operating system refuses a thread.
     pub fn start(settings: ServiceSettings, solver: Arc<dyn ManeuverSolver>) -> io::Result<Self> {
         let queue = Queue::start(settings.workers, settings.queue_length)?;
-        let (pace, draining, closed) = (Arc::default(), AtomicBool::new(false), watch::Sender::new(false));
-        Ok(Self { queue, solver, settings, pace, draining, closed })
+        let (pace, metrics) = (Arc::default(), Arc::default());
+        let (draining, closed) = (AtomicBool::new(false), watch::Sender::new(false));
+        Ok(Self { queue, solver, settings, pace, metrics, draining, closed })
     }
 
     /// What is accepted at most.
@@ -68,6 +72,25 @@ impl Service {
     /// The size of the service.
     pub fn settings(&self) -> &ServiceSettings {
         &self.settings
+    }
+
+    /// What this service counts about itself.
+    pub fn metrics(&self) -> &Arc<Metrics> {
+        &self.metrics
+    }
+
+    /// The counts and levels of this moment, in the text format of Prometheus.
+    pub fn metrics_text(&self) -> Vec<u8> {
+        let load = self.queue.load();
+        let workers = self.settings.workers.get();
+        let busy_workers = load.running.min(workers);
+        self.metrics.render(&QueueLevels {
+            waiting: load.waiting,
+            capacity: self.settings.queue_length,
+            cost_s: self.pace.expected_cost(load.waiting).as_secs_f64(),
+            busy_workers,
+            idle_workers: workers - busy_workers,
+        })
     }
 
     /// Whether new callers are welcome; a full queue is ready too.
@@ -149,8 +172,8 @@ impl Service {
     }
 
     fn place(&self, reserved: queue::Place) -> Place {
-        let (solver, pace) = (Arc::clone(&self.solver), Arc::clone(&self.pace));
-        Place { reserved, solver, pace, workers: self.settings.workers.get() }
+        let (solver, pace, metrics) = (Arc::clone(&self.solver), Arc::clone(&self.pace), Arc::clone(&self.metrics));
+        Place { reserved, solver, pace, metrics, workers: self.settings.workers.get() }
     }
 
     fn refused(&self, refusal: Refusal) -> ServiceError {

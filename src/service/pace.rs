@@ -39,6 +39,11 @@ impl Pace {
         self.average().unwrap_or_default().mul_f64(jobs_ahead as f64 / workers as f64)
     }
 
+    /// Worker time that this many jobs are expected to take.
+    pub(super) fn expected_cost(&self, jobs: usize) -> Duration {
+        self.average().unwrap_or_default().mul_f64(jobs as f64)
+    }
+
     fn average(&self) -> Option<Duration> {
         let average = *self.average.lock().unwrap_or_else(PoisonError::into_inner);
         average.map(Duration::from_secs_f64)

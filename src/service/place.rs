@@ -7,11 +7,13 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep_until;
 
+use super::observation::{Awaited, Queued, SolveObserver, Work};
 use super::pace::Pace;
 use super::{ManeuverSolver, ServiceError};
+use crate::metrics::Metrics;
 use crate::queue::{self, ANSWER_MARGIN, Clocks, JobOutcome, StopCause, StopHandle, Ticket};
 use crate::solver::{
-    ProgressObserver, RunControl, SimulateInput, Simulation, Solution, SolveInput, SolveProgress,
+    RunControl, SimulateInput, Simulation, Solution, SolveInput, SolveProgress,
     StopReason as SolverStop,
 };
 
@@ -57,6 +59,8 @@ pub struct SolveClocks {
 pub struct Solved {
     /// The plan with its report.
     pub solution: Solution,
+    /// How long it waited for a worker.
+    pub queue_wait: Duration,
     /// How long the solve ran on its worker.
     pub solve_time: Duration,
     /// Why it ended.
@@ -68,6 +72,8 @@ pub struct Solved {
 pub struct Simulated {
     /// The motion.
     pub simulation: Simulation,
+    /// How long it waited for a worker.
+    pub queue_wait: Duration,
     /// How long it ran on its worker.
     pub duration: Duration,
 }
@@ -77,6 +83,7 @@ pub struct Place {
     pub(super) reserved: queue::Place,
     pub(super) solver: Arc<dyn ManeuverSolver>,
     pub(super) pace: Arc<Pace>,
+    pub(super) metrics: Arc<Metrics>,
     pub(super) workers: usize,
 }
 
@@ -95,7 +102,7 @@ impl Place {
         self.check_reachable(clocks.deadline, jobs_ahead)?;
         let position = (jobs_ahead + 1).saturating_sub(self.workers);
         let (tell, progress) = watch::channel(None);
-        let queued = self.queue_solve(input, clocks, answer, WatchObserver(tell));
+        let queued = self.queue_solve(input, clocks, answer, tell);
         let outcome = Box::pin(queued.outcome());
         Ok(RunningSolve { position, progress, next_report: Instant::now(), outcome })
     }
@@ -121,7 +128,7 @@ impl Place {
     pub fn solve_blocking(self, input: SolveInput, clocks: SolveClocks) -> Result<Solved, ServiceError> {
         self.check_reachable(clocks.deadline, self.reserved.jobs_ahead())?;
         let (tell, _nobody) = watch::channel(None);
-        self.queue_solve(input, clocks, |solved| solved, WatchObserver(tell)).blocking_outcome()
+        self.queue_solve(input, clocks, |solved| solved, tell).blocking_outcome()
     }
 
     /// Queues a simulation at once and answers when it ends. Dropping the future takes it out of the queue.
@@ -164,11 +171,14 @@ impl Place {
         input: SolveInput,
         clocks: SolveClocks,
         answer: impl FnOnce(Solved) -> T + Send + 'static,
-        observer: WatchObserver,
+        tell: watch::Sender<Option<SolveProgress>>,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, workers: _ } = self;
+        let Self { reserved: place, solver, pace, metrics, workers: _ } = self;
         let (job_id, recorded) = (place.job_id(), Arc::clone(&pace));
+        let queued = Queued::new(&metrics, job_id);
         let work = move |stop: &StopHandle| {
+            let running = queued.started(Work::Solve);
+            let observer = SolveObserver::new(tell, &running);
             let start = Instant::now();
             let is_abandoned = || matches!(stop.cause(), Some(StopCause::CallerGone | StopCause::Shutdown));
             let control = RunControl::new(stop.flag(), &observer).abandoned_when(&is_abandoned);
@@ -176,10 +186,12 @@ impl Place {
             let solve_time = start.elapsed();
             let stop_reason = stop_reason(job_id, solution.stop_reason, stop.cause())?;
             recorded.record(solve_time);
-            Ok(answer(Solved { solution, solve_time, stop_reason }))
+            let solved = Solved { solution, queue_wait: running.queue_wait(), solve_time, stop_reason };
+            running.solved(&solved);
+            Ok(answer(solved))
         };
         let clocks = Clocks { time_limit: Some(clocks.time_limit), deadline: clocks.deadline };
-        QueuedJob { job_id, ticket: place.fill(clocks, work), pace }
+        QueuedJob { job_id, ticket: place.fill(clocks, work), pace, awaited: Awaited::new(metrics) }
     }
 
     fn queue_simulation<T: Send + 'static>(
@@ -188,15 +200,19 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, workers: _ } = self;
+        let Self { reserved: place, solver, pace, metrics, workers: _ } = self;
+        let queued = Queued::new(&metrics, place.job_id());
         let work = move |_: &StopHandle| {
+            let running = queued.started(Work::Simulate);
             let start = Instant::now();
             let simulation = solver.simulate(&input);
-            Ok(answer(Simulated { simulation, duration: start.elapsed() }))
+            let (queue_wait, duration) = (running.queue_wait(), start.elapsed());
+            Ok(answer(Simulated { simulation, queue_wait, duration }))
         };
         // One rollout needs no time limit: its length is bounded by the grid limit.
         let clocks = Clocks { time_limit: None, deadline };
-        QueuedJob { job_id: place.job_id(), ticket: place.fill(clocks, work), pace }
+        let job_id = place.job_id();
+        QueuedJob { job_id, ticket: place.fill(clocks, work), pace, awaited: Awaited::new(metrics) }
     }
 }
 
@@ -228,17 +244,18 @@ struct QueuedJob<T> {
     job_id: u64,
     ticket: Ticket<Result<T, NoAnswer>>,
     pace: Arc<Pace>,
+    awaited: Awaited,
 }
 
 impl<T> QueuedJob<T> {
     async fn outcome(self) -> Result<T, ServiceError> {
-        let Self { job_id, ticket, pace } = self;
-        answered(job_id, ticket.outcome().await, &pace)
+        let Self { job_id, ticket, pace, awaited } = self;
+        awaited.answered(answered(job_id, ticket.outcome().await, &pace))
     }
 
     fn blocking_outcome(self) -> Result<T, ServiceError> {
-        let Self { job_id, ticket, pace } = self;
-        answered(job_id, ticket.blocking_outcome(), &pace)
+        let Self { job_id, ticket, pace, awaited } = self;
+        awaited.answered(answered(job_id, ticket.blocking_outcome(), &pace))
     }
 }
 
@@ -265,15 +282,6 @@ fn never_answered(cause: StopCause, pace: &Pace) -> ServiceError {
         StopCause::Deadline => ServiceError::DeadlineExceeded,
         // Time limits count from the start: they end no wait.
         StopCause::Shutdown | StopCause::TimeLimit => ServiceError::Unavailable { retry_after: pace.retry_after() },
-    }
-}
-
-/// Keeps the latest progress for whoever asks; nothing waits and nothing fails when nobody does.
-struct WatchObserver(watch::Sender<Option<SolveProgress>>);
-
-impl ProgressObserver for WatchObserver {
-    fn progress(&self, progress: &SolveProgress) {
-        self.0.send_replace(Some(*progress));
     }
 }
 

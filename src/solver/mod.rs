@@ -14,7 +14,7 @@ mod simulate;
 mod solution;
 mod starts;
 
-pub use run_control::{NoProgress, ProgressObserver, RunControl, SolveProgress};
+pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};
 pub(crate) use schedule_check::violations_of_schedule;
 pub use settings::{Method, Refinement, SolveInput, SolverSettings};
 pub use simulate::{SimulateInput, Simulation, simulate};
@@ -53,7 +53,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     }
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
     let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));
-    certificate::certified(input, &simulator, &mut problem, &best, result)
+    control.during(Phase::Certificate, || certificate::certified(input, &simulator, &mut problem, &best, result))
 }
 
 /// The first start, as the answer of a solve that was stopped before its first rollout; none when its motion diverges.

@@ -5,7 +5,7 @@
 
 use super::certificate::replay;
 use super::local_search::{Candidate, LocalSearch};
-use super::run_control::RunControl;
+use super::run_control::{Phase, RunControl};
 use super::search::SearchResult;
 use super::settings::SolveInput;
 use super::solution::{Replay, StopReason};
@@ -37,7 +37,7 @@ pub(super) fn refine(
         let mut problem = ShootingProblem::new(simulator, &input.maneuver, step_count, input.settings.control_count);
         let rollout_limit = input.settings.rollout_limit - result.rollouts;
         let mut search = LocalSearch::new(&mut problem, &input.settings, control, rollout_limit);
-        let refined = search.adapt(best);
+        let refined = control.during(Phase::Refinement { step_count }, || search.adapt(best));
         let (_, iterations, rollouts) = search.into_parts();
         result.iterations += iterations;
         result.rollouts += rollouts;

@@ -15,10 +15,35 @@ pub struct SolveProgress {
     pub start_count: usize,
 }
 
+/// A part of a solve that takes time of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// The local search from one start, counted from 1.
+    Start {
+        /// Which of the starts.
+        number: usize,
+    },
+    /// One of the best local optima, searched on under the exact law.
+    Polish,
+    /// The plan on a finer grid.
+    Refinement {
+        /// Steps of that grid.
+        step_count: usize,
+    },
+    /// The judgement of the best plan from its torques alone.
+    Certificate,
+}
+
 /// Hears of progress; called between rollouts, so it must be quick.
 pub trait ProgressObserver: Sync {
     /// A new best iterate or a new start.
     fn progress(&self, progress: &SolveProgress);
+
+    /// A phase begins.
+    fn begins(&self, _phase: Phase) {}
+
+    /// A phase ends; not told when it ends in a panic.
+    fn ends(&self, _phase: Phase) {}
 }
 
 /// Listens to nothing.
@@ -67,6 +92,14 @@ impl<'a> RunControl<'a> {
     /// Whether the solve was stopped and nobody wants its answer.
     pub fn is_abandoned(&self) -> bool {
         self.is_stopped() && self.is_abandoned.is_some_and(|is_abandoned| is_abandoned())
+    }
+
+    /// Does the work of a phase, and tells the observer when it begins and ends.
+    pub fn during<T>(&self, phase: Phase, work: impl FnOnce() -> T) -> T {
+        self.observer.begins(phase);
+        let result = work();
+        self.observer.ends(phase);
+        result
     }
 
     /// Tells the observer.

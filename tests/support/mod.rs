@@ -2,6 +2,7 @@
 
 #![allow(dead_code, unreachable_pub, reason = "each test binary uses its own part of the support")]
 
+pub mod process;
 pub mod protobuf;
 
 use std::net::SocketAddr;

@@ -13,7 +13,7 @@ use http_body_util::{BodyExt as _, LengthLimitError, Limited};
 use tokio::time::timeout;
 
 use crate::api::Door;
-use crate::api::access::RequestContext;
+use crate::api::access::{Notes, RequestContext};
 use crate::api::error_table::ErrorCode;
 use crate::api::problem::Problem;
 use crate::service::Place;
@@ -29,6 +29,8 @@ const FRAME_HEAD_BYTES: usize = 5;
 pub(super) struct Call {
     /// The id for errors and logs.
     pub(super) request_id: String,
+    /// What its line in the log tells of its jobs.
+    pub(super) notes: Notes,
     /// When the caller needs the answer.
     pub(super) deadline: Option<Instant>,
     /// The place in the queue, until it is taken.
@@ -54,6 +56,18 @@ enum Needs {
     MessageAtAnyTime,
     /// Messages as they come.
     Stream,
+}
+
+/// The method for the counts: a word of this server, whatever the caller asks.
+pub(super) fn method_of(path: &str) -> &'static str {
+    const METHODS: [&str; 6] = ["Solve", "SolveStream", "SolveBatch", "Simulate", "Validate", "GetLimits"];
+    let method = path.strip_prefix(MANEUVER_SERVICE).unwrap_or_default();
+    match METHODS.iter().find(|known| **known == method) {
+        Some(known) => known,
+        None if path.starts_with(HEALTH_SERVICE) => "health",
+        None if path.starts_with(REFLECTION_SERVICE) => "reflection",
+        None => "other",
+    }
 }
 
 fn needs_of(path: &str) -> Option<Needs> {
@@ -104,8 +118,8 @@ pub(super) async fn admit(door: &Door, request: Request, context: &RequestContex
         }
     };
     let place = if needs == Needs::MessageAndPlace { Some(door.service.reserve()?) } else { None };
-    let request_id = context.request_id.clone();
-    head.extensions.insert(Call { request_id, deadline, place: Arc::new(Mutex::new(place)) });
+    let (request_id, notes) = (context.request_id.clone(), context.notes.clone());
+    head.extensions.insert(Call { request_id, notes, deadline, place: Arc::new(Mutex::new(place)) });
     Ok(Request::from_parts(head, body))
 }
 
@@ -170,6 +184,16 @@ fn parse_timeout(text: &str) -> Option<Duration> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_call_counts_under_its_own_name() {
+        for method in ["Solve", "SolveStream", "SolveBatch", "Simulate", "Validate", "GetLimits"] {
+            let path = format!("{MANEUVER_SERVICE}{method}");
+            assert!(is_call(&path) && method_of(&path) == method, "{method}");
+        }
+        assert_eq!(method_of("/grpc.health.v1.Health/Check"), "health");
+        assert_eq!(method_of("/slipdrive.v1.ManeuverService/Nothing"), "other");
+    }
 
     #[test]
     fn timeouts_have_digits_and_a_unit() {

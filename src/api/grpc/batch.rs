@@ -11,6 +11,7 @@ use std::time::Instant;
 use futures_util::stream::{FuturesUnordered, Stream, StreamExt as _, unfold};
 use tokio::time::{sleep_until, timeout_at};
 use tonic::{Status, Streaming};
+use tracing::{Instrument as _, Span};
 
 use super::admission::Call;
 use super::handlers::start;
@@ -30,6 +31,8 @@ type Running = Pin<Box<dyn Future<Output = pb::SolveBatchResponse> + Send>>;
 pub(super) struct Batch {
     door: Door,
     call: Call,
+    /// The span of the call, for the spans of its items.
+    span: Span,
     /// None once nothing more is read.
     inbound: Option<Streaming<pb::SolveBatchRequest>>,
     running: FuturesUnordered<Running>,
@@ -42,7 +45,7 @@ pub(super) struct Batch {
 impl Batch {
     pub(super) fn new(door: Door, call: Call, inbound: Streaming<pb::SolveBatchRequest>) -> Self {
         let (running, unanswered) = (FuturesUnordered::new(), HashSet::new());
-        Self { door, call, inbound: Some(inbound), running, unanswered, end: None }
+        Self { door, call, span: Span::current(), inbound: Some(inbound), running, unanswered, end: None }
     }
 
     /// All answers; the last is an error if the batch was ended before its caller ended it.
@@ -100,16 +103,17 @@ impl Batch {
     fn take(&mut self, item: pb::SolveBatchRequest) -> Option<pb::SolveBatchResponse> {
         let (request_id, message) = convert_request::batch_item(item);
         if let Err(problem) = self.check_id(&request_id) {
-            return Some(refused(request_id, &problem));
+            return Some(refused(&self.door, request_id, &problem));
         }
         self.unanswered.insert(request_id.clone());
-        let (door, deadline) = (self.door.clone(), self.call.deadline);
-        self.running.push(Box::pin(async move {
-            match solve(&door, message, deadline).await {
+        let (door, call) = (self.door.clone(), self.call.clone());
+        let answered = async move {
+            match solve(&door, message, &call).await {
                 Ok(solution) => pb::SolveBatchResponse { request_id, answer: Some(Answer::Solution(solution)) },
-                Err(problem) => refused(request_id, &problem),
+                Err(problem) => refused(&door, request_id, &problem),
             }
-        }));
+        };
+        self.running.push(Box::pin(answered.instrument(self.span.clone())));
         None
     }
 
@@ -142,19 +146,20 @@ async fn passed(deadline: Option<Instant>) {
 }
 
 /// Waits for a place, where single callers would be refused; the last quarter of the queue stays theirs.
-async fn solve(door: &Door, message: pb::SolveRequest, deadline: Option<Instant>) -> Result<pb::Solution, Problem> {
+async fn solve(door: &Door, message: pb::SolveRequest, call: &Call) -> Result<pb::Solution, Problem> {
     let accepted = door.accept(message)?;
-    let place = match deadline {
+    let place = match call.deadline {
         Some(deadline) => timeout_at(deadline.into(), door.service.reserve_for_batch())
             .await
             .unwrap_or(Err(ServiceError::DeadlineExceeded))?,
         None => door.service.reserve_for_batch().await?,
     };
-    Ok(start(place, accepted, deadline)?.outcome().await?)
+    Ok(start(place, accepted, call)?.outcome().await?)
 }
 
 /// The answer to an item without a plan: the status that a single call would get.
-fn refused(request_id: String, problem: &Problem) -> pb::SolveBatchResponse {
+fn refused(door: &Door, request_id: String, problem: &Problem) -> pb::SolveBatchResponse {
+    door.service.metrics().rejected(problem.code().entry().code);
     let error = status::as_message(&status::of_problem(problem, &request_id));
     pb::SolveBatchResponse { request_id, answer: Some(Answer::Error(error)) }
 }

@@ -1,39 +1,47 @@
-//! What every call passes on its way in and out: its id, its admission, its line in the log, and the details of errors
-//! that the framework answers by itself.
+//! What every call passes on its way in and out: its id and trace, its admission, its line in the log, its count, and
+//! the details of errors that the framework answers by itself.
+
+use std::sync::Arc;
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderValue, StatusCode};
+use axum::http::{HeaderMap, StatusCode};
 use axum::middleware::Next;
 use axum::response::Response;
 use tonic::{Code, Status};
 use tracing::Instrument as _;
 
 use super::{admission, status};
-use crate::api::Door;
-use crate::api::access::{AccessLine, REQUEST_ID, RequestContext};
+use crate::api::access::{self, AccessLine, Endpoint, RequestContext};
 use crate::api::error_table::ErrorCode;
 use crate::api::problem::Problem;
+use crate::api::{Door, observed_body};
 
-/// Gives the call an id, admits it or not, and logs it once it is answered or abandoned.
+/// Gives the call an id and a trace, admits it or not, and logs and counts it once it is answered or abandoned.
 pub(super) async fn pass(State(door): State<Door>, request: Request, next: Next) -> Response {
-    let context = RequestContext::of(request.uri().path(), request.headers());
-    let mut line = AccessLine::open(request.method().clone(), context.clone());
-    let span = tracing::info_span!("request", request.id = context.request_id);
+    let (context, span) = RequestContext::open(request.uri().path(), request.headers());
+    let endpoint = Endpoint::Grpc(admission::method_of(&context.path));
+    let metrics = Arc::clone(door.service.metrics());
+    let mut line = AccessLine::open(request.method().clone(), context.clone(), span.clone(), endpoint, metrics);
     let limit = door.service.limits().max_body_bytes;
     let mut response = match admission::admit(&door, request, &context).await {
         Ok(request) => next.run(request).instrument(span).await,
         Err(problem) => answer(&problem, &context),
     };
     if let Some(problem) = problem_of(&mut response, &context.path, limit) {
-        line.code = Some(problem.code().entry().code);
         response = answer(&problem, &context);
     }
-    if let Ok(value) = HeaderValue::try_from(&context.request_id) {
-        response.headers_mut().insert(REQUEST_ID, value);
+    context.sign(response.headers_mut());
+    line.status = Some(access::status_number(Code::Ok));
+    read_status(response.headers(), &mut line);
+    observed_body::follow(response, line, read_status)
+}
+
+/// Takes the status, and the code in its details, into the line; answers without a stream have them in their head.
+fn read_status(headers: &HeaderMap, line: &mut AccessLine) {
+    if let Some(status) = Status::from_header_map(headers) {
+        line.status = Some(access::status_number(status.code()));
+        line.code = status::code_of(&status).map(|code| code.entry().code);
     }
-    let code = Status::from_header_map(response.headers()).map_or(Code::Ok, |status| status.code());
-    line.status = Some(u16::try_from(i32::from(code)).unwrap_or_default());
-    response
 }
 
 /// What is refused for its media type or method is no gRPC: plain HTTP clients see it by the status.

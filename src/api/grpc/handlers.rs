@@ -19,7 +19,7 @@ use crate::api::message::answer::{simulate_message, solve_message};
 use crate::api::message::limits::LimitsMessage;
 use crate::api::message::response::ProgressEvent;
 use crate::api::problem::Problem;
-use crate::service::{Place, RunningSolve, SolveClocks, SolveEvent};
+use crate::service::{Place, RunningSolve, Simulated, SolveClocks, SolveEvent};
 
 /// The calls over one service.
 pub(super) struct Handlers(pub(super) Door);
@@ -35,10 +35,12 @@ impl Door {
 pub(super) fn start(
     place: Place,
     accepted: AcceptedSolve,
-    deadline: Option<std::time::Instant>,
+    call: &Call,
 ) -> Result<RunningSolve<pb::Solution>, Problem> {
-    let clocks = SolveClocks { time_limit: accepted.time_limit, deadline };
+    let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: call.deadline };
+    let notes = call.notes.clone();
     let running = place.start_solve(accepted.input.clone(), clocks, move |solved| {
+        notes.job(solved.queue_wait, solved.solve_time);
         convert_response::solution(solve_message(&accepted, &solved))
     });
     Ok(running?)
@@ -57,7 +59,7 @@ impl ManeuverService for Handlers {
         let call = call_of(&request)?;
         let solution = async {
             let accepted = self.0.accept(request.into_inner())?;
-            Ok(start(call.take_place()?, accepted, call.deadline)?.outcome().await?)
+            Ok(start(call.take_place()?, accepted, &call)?.outcome().await?)
         };
         let solution = solution.await.map_err(|problem| status::of_problem(&problem, &call.request_id))?;
         Ok(Response::new(pb::SolveResponse { solution: Some(solution) }))
@@ -73,7 +75,7 @@ impl ManeuverService for Handlers {
         let call = call_of(&request)?;
         let started = || {
             let accepted = self.0.accept(request.into_inner().into())?;
-            start(call.take_place()?, accepted, call.deadline)
+            start(call.take_place()?, accepted, &call)
         };
         let running = started().map_err(|problem| status::of_problem(&problem, &call.request_id))?;
         Ok(Response::new(Box::pin(events_of(running, call.request_id))))
@@ -94,7 +96,11 @@ impl ManeuverService for Handlers {
         let call = call_of(&request)?;
         let simulation = async {
             let input = accept_simulate(convert_request::simulate(request.into_inner())?, self.0.service.limits())?;
-            let write = |simulated| convert_response::simulation(simulate_message(&simulated));
+            let notes = call.notes.clone();
+            let write = move |simulated: Simulated| {
+                notes.job(simulated.queue_wait, simulated.duration);
+                convert_response::simulation(simulate_message(&simulated))
+            };
             Ok(call.take_place()?.simulate(input, call.deadline, write).await?)
         };
         let simulation: Result<_, Problem> = simulation.await;

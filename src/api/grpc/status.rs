@@ -7,6 +7,7 @@ use tonic::Status;
 use tonic::metadata::{MetadataMap, MetadataValue};
 use tonic_types::{ErrorDetails, FieldViolation, StatusExt as _};
 
+use crate::api::error_table::ErrorCode;
 use crate::api::problem::Problem;
 
 /// Who speaks in the error details.
@@ -34,6 +35,12 @@ pub(super) fn of_problem(problem: &Problem, request_id: &str) -> Status {
         details.set_retry_info(Some(wait));
     }
     Status::with_error_details_and_metadata(entry.grpc_code, problem.detail(), details, trailers(problem))
+}
+
+/// The code in the details of a status that [`of_problem`] made.
+pub(super) fn code_of(status: &Status) -> Option<ErrorCode> {
+    let reason = status.get_error_details().error_info()?.reason.to_lowercase();
+    ErrorCode::ALL.into_iter().find(|code| code.entry().code == reason)
 }
 
 /// The same status as a message, for answers that carry one.
@@ -81,7 +88,6 @@ mod tests {
     use tonic::Code;
 
     use super::*;
-    use crate::api::error_table::ErrorCode;
     use crate::service::ServiceError;
 
     #[test]
@@ -94,6 +100,7 @@ mod tests {
         let error = ServiceError::QueueFull { retry_after: Duration::from_millis(1500), capacity: 5 };
         let status = of_problem(&Problem::from(error), "id-1");
         assert_eq!(status.code(), Code::ResourceExhausted);
+        assert_eq!(code_of(&status), Some(ErrorCode::QueueFull));
         let details = status.get_error_details();
         assert_eq!(details.error_info().unwrap().reason, "QUEUE_FULL");
         assert_eq!(details.retry_info().unwrap().retry_delay, Some(Duration::from_millis(1500)));

@@ -24,7 +24,7 @@ pub fn solve_answer(accepted: &AcceptedSolve, solved: &Solved) -> Vec<u8> {
 
 /// The answer of a solve.
 pub(in crate::api) fn solve_message<'a>(accepted: &'a AcceptedSolve, solved: &Solved) -> SolveAnswer<'a> {
-    let Solved { solution, solve_time, stop_reason } = solved;
+    let Solved { solution, solve_time, stop_reason, queue_wait: _ } = solved;
     let Solution {
         status,
         // The service tells why the solver was stopped.
@@ -64,7 +64,7 @@ pub fn simulate_answer(simulated: &Simulated) -> Vec<u8> {
 /// The answer of a simulation.
 pub(in crate::api) fn simulate_message(simulated: &Simulated) -> SimulateAnswer {
     // The same request gives the same bytes: the duration goes to the log only.
-    let Simulated { simulation, duration: _ } = simulated;
+    let Simulated { simulation, duration: _, queue_wait: _ } = simulated;
     let Simulation { trajectory, contact_modes, separations, slip_reversals } = simulation;
     SimulateAnswer {
         trajectory: trajectory_to_wire(trajectory),

@@ -1,4 +1,5 @@
-//! What every request passes on its way in and out: its id, its key, its line in the log, and the body of its problem.
+//! What every request passes on its way in and out: its id and trace, its key, its line in the log, its count, and the
+//! body of its problem.
 
 use std::sync::Arc;
 
@@ -9,21 +10,39 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use tracing::Instrument as _;
 
-use super::problem_json;
-use crate::api::ApiSettings;
-use crate::api::access::{AccessLine, REQUEST_ID, RequestContext};
+use super::{OTHER_ROUTE, PROBES, ROUTES, problem_json};
+use crate::api::access::{AccessLine, Endpoint, RequestContext};
 use crate::api::error_table::ErrorCode;
 use crate::api::problem::Problem;
+use crate::api::{ApiSettings, Door, observed_body};
+use crate::metrics::Metrics;
 
-/// Open to everyone: probes and metrics have no keys.
-const EXEMPT_FROM_KEYS: [&str; 3] = ["/livez", "/readyz", "/metrics"];
+/// What the border needs.
+#[derive(Clone, Default)]
+pub(super) struct Border {
+    settings: Arc<ApiSettings>,
+    metrics: Arc<Metrics>,
+}
 
-/// Gives the request an id, asks for its key, logs it once it is answered or abandoned, and writes problems out.
-pub(super) async fn pass(State(settings): State<Arc<ApiSettings>>, mut request: Request, next: Next) -> Response {
-    let context = RequestContext::of(request.uri().path(), request.headers());
+impl Border {
+    pub(super) fn of(door: &Door) -> Self {
+        let metrics = Arc::clone(door.service.metrics());
+        metrics.expect_rejections(ErrorCode::answered().map(|code| code.entry().code));
+        Self { settings: Arc::clone(&door.settings), metrics }
+    }
+}
+
+/// Gives the request an id and a trace, asks for its key, logs and counts it once it is answered or abandoned, and
+/// writes problems out.
+pub(super) async fn pass(
+    State(Border { settings, metrics }): State<Border>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    let (context, span) = RequestContext::open(request.uri().path(), request.headers());
     let method = request.method().clone();
-    let mut line = AccessLine::open(method.clone(), context.clone());
-    let span = tracing::info_span!("request", request.id = context.request_id);
+    let endpoint = Endpoint::Http(route_of(request.uri().path()));
+    let mut line = AccessLine::open(method.clone(), context.clone(), span.clone(), endpoint, metrics);
     let mut response = if may_pass(&settings, &request) {
         request.extensions_mut().insert(context.clone());
         next.run(request).instrument(span).await
@@ -34,15 +53,17 @@ pub(super) async fn pass(State(settings): State<Arc<ApiSettings>>, mut request: 
         line.code = Some(problem.code().entry().code);
         write_problem(&problem, &context, &mut response);
     }
-    if let Ok(value) = HeaderValue::try_from(&context.request_id) {
-        response.headers_mut().insert(REQUEST_ID, value);
-    }
+    context.sign(response.headers_mut());
     line.status = Some(response.status().as_u16());
-    response
+    observed_body::follow(response, line, observed_body::no_trailers)
+}
+
+fn route_of(path: &str) -> &'static str {
+    ROUTES.iter().find(|route| **route == path).copied().unwrap_or(OTHER_ROUTE)
 }
 
 fn may_pass(settings: &ApiSettings, request: &Request) -> bool {
-    EXEMPT_FROM_KEYS.contains(&request.uri().path()) || settings.keys.admit(request.headers())
+    PROBES.contains(&request.uri().path()) || settings.keys.admit(request.headers())
 }
 
 fn unauthenticated() -> Response {

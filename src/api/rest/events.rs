@@ -55,7 +55,9 @@ fn events_of(
                 }
                 SolveEvent::Ended(Ok(answer)) => (named("result", answer), Stage::Ended),
                 SolveEvent::Ended(Err(error)) => {
-                    let body = problem_json::body(&Problem::from(error), &context.path, &context.request_id);
+                    let problem = Problem::from(error);
+                    context.notes.problem(problem.code());
+                    let body = problem_json::body(&problem, &context.path, &context.request_id);
                     (named("problem", body), Stage::Ended)
                 }
             },

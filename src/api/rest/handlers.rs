@@ -16,6 +16,7 @@ use crate::api::message::accept::{forward_drive_body, read_simulate, read_solve}
 use crate::api::message::answer::{limits_answer, simulate_answer, solve_answer, validate_answer};
 use crate::api::message::limits::LimitsMessage;
 use crate::api::problem::Problem;
+use crate::metrics::CONTENT_TYPE;
 use crate::service::{SolveClocks, Solved};
 
 /// `POST /solve`. When the caller leaves, the server drops this future or the event stream, which stops the solve.
@@ -29,7 +30,9 @@ pub(super) async fn solve(
     let place = door.service.reserve()?;
     let accepted = read_solve(&body, door.service.limits())?;
     let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: deadline(&head.headers, context.arrival)? };
+    let notes = context.notes.clone();
     let running = place.start_solve(accepted.input.clone(), clocks, move |solved| {
+        notes.job(solved.queue_wait, solved.solve_time);
         log_solved(&solved);
         solve_answer(&accepted, &solved)
     })?;
@@ -61,7 +64,11 @@ pub(super) async fn simulate(
     let place = door.service.reserve()?;
     let input = read_simulate(&body, door.service.limits())?;
     let deadline = deadline(&head.headers, context.arrival)?;
-    Ok(json(place.simulate(input, deadline, |simulated| simulate_answer(&simulated)).await?))
+    let simulated = place.simulate(input, deadline, move |simulated| {
+        context.notes.job(simulated.queue_wait, simulated.duration);
+        simulate_answer(&simulated)
+    });
+    Ok(json(simulated.await?))
 }
 
 /// `POST /validate`: nothing is queued.
@@ -109,6 +116,11 @@ pub(super) async fn livez() -> Response {
 pub(super) async fn readyz(State(door): State<Door>) -> Result<Response, Problem> {
     door.service.check_ready()?;
     Ok(json(br#"{"status":"ready"}"#.to_vec()))
+}
+
+/// `GET /metrics`: counts and levels in the text format of Prometheus.
+pub(super) async fn metrics(State(door): State<Door>) -> Response {
+    ([(header::CONTENT_TYPE, CONTENT_TYPE)], door.service.metrics_text()).into_response()
 }
 
 fn json(body: Vec<u8>) -> Response {

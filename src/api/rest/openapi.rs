@@ -6,7 +6,9 @@ use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 use utoipa::openapi::{RefOr, Schema};
 
+use super::PROBES;
 use super::problem_json::ProblemBody;
+use crate::api::Probes;
 use crate::api::error_table::ErrorCode;
 use crate::api::message::limits::{LimitsMessage, RuleMessage, rules};
 use crate::api::message::request::{SimulateRequest, SolveRequest};
@@ -14,7 +16,7 @@ use crate::api::message::response::{ProgressEvent, QueuedEvent, SimulateAnswer, 
 use crate::service::Limits;
 
 /// The document of a server with these limits.
-pub(super) fn document(limits: &Limits) -> Vec<u8> {
+pub(super) fn document(limits: &Limits, probes: Probes) -> Vec<u8> {
     let mut schemas = schemas();
     annotate(&mut schemas, &rules(limits));
     set_maxima(&mut schemas, limits);
@@ -29,7 +31,7 @@ pub(super) fn document(limits: &Limits) -> Vec<u8> {
             "license": {"name": env!("CARGO_PKG_LICENSE"), "identifier": env!("CARGO_PKG_LICENSE")},
         },
         "security": [{}, {"api_key": []}],
-        "paths": paths(),
+        "paths": paths(probes),
         "components": {
             "schemas": schemas,
             "securitySchemes": {"api_key": {"type": "http", "scheme": "bearer"}},
@@ -164,7 +166,17 @@ fn properties_of<'a>(schemas: &'a mut BTreeMap<String, Value>, name: &str) -> Op
     schemas.get_mut(name)?.get_mut("properties")?.as_object_mut()
 }
 
-fn paths() -> Value {
+fn paths(probes: Probes) -> Value {
+    let mut paths = all_paths();
+    if let (Probes::Apart, Some(paths)) = (probes, paths.as_object_mut()) {
+        for path in PROBES {
+            paths.remove(path);
+        }
+    }
+    paths
+}
+
+fn all_paths() -> Value {
     let solve = json!({
         "200": {
             "description": "a plan, whatever its status; with `Accept: text/event-stream` the events `queued`, \
@@ -183,6 +195,7 @@ fn paths() -> Value {
         "/examples/forward-drive": {"get": get("forward_drive", "a complete body for `/solve`: the paper's case", &ok("SolveRequest"))},
         "/livez": {"get": get("livez", "whether the process lives", &plain("it does"))},
         "/readyz": {"get": get("readyz", "whether new callers are welcome", &plain("they are"))},
+        "/metrics": {"get": get("metrics", "counts and levels in the text format of Prometheus", &text("families with their samples"))},
     })
 }
 
@@ -253,6 +266,10 @@ fn ok(name: &str) -> Value {
 
 fn plain(description: &str) -> Value {
     json!({"200": {"description": description, "content": {"application/json": {"schema": {"type": "object"}}}}})
+}
+
+fn text(description: &str) -> Value {
+    json!({"200": {"description": description, "content": {"text/plain": {"schema": {"type": "string"}}}}})
 }
 
 fn schema(name: &str) -> Value {

@@ -1,0 +1,92 @@
+//! The settings, one entry each: flag, variable, key of the file, default, help and type in one place.
+
+use std::net::SocketAddr;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use super::sources::{Reader, Setting, Settings};
+use super::value::{LogFormat, Value};
+
+/// A struct of settings with its table. The default is written as a caller would write it; empty: none.
+macro_rules! settings {
+    ($(#[$about:meta])* $visibility:vis struct $name:ident {
+        $($(#[doc = $help:literal])+ $key:ident: $kind:ty = $default:literal,)+
+    }) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, PartialEq)]
+        $visibility struct $name {
+            $($(#[doc = $help])+ pub(crate) $key: $kind,)+
+        }
+
+        impl $name {
+            /// One entry per setting.
+            pub(crate) const TABLE: &'static [Setting] = &[
+                $(Setting {
+                    key: stringify!($key),
+                    default: $default,
+                    help: concat!($($help),+),
+                    is_switch: <$kind as Value>::IS_SWITCH,
+                },)+
+            ];
+        }
+
+        impl Settings for $name {
+            const TABLE: &'static [Setting] = Self::TABLE;
+
+            fn read(reader: &mut Reader<'_>) -> Option<Self> {
+                // All are read before the first that is missing ends it: each adds its own faults.
+                $(let $key = reader.read::<$kind>(stringify!($key));)+
+                Some(Self { $($key: $key?,)+ })
+            }
+        }
+    };
+}
+
+settings! {
+    /// What is logged to standard error, and how.
+    pub(crate) struct LogSettings {
+        /// Log filter, such as `info` or `slipdrive=debug`.
+        log: String = "info",
+        /// Form of the log lines: `text` or `json`.
+        log_format: LogFormat = "text",
+    }
+}
+
+settings! {
+    /// Size, addresses and patience of a server.
+    pub(crate) struct ServeSettings {
+        /// Address of the REST server; port 0 takes a free one, which the log tells.
+        http: SocketAddr = "127.0.0.1:8080",
+        /// Address of the gRPC server.
+        grpc: SocketAddr = "127.0.0.1:50051",
+        /// Serves gRPC on the address of REST too, in place of its own.
+        one_port: bool = "false",
+        /// Address of `/livez`, `/readyz` and `/metrics`, in place of the REST server's.
+        admin: Option<SocketAddr> = "",
+        /// Worker threads, each running one solve at a time; empty: cores - 1, at least 1.
+        workers: Option<NonZeroUsize> = "",
+        /// Requests that may wait for a worker; more are refused with 429.
+        queue_length: usize = "64",
+        /// Items of one gRPC batch that may be unanswered at once; the server reads no further meanwhile.
+        batch_window: NonZeroUsize = "16",
+        /// Seconds that work is still taken after a stop signal, while probes already tell that the server is not ready.
+        drain_delay_s: Duration = "0",
+        /// Seconds that solves in flight may take after that before they are cut off.
+        drain_timeout_s: Duration = "30",
+        /// File with API keys, one per line; or the variable `SLIPDRIVE_API_KEYS`, separated by commas.
+        api_keys_file: Option<PathBuf> = "",
+        /// Lets a server without keys listen where others can reach it.
+        allow_unauthenticated: bool = "false",
+        /// Connections per port that may be open at once.
+        max_connections: NonZeroUsize = "1024",
+        /// Requests of one HTTP/2 connection that may be open at once.
+        max_streams: u32 = "128",
+        /// Seconds that a caller may take to send the head of a request.
+        head_timeout_s: Duration = "30",
+        /// Seconds that an HTTP/2 connection may stay without a request.
+        idle_timeout_s: Duration = "300",
+        /// Seconds after which a connection takes no new requests.
+        max_connection_age_s: Duration = "1800",
+    }
+}

@@ -1,0 +1,224 @@
+//! Where settings come from: the command line with its variables, the file, the default.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
+use std::path::Path;
+
+use clap::parser::ValueSource;
+use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
+
+use super::Faults;
+use super::value::Value;
+
+/// One setting.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Setting {
+    /// Its key in the file, with underscores; the flag has hyphens, the variable a prefix and capitals.
+    pub(crate) key: &'static str,
+    /// The default, as a caller would write it; empty: none.
+    pub(crate) default: &'static str,
+    /// What it does.
+    pub(crate) help: &'static str,
+    /// Whether the flag takes no value.
+    pub(crate) is_switch: bool,
+}
+
+impl Setting {
+    /// The name of its flag, without hyphens in front.
+    pub(crate) fn flag(&self) -> String {
+        self.key.replace('_', "-")
+    }
+
+    /// The name of its environment variable.
+    pub(crate) fn variable(&self) -> String {
+        format!("SLIPDRIVE_{}", self.key.to_uppercase())
+    }
+
+    fn argument(&self) -> Arg {
+        let help = match self.default {
+            "" => self.help.trim().to_owned(),
+            default => format!("{} [default: {default}]", self.help.trim()),
+        };
+        let argument = Arg::new(self.key).long(self.flag()).env(self.variable()).help(help).action(ArgAction::Set);
+        if self.is_switch {
+            argument.num_args(0..=1).require_equals(true).default_missing_value("true").value_name("true|false")
+        } else {
+            argument.value_name(self.key.to_uppercase())
+        }
+    }
+}
+
+/// A struct of settings.
+pub(crate) trait Settings: Sized {
+    /// One entry per setting.
+    const TABLE: &'static [Setting];
+
+    /// Reads them all; none when one cannot be read, which its fault tells.
+    fn read(reader: &mut Reader<'_>) -> Option<Self>;
+}
+
+/// What the command line and the environment say of some settings.
+#[derive(Debug)]
+pub(crate) struct Given<S> {
+    values: BTreeMap<&'static str, Text>,
+    settings: PhantomData<S>,
+}
+
+/// A value as it was written, and where.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Text {
+    text: String,
+    source: Source,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    Flag,
+    Variable,
+    File,
+    Default,
+}
+
+impl<S: Settings> Args for Given<S> {
+    fn augment_args(command: Command) -> Command {
+        // What the whole program takes stands before and after the subcommand.
+        let is_global = command.get_name() == env!("CARGO_PKG_NAME");
+        S::TABLE.iter().fold(command, |command, setting| command.arg(setting.argument().global(is_global)))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl<S: Settings> FromArgMatches for Given<S> {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let value = |setting: &Setting| {
+            let text = matches.get_one::<String>(setting.key)?.clone();
+            let is_variable = matches.value_source(setting.key) == Some(ValueSource::EnvVariable);
+            let source = if is_variable { Source::Variable } else { Source::Flag };
+            Some((setting.key, Text { text, source }))
+        };
+        Ok(Self { values: S::TABLE.iter().filter_map(value).collect(), settings: PhantomData })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+/// The file.
+#[derive(Debug)]
+pub(crate) struct Sources {
+    file: toml::Table,
+}
+
+impl Sources {
+    /// Reads the file, if there is one.
+    pub(crate) fn new(path: Option<&Path>, faults: &mut Faults) -> Self {
+        let Some(path) = path else { return Self { file: toml::Table::new() } };
+        let read = std::fs::read_to_string(path).map_err(|error| format!("{} cannot be read: {error}", path.display()));
+        let table = read.and_then(|text| text.parse().map_err(|error| format!("{}: {error}", path.display())));
+        let file = table.unwrap_or_else(|fault| {
+            faults.add(fault.trim().to_owned());
+            toml::Table::new()
+        });
+        Self { file }
+    }
+
+    /// Adds each key of the file that no table knows.
+    pub(crate) fn check_keys(&self, tables: &[&[Setting]], faults: &mut Faults) {
+        for key in self.file.keys() {
+            if !tables.iter().copied().flatten().any(|setting| setting.key == key) {
+                faults.add(format!("`{key}` in the file is no setting"));
+            }
+        }
+    }
+
+    /// Reads all settings of a struct.
+    pub(crate) fn read<S: Settings>(&self, given: &Given<S>, faults: &mut Faults) -> Option<S> {
+        let texts = S::TABLE.iter().map(|setting| (setting.key, self.text(setting, &given.values, faults)));
+        let texts = texts.collect();
+        S::read(&mut Reader { table: S::TABLE, texts, faults })
+    }
+
+    /// The settings in force, with their sources.
+    pub(crate) fn shown<S: Settings>(&self, given: &Given<S>) -> impl Iterator<Item = Shown> {
+        S::TABLE.iter().map(|setting| {
+            let text = self.text(setting, &given.values, &mut Faults::default());
+            Shown { setting: *setting, text }
+        })
+    }
+
+    fn text(&self, setting: &Setting, given: &BTreeMap<&'static str, Text>, faults: &mut Faults) -> Text {
+        if let Some(text) = given.get(setting.key) {
+            return text.clone();
+        }
+        let default = || Text { text: setting.default.to_owned(), source: Source::Default };
+        let Some(value) = self.file.get(setting.key) else { return default() };
+        let text = match value {
+            toml::Value::String(text) => text.clone(),
+            toml::Value::Integer(number) => number.to_string(),
+            toml::Value::Float(number) => number.to_string(),
+            toml::Value::Boolean(value) => value.to_string(),
+            toml::Value::Datetime(_) | toml::Value::Array(_) | toml::Value::Table(_) => {
+                faults.add(format!("`{}` in the file must be a string, a number or a boolean", setting.key));
+                return default();
+            }
+        };
+        Text { text, source: Source::File }
+    }
+}
+
+/// Reads the settings of one struct.
+pub(crate) struct Reader<'a> {
+    table: &'static [Setting],
+    texts: BTreeMap<&'static str, Text>,
+    faults: &'a mut Faults,
+}
+
+impl Reader<'_> {
+    /// The value of a setting; none and a fault when its text breaks the rule.
+    pub(crate) fn read<T: Value>(&mut self, key: &'static str) -> Option<T> {
+        let Text { text, source } = self.texts.get(key)?;
+        let value = T::parse(text);
+        if value.is_none() {
+            let setting = self.table.iter().find(|setting| setting.key == key)?;
+            let place = place(setting, *source);
+            self.faults.add(format!("`{key}` is \"{text}\" ({place}), must be {}", T::RULE));
+        }
+        value
+    }
+}
+
+/// Where a caller looks for a value.
+fn place(setting: &Setting, source: Source) -> String {
+    match source {
+        Source::Flag => format!("from --{}", setting.flag()),
+        Source::Variable => format!("from {}", setting.variable()),
+        Source::File => "from the file".to_owned(),
+        Source::Default => "the default".to_owned(),
+    }
+}
+
+/// One setting in force, as a line of TOML.
+#[derive(Debug)]
+pub(crate) struct Shown {
+    setting: Setting,
+    text: Text,
+}
+
+impl fmt::Display for Shown {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { setting, text: Text { text, source } } = self;
+        let key = setting.key;
+        if text.is_empty() {
+            return writeln!(formatter, "# {key} is not set");
+        }
+        let is_bare = text.parse::<f64>().is_ok_and(f64::is_finite) || text.parse::<bool>().is_ok();
+        let value = if is_bare { text.clone() } else { toml::Value::from(text.as_str()).to_string() };
+        writeln!(formatter, "{key} = {value} # {}", place(setting, *source))
+    }
+}

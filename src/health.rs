@@ -1,0 +1,84 @@
+//! `slipdrive health`: asks a running server by its own probe, for containers that hold no other program.
+
+use std::io::{self, Read as _, Write as _};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// How long the server may take for each step: a healthy one needs milliseconds, probes allow seconds.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Enough for the status line.
+const MAX_HEAD_BYTES: u64 = 64;
+
+/// Asks `/readyz`, or `/livez`, at an address that a server is bound to; tells the outcome and gives the exit code.
+pub(crate) fn ask(bound: SocketAddr, is_live_enough: bool) -> ExitCode {
+    let path = if is_live_enough { "/livez" } else { "/readyz" };
+    let address = reachable(bound);
+    match status_of(address, path) {
+        Ok(200) => {
+            println!("{path} of {address} answers 200");
+            ExitCode::SUCCESS
+        }
+        Ok(status) => {
+            eprintln!("{path} of {address} answers {status}");
+            ExitCode::FAILURE
+        }
+        Err(error) => {
+            eprintln!("{path} of {address} does not answer: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// A server that is bound to all addresses is asked at the loopback one.
+fn reachable(bound: SocketAddr) -> SocketAddr {
+    let ip = match bound.ip() {
+        IpAddr::V4(ip) if ip.is_unspecified() => IpAddr::V4(Ipv4Addr::LOCALHOST),
+        IpAddr::V6(ip) if ip.is_unspecified() => IpAddr::V6(Ipv6Addr::LOCALHOST),
+        ip => ip,
+    };
+    SocketAddr::new(ip, bound.port())
+}
+
+/// The status of `GET path`.
+fn status_of(address: SocketAddr, path: &str) -> io::Result<u16> {
+    let mut stream = TcpStream::connect_timeout(&address, PATIENCE)?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    write!(stream, "GET {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n")?;
+    let mut head = Vec::new();
+    stream.take(MAX_HEAD_BYTES).read_to_end(&mut head)?;
+    let status = str::from_utf8(&head).ok().and_then(|head| head.split(' ').nth(1)).and_then(|code| code.parse().ok());
+    status.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "the answer is not HTTP"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+    use std::thread;
+
+    use super::*;
+
+    fn answering(answer: &'static str) -> SocketAddr {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            let _ = stream.read(&mut [0; 1024]);
+            stream.write_all(answer.as_bytes()).unwrap();
+        });
+        address
+    }
+
+    #[test]
+    fn status_is_read_from_the_first_line() {
+        assert_eq!(status_of(answering("HTTP/1.1 503 Service Unavailable\r\n\r\n"), "/readyz").unwrap(), 503);
+        assert!(status_of(answering("SSH-2.0"), "/readyz").is_err());
+    }
+
+    #[test]
+    fn server_on_all_addresses_is_asked_at_loopback() {
+        assert_eq!(reachable("0.0.0.0:80".parse().unwrap()), "127.0.0.1:80".parse().unwrap());
+        assert_eq!(reachable("[::]:80".parse().unwrap()), "[::1]:80".parse().unwrap());
+    }
+}

@@ -1,0 +1,136 @@
+//! Every family of metrics that a server tells: name, kind, labels, help.
+
+/// A family of metrics.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Family {
+    /// Its name.
+    pub name: &'static str,
+    /// What it counts with.
+    pub kind: Kind,
+    /// Names of its labels; their values come from closed sets.
+    pub labels: &'static [&'static str],
+    /// One sentence for people.
+    pub help: &'static str,
+    /// Upper bounds of its buckets, s; empty unless it is a histogram.
+    pub buckets: &'static [f64],
+}
+
+/// What a family counts with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Only grows.
+    Counter,
+    /// Goes up and down.
+    Gauge,
+    /// Counts durations by size.
+    Histogram,
+}
+
+impl Kind {
+    /// The word of the text format.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Counter => "counter",
+            Self::Gauge => "gauge",
+            Self::Histogram => "histogram",
+        }
+    }
+}
+
+/// From a solve from one good start to the longest time limit.
+const SOLVE_BUCKETS: &[f64] = &[0.005, 0.01, 0.025, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.5, 5.0, 10.0, 20.0, 30.0, 60.0];
+/// From an answer without work to the longest time limit with a wait before it.
+const REQUEST_BUCKETS: &[f64] =
+    &[0.001, 0.002, 0.005, 0.01, 0.025, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 120.0];
+/// Fine at 1 to 5 ms, where a refusal has to be.
+const REJECTION_BUCKETS: &[f64] = &[
+    0.0001, 0.00025, 0.0005, 0.001, 0.0015, 0.002, 0.0025, 0.003, 0.0035, 0.004, 0.0045, 0.005, 0.0075, 0.01, 0.025,
+    0.05, 0.1, 0.5, 1.0, 10.0, 60.0,
+];
+
+const fn gauge(name: &'static str, labels: &'static [&'static str], help: &'static str) -> Family {
+    Family { name, kind: Kind::Gauge, labels, help, buckets: &[] }
+}
+
+const fn counter(name: &'static str, labels: &'static [&'static str], help: &'static str) -> Family {
+    Family { name, kind: Kind::Counter, labels, help, buckets: &[] }
+}
+
+const fn histogram(
+    name: &'static str,
+    labels: &'static [&'static str],
+    buckets: &'static [f64],
+    help: &'static str,
+) -> Family {
+    Family { name, kind: Kind::Histogram, labels, help, buckets }
+}
+
+pub(super) const QUEUE_DEPTH: Family = gauge("slipdrive_queue_depth", &[], "Jobs that wait for a worker.");
+pub(super) const QUEUE_CAPACITY: Family =
+    gauge("slipdrive_queue_capacity", &[], "Jobs that may wait for a worker; beyond, requests are refused.");
+pub(super) const QUEUE_COST: Family =
+    gauge("slipdrive_queue_cost_seconds", &[], "Worker time that the waiting jobs are expected to take.");
+pub(super) const QUEUE_WAIT: Family =
+    histogram("slipdrive_queue_wait_seconds", &[], SOLVE_BUCKETS, "How long jobs waited for a worker.");
+pub(super) const SOLVE_DURATION: Family = histogram(
+    "slipdrive_solve_duration_seconds",
+    &["method", "status"],
+    SOLVE_BUCKETS,
+    "How long solves ran on their worker, by optimiser and outcome.",
+);
+pub(super) const SOLVES: Family = counter(
+    "slipdrive_solves_total",
+    &["method", "status", "stop_reason"],
+    "Solves that ended with an answer, by optimiser, outcome and why the search ended.",
+);
+pub(super) const REJECTED: Family = counter(
+    "slipdrive_rejected_total",
+    &["code"],
+    "Requests and items of batches that were answered with a problem, by its code.",
+);
+pub(super) const REJECTION_DURATION: Family = histogram(
+    "slipdrive_rejection_duration_seconds",
+    &["code"],
+    REJECTION_BUCKETS,
+    "How long problems took from the head of their request, by code.",
+);
+pub(super) const CANCELLED: Family =
+    counter("slipdrive_cancelled_total", &["cause"], "Jobs that ended without an answer, by cause.");
+pub(super) const WORKERS: Family = gauge("slipdrive_workers", &["state"], "Worker threads by state.");
+pub(super) const SOLVER_PANICS: Family =
+    counter("slipdrive_solver_panics_total", &[], "Jobs in which the solver panicked.");
+pub(super) const ROLLOUTS: Family =
+    counter("slipdrive_rollouts_total", &[], "Simulations of a whole maneuver that finished solves took.");
+pub(super) const HTTP_DURATION: Family = histogram(
+    "slipdrive_http_request_duration_seconds",
+    &["route", "code"],
+    REQUEST_BUCKETS,
+    "Duration of HTTP requests from their head to the end of their answer, by route and status.",
+);
+pub(super) const GRPC_DURATION: Family = histogram(
+    "slipdrive_grpc_request_duration_seconds",
+    &["method", "code"],
+    REQUEST_BUCKETS,
+    "Duration of gRPC calls from their head to the end of their answer, by method and status.",
+);
+pub(super) const BUILD_INFO: Family =
+    gauge("slipdrive_build_info", &["version", "features"], "Always 1; the labels tell what runs.");
+
+/// All families of a server's own; figures of the process (`process_...`) come beside them.
+pub const ALL: &[Family] = &[
+    QUEUE_DEPTH,
+    QUEUE_CAPACITY,
+    QUEUE_COST,
+    QUEUE_WAIT,
+    SOLVE_DURATION,
+    SOLVES,
+    REJECTED,
+    REJECTION_DURATION,
+    CANCELLED,
+    WORKERS,
+    SOLVER_PANICS,
+    ROLLOUTS,
+    HTTP_DURATION,
+    GRPC_DURATION,
+    BUILD_INFO,
+];

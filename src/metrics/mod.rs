@@ -1,0 +1,294 @@
+//! What the process counts about itself, in the Prometheus text format 0.0.4.
+//!
+//! One registry per server, so that servers in one process (tests) count apart. All labels come from closed sets:
+//! names of the contract, routes and status codes, never words of a caller. The names are listed in [`catalogue`],
+//! which `docs/operations.md` repeats.
+
+pub mod catalogue;
+mod registration;
+
+use std::time::Duration;
+
+use prometheus::{Encoder as _, Gauge, Histogram, HistogramVec, IntCounter, IntCounterVec, IntGaugeVec, TextEncoder};
+use prometheus::{IntGauge, Registry};
+
+use registration::Registration;
+
+/// The content type of [`Metrics::render`].
+pub const CONTENT_TYPE: &str = prometheus::TEXT_FORMAT;
+
+/// The counters of one server.
+pub struct Metrics {
+    registry: Registry,
+    queue_depth: IntGauge,
+    queue_capacity: IntGauge,
+    queue_cost: Gauge,
+    queue_wait: Histogram,
+    solve_duration: HistogramVec,
+    solves: IntCounterVec,
+    rejected: IntCounterVec,
+    rejection_duration: HistogramVec,
+    cancelled: IntCounterVec,
+    workers: IntGaugeVec,
+    solver_panics: IntCounter,
+    rollouts: IntCounter,
+    http_duration: HistogramVec,
+    grpc_duration: HistogramVec,
+}
+
+/// What the queue holds at one moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct QueueLevels {
+    /// Jobs that wait for a worker.
+    pub waiting: usize,
+    /// Jobs that may wait.
+    pub capacity: usize,
+    /// Worker time that the waiting jobs are expected to take, s.
+    pub cost_s: f64,
+    /// Workers that run a job.
+    pub busy_workers: usize,
+    /// Workers that run none.
+    pub idle_workers: usize,
+}
+
+/// One solve that ended with an answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SolveRecord {
+    /// The optimiser, as callers name it.
+    pub method: &'static str,
+    /// What was found, as callers read it.
+    pub status: &'static str,
+    /// Why the search ended, as callers read it.
+    pub stop_reason: &'static str,
+    /// How long it ran on its worker.
+    pub duration: Duration,
+    /// Rollouts that it took.
+    pub rollouts: u64,
+}
+
+/// Why a job has no answer for its caller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CancelCause {
+    /// The caller left.
+    CallerGone,
+    /// The deadline passed before a worker was free.
+    Deadline,
+    /// The process ends.
+    Shutdown,
+}
+
+impl CancelCause {
+    /// All causes.
+    pub const ALL: [Self; 3] = [Self::CallerGone, Self::Deadline, Self::Shutdown];
+
+    /// The label.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::CallerGone => "caller_gone",
+            Self::Deadline => "deadline",
+            Self::Shutdown => "shutdown",
+        }
+    }
+}
+
+/// One answered request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Answered<'a> {
+    /// Over HTTP: the route and the status.
+    Http {
+        /// A route of the server, never the caller's path.
+        route: &'static str,
+        /// Such as `200`.
+        status: &'a str,
+    },
+    /// Over gRPC: the method and the name of the status.
+    Grpc {
+        /// A method of the server, never the caller's path.
+        method: &'static str,
+        /// Such as `RESOURCE_EXHAUSTED`.
+        code: &'static str,
+    },
+}
+
+impl Metrics {
+    /// Counters at zero.
+    ///
+    /// # Panics
+    /// When two families have the same name, which `catalogue` rules out.
+    pub fn new() -> Self {
+        let mut registration = Registration::new();
+        let metrics = Self {
+            queue_depth: registration.gauge(&catalogue::QUEUE_DEPTH),
+            queue_capacity: registration.gauge(&catalogue::QUEUE_CAPACITY),
+            queue_cost: registration.float_gauge(&catalogue::QUEUE_COST),
+            queue_wait: registration.histogram(&catalogue::QUEUE_WAIT),
+            solve_duration: registration.histograms(&catalogue::SOLVE_DURATION),
+            solves: registration.counters(&catalogue::SOLVES),
+            rejected: registration.counters(&catalogue::REJECTED),
+            rejection_duration: registration.histograms(&catalogue::REJECTION_DURATION),
+            cancelled: registration.counters(&catalogue::CANCELLED),
+            workers: registration.gauges(&catalogue::WORKERS),
+            solver_panics: registration.counter(&catalogue::SOLVER_PANICS),
+            rollouts: registration.counter(&catalogue::ROLLOUTS),
+            http_duration: registration.histograms(&catalogue::HTTP_DURATION),
+            grpc_duration: registration.histograms(&catalogue::GRPC_DURATION),
+            registry: registration.finish(),
+        };
+        for cause in CancelCause::ALL {
+            metrics.cancelled.with_label_values(&[cause.as_str()]);
+        }
+        metrics
+    }
+
+    /// Tells these codes as 0 until they come: a rate over a counter that appears with its first event misses it.
+    pub fn expect_rejections(&self, codes: impl IntoIterator<Item = &'static str>) {
+        for code in codes {
+            self.rejected.with_label_values(&[code]);
+        }
+    }
+
+    /// Counts the wait of a job that starts.
+    pub fn waited(&self, wait: Duration) {
+        self.queue_wait.observe(wait.as_secs_f64());
+    }
+
+    /// Counts a solve that ended.
+    pub fn solved(&self, record: &SolveRecord) {
+        let SolveRecord { method, status, stop_reason, duration, rollouts } = *record;
+        self.solve_duration.with_label_values(&[method, status]).observe(duration.as_secs_f64());
+        self.solves.with_label_values(&[method, status, stop_reason]).inc();
+        self.rollouts.inc_by(rollouts);
+    }
+
+    /// Counts a job that ended without an answer.
+    pub fn cancelled(&self, cause: CancelCause) {
+        self.cancelled.with_label_values(&[cause.as_str()]).inc();
+    }
+
+    /// Counts a panic of the solver.
+    pub fn panicked(&self) {
+        self.solver_panics.inc();
+    }
+
+    /// Counts an answer that is a problem; none of those has a plan.
+    pub fn rejected(&self, code: &'static str) {
+        self.rejected.with_label_values(&[code]).inc();
+    }
+
+    /// Counts how long a problem took from the head of its request.
+    pub fn rejected_after(&self, code: &'static str, duration: Duration) {
+        self.rejected(code);
+        self.rejection_duration.with_label_values(&[code]).observe(duration.as_secs_f64());
+    }
+
+    /// Counts a request from its head to the end of its answer.
+    pub fn answered(&self, answered: Answered<'_>, duration: Duration) {
+        let histogram = match answered {
+            Answered::Http { route, status } => self.http_duration.with_label_values(&[route, status]),
+            Answered::Grpc { method, code } => self.grpc_duration.with_label_values(&[method, code]),
+        };
+        histogram.observe(duration.as_secs_f64());
+    }
+
+    /// All families as text, with these levels of the queue.
+    pub fn render(&self, levels: &QueueLevels) -> Vec<u8> {
+        let as_gauge = |count: usize| i64::try_from(count).unwrap_or(i64::MAX);
+        self.queue_depth.set(as_gauge(levels.waiting));
+        self.queue_capacity.set(as_gauge(levels.capacity));
+        self.queue_cost.set(levels.cost_s);
+        self.workers.with_label_values(&["busy"]).set(as_gauge(levels.busy_workers));
+        self.workers.with_label_values(&["idle"]).set(as_gauge(levels.idle_workers));
+        let mut text = Vec::new();
+        if let Err(error) = TextEncoder::new().encode(&self.registry.gather(), &mut text) {
+            tracing::error!(error = %error, "the metrics cannot be written");
+        }
+        text
+    }
+}
+
+impl Default for Metrics {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LEVELS: QueueLevels =
+        QueueLevels { waiting: 3, capacity: 64, cost_s: 1.5, busy_workers: 1, idle_workers: 0 };
+
+    fn filled() -> Metrics {
+        let metrics = Metrics::new();
+        metrics.waited(Duration::from_millis(30));
+        metrics.solved(&SolveRecord {
+            method: "sequential_linear",
+            status: "converged",
+            stop_reason: "finished",
+            duration: Duration::from_millis(200),
+            rollouts: 1000,
+        });
+        metrics.rejected_after("queue_full", Duration::from_micros(1200));
+        metrics.cancelled(CancelCause::CallerGone);
+        metrics.answered(Answered::Http { route: "/solve", status: "200" }, Duration::from_millis(230));
+        metrics.answered(Answered::Grpc { method: "Solve", code: "OK" }, Duration::from_millis(230));
+        metrics
+    }
+
+    fn text(metrics: &Metrics) -> String {
+        String::from_utf8(metrics.render(&LEVELS)).unwrap()
+    }
+
+    #[test]
+    fn families_are_those_of_the_catalogue_with_their_words() {
+        let text = text(&filled());
+        for family in catalogue::ALL {
+            assert!(text.contains(&format!("# HELP {} {}\n", family.name, family.help)), "{} in {text}", family.name);
+            assert!(text.contains(&format!("# TYPE {} {}\n", family.name, family.kind.as_str())), "{}", family.name);
+        }
+        let own = |line: &&str| line.starts_with("# TYPE slipdrive_");
+        assert_eq!(
+            text.lines().filter(own).count(),
+            catalogue::ALL.iter().filter(|f| f.name.starts_with("slipdrive_")).count()
+        );
+    }
+
+    #[test]
+    fn every_histogram_ends_in_infinity_and_counts_what_was_seen() {
+        let text = text(&filled());
+        for family in catalogue::ALL.iter().filter(|family| family.kind == catalogue::Kind::Histogram) {
+            let infinite = |line: &&str| {
+                line.starts_with(&format!("{}_bucket{{", family.name)) && line.contains("le=\"+Inf\"}")
+            };
+            assert_eq!(text.lines().filter(infinite).map(|line| line.rsplit(' ').next()).next(), Some(Some("1")));
+        }
+    }
+
+    #[test]
+    fn refusals_have_buckets_around_the_first_milliseconds() {
+        let text = text(&filled());
+        let bucket = |bound: &str| {
+            let line = format!("slipdrive_rejection_duration_seconds_bucket{{code=\"queue_full\",le=\"{bound}\"}} ");
+            text.lines().find_map(|found| found.strip_prefix(&line).map(str::to_owned)).unwrap()
+        };
+        assert_eq!((bucket("0.001"), bucket("0.0015")), ("0".to_owned(), "1".to_owned()));
+        assert_eq!((bucket("0.002"), bucket("0.005")), ("1".to_owned(), "1".to_owned()));
+    }
+
+    #[test]
+    fn levels_and_counts_are_told_as_they_are() {
+        let text = text(&filled());
+        for line in [
+            "slipdrive_queue_depth 3",
+            "slipdrive_queue_cost_seconds 1.5",
+            "slipdrive_workers{state=\"busy\"} 1",
+            "slipdrive_rollouts_total 1000",
+            "slipdrive_cancelled_total{cause=\"deadline\"} 0",
+            "slipdrive_rejected_total{code=\"queue_full\"} 1",
+            "slipdrive_solver_panics_total 0",
+        ] {
+            assert!(text.lines().any(|found| found == line), "{line} in {text}");
+        }
+    }
+}
