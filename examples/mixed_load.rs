@@ -227,7 +227,8 @@ async fn main() -> ExitCode {
             *total.entry(key).or_default() += count;
         }
     }
-    let sum = |wanted: Outcome| total.iter().filter(|((_, outcome), _)| *outcome == wanted).map(|(_, n)| n).sum::<u64>();
+    let sum =
+        |wanted: Outcome| total.iter().filter(|((_, outcome), _)| *outcome == wanted).map(|(_, n)| n).sum::<u64>();
     for ((kind, outcome), count) in &total {
         println!("{:<12} {:<22} {count}", format!("{kind:?}"), format!("{outcome:?}"));
     }

@@ -67,7 +67,11 @@ const TABLE: &[Module] = &[
         must_not_mention: &["axum", "tonic", "serde", "prost", "hyper"],
     },
     // Domain types come through `service::domain`.
-    Module { name: "api", may_use: &["service", "violation", "metrics"], must_not_mention: &["std::thread", "spawn_blocking"] },
+    Module {
+        name: "api",
+        may_use: &["service", "violation", "metrics"],
+        must_not_mention: &["std::thread", "spawn_blocking"],
+    },
 ];
 
 /// Folders inside a module that know less than the module does. Paths are below `src`.

@@ -127,8 +127,7 @@ async fn calls_are_counted_by_method_and_status_name() {
     let mut events = client.solve_stream(pb::SolveStreamRequest::default()).await.unwrap().into_inner();
     while events.message().await.unwrap().is_some() {}
     for (method, code) in [("Solve", "OK"), ("Solve", "INVALID_ARGUMENT"), ("SolveStream", "OK")] {
-        let sample =
-            format!("slipdrive_grpc_request_duration_seconds_count{{code=\"{code}\",method=\"{method}\"}}");
+        let sample = format!("slipdrive_grpc_request_duration_seconds_count{{code=\"{code}\",method=\"{method}\"}}");
         until(&server, &sample, 1.0).await;
     }
     until(&server, "slipdrive_rejected_total{code=\"invalid_value\"}", 1.0).await;

@@ -20,9 +20,10 @@ use tonic::transport::Endpoint;
 use support::HANG_BOUND;
 
 /// A solve that ends by itself well within any drain timeout here.
-const SHORT: &str = r#"{"solver": {"starts": 1}, "grid": {"steps": 100}, "view": "plan"}"#;
+const SHORT: &str = r#"{"maneuver": {"goal": {"y_m": 1}}, "solver": {"starts": 1}, "grid": {"steps": 100}}"#;
 /// A solve that lasts until it is stopped.
-const ENDLESS: &str = r#"{"grid": {"steps": 10000, "control_intervals": 1000},
+const ENDLESS: &str = r#"{"maneuver": {"goal": {"y_m": 5}},
+    "grid": {"steps": 10000, "control_intervals": 1000},
     "solver": {"method": "nelder_mead", "starts": 64, "time_limit_s": 60}}"#;
 
 fn client() -> Client {
@@ -108,7 +109,8 @@ async fn after_the_drain_delay_new_callers_are_sent_elsewhere_and_work_in_flight
     let client = client();
     let channel = Endpoint::from_shared(format!("http://{}", server.grpc)).unwrap().connect().await.unwrap();
     let mut grpc = ManeuverServiceClient::new(channel);
-    let slow = r#"{"grid": {"steps": 2000}, "solver": {"starts": 64, "time_limit_s": 2}, "view": "plan"}"#;
+    let slow = r#"{"maneuver": {"goal": {"y_m": 5}}, "grid": {"steps": 2000},
+        "solver": {"starts": 64, "time_limit_s": 2}}"#;
     let (running, waiting) = (spawn_post(&client, &server, slow), spawn_post(&client, &server, slow));
     until(&client, &server, "slipdrive_queue_depth", 1.0).await;
     server.signal("TERM");

@@ -105,7 +105,7 @@ async fn spans_of_a_solve_hang_below_its_request_in_the_callers_trace() {
     let client = reqwest::Client::builder().no_proxy().build().unwrap();
     let request = client.post(server.url("/solve")).header("content-type", "application/json");
     let request = request.header("traceparent", format!("00-{TRACE}-{CALLER}-01"));
-    let answer = request.body(r#"{"solver": {"starts": 2}, "view": "plan"}"#).send().await.unwrap();
+    let answer = request.body(r#"{"maneuver": {"goal": {"y_m": 1}}, "solver": {"starts": 2}}"#).send().await.unwrap();
     let traceparent = answer.headers()["traceparent"].to_str().unwrap().to_owned();
     assert!(answer.text().await.unwrap().contains("torque_schedule"));
     server.signal("TERM");

@@ -61,8 +61,7 @@ async fn killed_replica_loses_no_solve() {
     let (mut first, second) = (ServerProcess::start(&flags, &[]), ServerProcess::start(&flags, &[]));
     let client = Client::builder().no_proxy().timeout(HANG_BOUND).build().unwrap();
     let urls = [first.url("/solve"), second.url("/solve")];
-    let replicas =
-        Arc::new(RoundRobin { client, urls, next: AtomicUsize::new(0), retries: AtomicUsize::new(0) });
+    let replicas = Arc::new(RoundRobin { client, urls, next: AtomicUsize::new(0), retries: AtomicUsize::new(0) });
     let (next, solved) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
     let callers: Vec<_> = (0..CALLERS)
         .map(|_| {

@@ -86,7 +86,8 @@ fn faults_of_the_configuration_end_the_program_before_it_listens() {
         .unwrap();
     let message = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(64), "{message}");
-    for fault in ["`workers` is \"none\" (from --workers)", "(from SLIPDRIVE_QUEUE_LENGTH)", "`log_format` is \"xml\""] {
+    for fault in ["`workers` is \"none\" (from --workers)", "(from SLIPDRIVE_QUEUE_LENGTH)", "`log_format` is \"xml\""]
+    {
         assert!(message.contains(fault), "{fault} in {message}");
     }
     assert!(!message.contains("listening"), "{message}");

@@ -63,8 +63,10 @@ fn flags_set_the_service() {
 
 #[test]
 fn flag_goes_before_file_and_file_before_default() {
-    let file =
-        TemporaryFile::new("order", "queue_length = 7\nworkers = 2\ndrain_delay_s = 1.5\none_port = true\nlog = \"warn\"");
+    let file = TemporaryFile::new(
+        "order",
+        "queue_length = 7\nworkers = 2\ndrain_delay_s = 1.5\none_port = true\nlog = \"warn\"",
+    );
     let config = config(&["--config", file.path(), "--workers", "5"]).unwrap();
     let settings = &config.settings;
     assert_eq!((settings.queue_length, settings.workers.unwrap().get()), (7, 5));
@@ -74,7 +76,8 @@ fn flag_goes_before_file_and_file_before_default() {
 
 #[test]
 fn all_faults_are_told_at_once() {
-    let file = TemporaryFile::new("faults", "queue_size = 7\nmax_streams = 0\nlog_format = [\"json\"]\ngrpc = \"here\"");
+    let file =
+        TemporaryFile::new("faults", "queue_size = 7\nmax_streams = 0\nlog_format = [\"json\"]\ngrpc = \"here\"");
     let told = faults(&["--config", file.path(), "--workers", "0", "--drain-delay-s=-1", "--log", "=="]);
     for expected in [
         "`queue_size` in the file is no setting",

@@ -216,8 +216,7 @@ impl Default for Metrics {
 mod tests {
     use super::*;
 
-    const LEVELS: QueueLevels =
-        QueueLevels { waiting: 3, capacity: 64, cost_s: 1.5, busy_workers: 1, idle_workers: 0 };
+    const LEVELS: QueueLevels = QueueLevels { waiting: 3, capacity: 64, cost_s: 1.5, busy_workers: 1, idle_workers: 0 };
 
     fn filled() -> Metrics {
         let metrics = Metrics::new();
@@ -258,9 +257,8 @@ mod tests {
     fn every_histogram_ends_in_infinity_and_counts_what_was_seen() {
         let text = text(&filled());
         for family in catalogue::ALL.iter().filter(|family| family.kind == catalogue::Kind::Histogram) {
-            let infinite = |line: &&str| {
-                line.starts_with(&format!("{}_bucket{{", family.name)) && line.contains("le=\"+Inf\"}")
-            };
+            let infinite =
+                |line: &&str| line.starts_with(&format!("{}_bucket{{", family.name)) && line.contains("le=\"+Inf\"}");
             assert_eq!(text.lines().filter(infinite).map(|line| line.rsplit(' ').next()).next(), Some(Some("1")));
         }
     }

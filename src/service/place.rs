@@ -13,8 +13,7 @@ use super::{ManeuverSolver, ServiceError};
 use crate::metrics::Metrics;
 use crate::queue::{self, ANSWER_MARGIN, Clocks, JobOutcome, StopCause, StopHandle, Ticket};
 use crate::solver::{
-    RunControl, SimulateInput, Simulation, Solution, SolveInput, SolveProgress,
-    StopReason as SolverStop,
+    RunControl, SimulateInput, Simulation, Solution, SolveInput, SolveProgress, StopReason as SolverStop,
 };
 
 /// Shortest time between two reports of progress: enough for eyes and planners, little for networks.

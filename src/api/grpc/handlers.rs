@@ -32,11 +32,7 @@ impl Door {
 }
 
 /// Queues an accepted solve; its answer is written on the worker.
-pub(super) fn start(
-    place: Place,
-    accepted: AcceptedSolve,
-    call: &Call,
-) -> Result<RunningSolve<pb::Solution>, Problem> {
+pub(super) fn start(place: Place, accepted: AcceptedSolve, call: &Call) -> Result<RunningSolve<pb::Solution>, Problem> {
     let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: call.deadline };
     let notes = call.notes.clone();
     let running = place.start_solve(accepted.input.clone(), clocks, move |solved| {

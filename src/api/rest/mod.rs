@@ -23,8 +23,8 @@ pub use crate::api::message::answer::{simulate_answer, solve_answer};
 pub use crate::api::message::request::View;
 pub use crate::api::problem::{FieldError, Problem};
 use crate::api::{ApiSettings, Door, Probes};
-use border::Border;
 use crate::service::Service;
+use border::Border;
 
 /// Every route, for the counts: what is asked elsewhere counts as [`OTHER_ROUTE`].
 const ROUTES: [&str; 10] = [
