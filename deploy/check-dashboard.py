@@ -55,7 +55,7 @@ def ask(kind, **parameters):
 
 
 def filled(expression):
-    for name, value in (("$__rate_interval", "30s"), ("$job", "slipdrive"), ("$instance", ".*")):
+    for name, value in (("$__rate_interval", "12s"), ("$job", "slipdrive"), ("$instance", ".*")):
         expression = expression.replace(name, value)
     return expression
 
@@ -85,7 +85,9 @@ def draw(panels, begin, end, path):
                 times = [float(moment) - begin for moment, _ in series["values"]]
                 axis.plot(times, [float(value) for _, value in series["values"]], label=legend, linewidth=1.2)
         axis.set_title(f"{panel['title']} ({panel['fieldConfig']['defaults']['unit']})", fontsize=9)
-        axis.set_ylim(bottom=0)
+        _, highest = axis.get_ylim()
+        # Room for the legend.
+        axis.set_ylim(0, max(highest, 1e-9) * 1.35)
         axis.set_xlim(0, end - begin)
         axis.tick_params(labelsize=7)
         axis.grid(alpha=0.3)

@@ -68,9 +68,10 @@ struct Caller {
 
 fn body(random: &mut Xoshiro256PlusPlus) -> Value {
     let starts = [1, 1, 2, 8][random.random_range(0..4)];
+    let steps = [50, 100, 200][random.random_range(0..3)];
     json!({
         "maneuver": {"goal": {"y_m": random.random_range(0.5..6.0), "x_m": random.random_range(-1.0..1.0)}},
-        "grid": {"steps": [50, 100, 200][random.random_range(0..3)]},
+        "grid": {"steps": steps},
         "solver": {"starts": starts, "time_limit_s": 5},
         "view": if random.random_bool(0.5) { "plan" } else { "full" },
     })
