@@ -7,7 +7,7 @@ mod nelder_mead;
 mod sequential_linear;
 
 pub use elastic_program::{ElasticProgram, ElasticSolution};
-pub use evaluation::{Budget, Interruption, Problem};
+pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 pub use linear_program::ElasticSolver;
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
 pub use sequential_linear::{

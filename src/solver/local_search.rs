@@ -1,6 +1,7 @@
 //! From one start to a local optimum.
 
 use std::cell::Cell;
+use std::cmp::Ordering;
 
 use nalgebra::DVector;
 
@@ -9,10 +10,10 @@ use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use super::starts::{Start, Way};
 use crate::optimizer::{
-    Budget, Ending, Interruption, NelderMeadSettings, Problem, Restoration, SequentialLinearResult,
+    Budget, Constraints, Ending, Interruption, NelderMeadSettings, Problem, Restoration, SequentialLinearResult,
     SequentialLinearSettings, minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{GoalScales, Penalty, ShootingProblem, decision_from_schedule};
+use crate::shooting::{GoalScales, LOAD_TOLERANCE, Penalty, ShootingProblem, decision_from_schedule};
 
 /// Slip smoothing on the way from a start to the exact law, m/s: it carries the search over the kinks where contacts
 /// change their modes, by which the exact law alone would stop it up to 20 % too slow.
@@ -50,6 +51,8 @@ pub(super) struct Candidate {
     pub(super) decision: DVector<f64>,
     /// Largest magnitude of its goal errors.
     pub(super) goal_error: f64,
+    /// Whether some contact would have to pull.
+    pub(super) lifts_off: bool,
     /// The winding of the goal heading that it meets.
     pub(super) goal_heading: Option<f64>,
 }
@@ -59,13 +62,23 @@ impl Candidate {
         self.decision[self.decision.len() - 1]
     }
 
-    /// Faster among those that meet the goal, else nearer to the goal. A NaN is never better.
+    /// Whether it meets the goal, with every contact on the floor.
+    pub(super) fn is_feasible(&self, goal_tolerance: f64) -> bool {
+        self.goal_error <= goal_tolerance && !self.lifts_off
+    }
+
+    /// A feasible one before any other, one that meets the goal before one that misses it; then the faster one or the
+    /// one nearer to the goal. A NaN is never better.
     pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {
-        match (self.goal_error <= goal_tolerance, other.goal_error <= goal_tolerance) {
-            (true, true) => self.final_time() < other.final_time(),
-            (true, false) => true,
-            (false, true) => false,
-            (false, false) => self.goal_error < other.goal_error,
+        let rank = |candidate: &Self| match (candidate.goal_error <= goal_tolerance, candidate.lifts_off) {
+            (true, false) => 2,
+            (true, true) => 1,
+            (false, _) => 0,
+        };
+        match rank(self).cmp(&rank(other)) {
+            Ordering::Equal if rank(self) > 0 => self.final_time() < other.final_time(),
+            Ordering::Equal => self.goal_error < other.goal_error,
+            order => order == Ordering::Greater,
         }
     }
 }
@@ -173,7 +186,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         }
         for _ in 0..POLISH_LIMIT {
             let before = best.final_time();
-            let weight = if best.goal_error <= tolerance { WEIGHTS[0] } else { WEIGHTS[1] };
+            let weight = if best.is_feasible(tolerance) { WEIGHTS[0] } else { WEIGHTS[1] };
             let next = self.descend(&best.decision, weight, RADIUS)?;
             keep_better(&mut best, next, tolerance);
             if before - best.final_time() < POLISH_GAIN * before {
@@ -188,7 +201,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let smoothed = self.through_smoothing(guess, &SMOOTHING, START_RADIUS)?;
         let tolerance = self.settings.goal_tolerance;
         let mut best = self.descend(&smoothed, WEIGHTS[0], RADIUS)?;
-        if best.goal_error > tolerance {
+        if !best.is_feasible(tolerance) {
             let next = self.descend(&smoothed, WEIGHTS[1], START_RADIUS)?;
             keep_better(&mut best, next, tolerance);
         }
@@ -245,11 +258,12 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             weight,
             first_radius: radius,
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
+            excess_tolerance: LOAD_TOLERANCE,
             ..SequentialLinearSettings::default()
         };
         let (control, start, scales) = (self.control, self.start, &self.scales);
-        let mut tell = |x: &DVector<f64>, residual: &DVector<f64>| {
-            report(control, start, x, scales.largest_goal_error(residual));
+        let mut tell = |x: &DVector<f64>, constraints: &Constraints| {
+            report(control, start, x, scales.largest_goal_error(&constraints.residual));
         };
         let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut tell);
         self.iterations += result.iterations;
@@ -263,7 +277,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     fn candidate(&self, result: &SequentialLinearResult) -> Candidate {
         Candidate {
-            goal_error: self.scales.largest_goal_error(&result.residual),
+            goal_error: self.scales.largest_goal_error(&result.constraints.residual),
+            lifts_off: self.problem.lifts_off(&result.constraints),
             decision: result.x.clone(),
             goal_heading: self.goal_heading,
         }
@@ -277,22 +292,23 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             smallest_gain: NELDER_MEAD_SMALLEST_GAIN,
         };
         let (control, start, scales) = (self.control, self.start, &self.scales);
-        let goal_error = Cell::new(f64::NAN);
+        let last = Cell::new((f64::NAN, true));
         let mut penalty = Penalty::new(self.problem);
         let mut value = |x: &DVector<f64>| {
             let value = penalty.value(x);
-            goal_error.set(scales.largest_goal_error(penalty.residual()));
+            last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.lifts_off()));
             value
         };
-        let mut best_goal_error = f64::NAN;
+        let mut best = last.get();
         let mut tell = |x: &DVector<f64>| {
-            best_goal_error = goal_error.get();
-            report(control, start, x, best_goal_error);
+            best = last.get();
+            report(control, start, x, best.0);
         };
         let result = minimise_by_nelder_mead(&mut value, guess, &settings, &mut self.budget, &mut tell);
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
-        let candidate = Candidate { decision, goal_error: best_goal_error, goal_heading: self.goal_heading };
+        let (goal_error, lifts_off) = best;
+        let candidate = Candidate { decision, goal_error, lifts_off, goal_heading: self.goal_heading };
         self.note(&candidate);
         result.interruption.map_or(Ok(candidate), Err)
     }

@@ -26,7 +26,7 @@ pub(super) fn refine(
     result: &mut SearchResult,
 ) {
     while result.stop_reason == StopReason::Finished {
-        let Some(best) = result.best.as_ref().filter(|best| best.goal_error <= input.settings.goal_tolerance) else {
+        let Some(best) = result.best.as_ref().filter(|best| best.is_feasible(input.settings.goal_tolerance)) else {
             return;
         };
         let replay = replay_of(input, simulator, best, result.step_count);
@@ -42,7 +42,7 @@ pub(super) fn refine(
         result.iterations += iterations;
         result.rollouts += rollouts;
         match refined {
-            Ok(refined) if refined.goal_error <= input.settings.goal_tolerance => {
+            Ok(refined) if refined.is_feasible(input.settings.goal_tolerance) => {
                 result.best = Some(refined);
                 result.step_count = step_count;
             }

@@ -68,7 +68,7 @@ fn explore(
     for start in starts {
         outcome.starts_tried += 1;
         let local = local_search.run_from(start, (outcome.starts_tried, starts.len()))?;
-        if local.goal_error <= tolerance {
+        if local.is_feasible(tolerance) {
             outcome.optima.push(local);
         }
     }
