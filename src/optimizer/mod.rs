@@ -11,5 +11,6 @@ pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 pub use linear_program::ElasticSolver;
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
 pub use sequential_linear::{
-    Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, confirmed_decrease, minimise_sequentially,
+    ConfirmedDecrease, Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, confirmed_decrease,
+    minimise_sequentially,
 };

@@ -135,6 +135,15 @@ pub fn minimise_sequentially(
     SequentialLinearResult { x, constraints: model.constraints, unrestored, iterations, ending }
 }
 
+/// What [`confirmed_decrease`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConfirmedDecrease {
+    /// The first-order measure: the predicted decrease.
+    pub prediction: f64,
+    /// The better point that confirms it, if there is one.
+    pub better: Option<DVector<f64>>,
+}
+
 /// First-order measure of a point: the decrease that the linear model predicts within the largest trust region in which
 /// the merit confirms a tenth of it.
 ///
@@ -149,7 +158,7 @@ pub fn confirmed_decrease(
     x: &DVector<f64>,
     weight: f64,
     budget: &mut Budget,
-) -> Result<f64, Interruption> {
+) -> Result<ConfirmedDecrease, Interruption> {
     let settings = SequentialLinearSettings {
         weight,
         first_radius: LARGEST_CONFIRMED_RADIUS,
@@ -162,11 +171,11 @@ pub fn confirmed_decrease(
         let step = search.linear_step();
         let prediction = merit - search.modelled_merit(&step);
         if prediction <= SMALLEST_PREDICTION || search.radius <= SMALLEST_RADIUS {
-            return Ok(prediction);
+            return Ok(ConfirmedDecrease { prediction, better: None });
         }
         let trial = search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget)?;
         if merit - trial.merit >= CONFIRMED_SHARE * prediction {
-            return Ok(prediction);
+            return Ok(ConfirmedDecrease { prediction, better: Some(trial.x) });
         }
         search.radius *= SHRINK_FACTOR;
     }

@@ -120,6 +120,13 @@ impl<'a> ShootingProblem<'a> {
         GoalScales(self.rows.iter().map(|row| row.scale).collect())
     }
 
+    /// Sum of the scaled goal errors of the start.
+    pub fn violation_at_start(&self) -> f64 {
+        let mut residual = DVector::zeros(self.rows.len());
+        self.write_residual(&self.start, &mut residual);
+        residual.lp_norm(1)
+    }
+
     /// Whether some contact would have to pull at a point with these constraint values.
     pub fn lifts_off(&self, constraints: &Constraints) -> bool {
         self.load_limits.are_broken(&constraints.excess)

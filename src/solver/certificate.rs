@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::SVector;
 
-use super::local_search::{Candidate, WEIGHTS};
+use super::local_search::{Candidate, prices};
 use super::lower_bound::friction_bound;
 use super::search::SearchResult;
 use super::settings::SolveInput;
@@ -19,7 +19,7 @@ const REPLAY_REFINEMENT: usize = 16;
 /// Largest accepted residual of the contact law, relative to m g dt.
 const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// Largest accepted first-order measure, as a share of the final time.
-const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
+pub(super) const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
 
 /// A stop flag that nobody sets.
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -38,7 +38,9 @@ pub(super) fn certified(
     }
     // The measure belongs to the answer, not to the search: neither its limit nor its stop flag ends it.
     let mut unlimited = Budget::new(&NEVER, u64::MAX);
-    let measure = confirmed_decrease(problem, &best.decision, WEIGHTS[1], &mut unlimited).unwrap_or(f64::NAN);
+    let [_, price] = prices(problem, best.final_time());
+    let confirmed = confirmed_decrease(problem, &best.decision, price, &mut unlimited);
+    let measure = confirmed.map_or(f64::NAN, |confirmed| confirmed.prediction);
     // Where nothing is known, all of the final time might be gained.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;

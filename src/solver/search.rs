@@ -72,7 +72,7 @@ fn explore(
             outcome.optima.push(local);
         }
     }
-    if starts.iter().all(|start| start.way == Way::Direct) {
+    if starts.iter().all(|start| start.way != Way::Smoothed) {
         return Ok(());
     }
     outcome.optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));

@@ -28,6 +28,8 @@ pub(super) struct Start {
 /// How a start is brought to a local optimum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Way {
+    /// As [`Way::Direct`] with the least effort: it comes from a plan that already nearly is one.
+    Warm,
     /// Under the exact friction law at once: to the nearest local optimum, the paper's family on the paper's case.
     Direct,
     /// Through smoothed laws: slower, and often to a much better one.
@@ -79,7 +81,7 @@ pub(super) fn starts(input: &SolveInput) -> Vec<Start> {
     let guess = input.initial_guess.iter().map(|guess| Start {
         schedule: resampled(guess, input.settings.control_count),
         goal_heading: input.maneuver.nearest_goal_heading(),
-        way: Way::Direct,
+        way: Way::Warm,
     });
     let mut starts: Vec<Start> = guess.collect();
     if input.settings.method == Method::NelderMead {
