@@ -5,6 +5,7 @@ mod evaluation;
 mod linear_program;
 mod nelder_mead;
 mod sequential_linear;
+mod switching;
 
 pub use elastic_program::{ElasticProgram, ElasticSolution};
 pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
@@ -13,3 +14,4 @@ pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_m
 pub use sequential_linear::{
     Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, confirmed_decrease, minimise_sequentially,
 };
+pub use switching::sign_violations;
