@@ -81,18 +81,13 @@ impl<'a> Bounds<'a> {
 
     /// Unit vectors along which the goal is compared with the start. Any of them gives a bound.
     fn directions(&self) -> Vec<Vector2<f64>> {
-        let is_free = |component| self.targets.value(component).is_none();
-        let mut directions = match (is_free(StateComponent::X), is_free(StateComponent::Y)) {
-            (false, false) => self.directions_in_the_plane(),
-            (true, false) => vec![Vector2::y()],
-            (false, true) => vec![Vector2::x()],
-            (true, true) => Vec::new(),
-        };
-        if directions.is_empty() {
-            // The speed alone may be asked for.
-            directions.extend([Vector2::x(), Vector2::y()]);
+        let is_asked = |component| self.targets.value(component).is_some();
+        if is_asked(StateComponent::X) && is_asked(StateComponent::Y) {
+            self.directions_in_the_plane()
+        } else {
+            // Along an axis a place or a speed alone may be asked for.
+            vec![Vector2::x(), Vector2::y()]
         }
-        directions
     }
 
     fn directions_in_the_plane(&self) -> Vec<Vector2<f64>> {

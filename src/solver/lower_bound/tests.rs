@@ -67,6 +67,15 @@ fn stopping_takes_its_friction_time() {
 }
 
 #[test]
+fn stopping_anywhere_on_a_line_takes_its_friction_time() {
+    let mut maneuver = Maneuver::forward_drive();
+    maneuver.start.velocity.y = 3.0;
+    maneuver.goal.set(StateComponent::Y, None);
+    let (time, expected) = (by_friction(&maneuver, centered(), 10_000), 3.0 / (0.45 * 9.81));
+    assert!(time <= expected && time > expected * (1.0 - 2e-5), "{time} {expected}");
+}
+
+#[test]
 fn a_free_heading_frees_the_center_by_its_lever() {
     let mut maneuver = Maneuver::forward_drive();
     maneuver.goal.set(StateComponent::Heading, None);
