@@ -5,6 +5,7 @@ mod evaluation;
 mod linear_program;
 mod nelder_mead;
 mod sequential_linear;
+mod switching;
 
 pub use elastic_program::{ElasticProgram, ElasticSolution};
 pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
@@ -14,3 +15,4 @@ pub use sequential_linear::{
     ConfirmedDecrease, Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, confirmed_decrease,
     minimise_sequentially,
 };
+pub use switching::sign_violations;

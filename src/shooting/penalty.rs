@@ -50,7 +50,9 @@ impl<'a, 'b> Penalty<'a, 'b> {
         for (index, value) in decision.iter().enumerate() {
             let (lower, upper) = (self.problem.lower()[index], self.problem.upper()[index]);
             self.clamped[index] = value.clamp(lower, upper);
-            excess += ((value - self.clamped[index]) / upper).powi(2);
+            if *value != self.clamped[index] {
+                excess += ((value - self.clamped[index]) / upper).powi(2);
+            }
         }
         self.problem.evaluate(&self.clamped, &mut self.constraints);
         let final_time = self.clamped[self.clamped.len() - 1];

@@ -2,6 +2,9 @@
 
 mod certificate;
 pub mod domain;
+mod goal_miss;
+mod impossibility;
+mod largest_load;
 mod local_search;
 mod lower_bound;
 mod refinement;
@@ -37,6 +40,9 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     let start_error = input.maneuver.goal_error(&input.maneuver.start);
     if start_error.amax() <= input.settings.goal_tolerance {
         return certificate::certified_standstill(input, StopReason::Finished);
+    }
+    if let Some(reason) = impossibility::impossibility(input) {
+        return certificate::certified_impossible(input, reason);
     }
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
