@@ -1,7 +1,7 @@
 //! The suite's best-known plans: each case has one, and it is what it claims to be.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![allow(dead_code, reason = "the runner uses more of the suite")]
+#![allow(dead_code, unused_imports, reason = "the runner uses more of the suite")]
 
 #[path = "../benches/maneuvers/suite/mod.rs"]
 mod suite;

@@ -61,11 +61,11 @@ fn improve_case(case: &Case, starts: usize, arguments: &ImproveArguments) -> Res
         println!("{:<38} the plan on file is no witness: {fault}", case.name);
     }
     let mut search = Search { case, best: valid.as_ref().map(Witness::schedule), shortfall: None };
-    search.from_solver(starts / 2, arguments.seed);
+    search.search(starts / 2, arguments.seed);
     if search.best.is_none() {
         search.gently(arguments.seed);
     }
-    search.from_best(starts - starts / 2, arguments.seed);
+    search.hop(starts - starts / 2, arguments.seed);
     let Some(best) = search.best else {
         println!("{:<38} no plan: {}", case.name, search.shortfall.unwrap_or_default());
         return Ok(());
@@ -95,7 +95,7 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// The solver's own starts.
-    fn from_solver(&mut self, starts: usize, seed: u64) {
+    fn search(&mut self, starts: usize, seed: u64) {
         let mut input = self.input();
         input.settings.start_count = starts.max(1);
         input.settings.seed = seed;
@@ -118,7 +118,7 @@ impl Search<'_> {
     }
 
     /// From perturbed copies of the best plan.
-    fn from_best(&mut self, starts: usize, seed: u64) {
+    fn hop(&mut self, starts: usize, seed: u64) {
         let limit = self.case.accepted.input.maneuver.torque_limit;
         // Each case has a sequence of its own, whichever cases a run selects.
         let name = self.case.name.bytes().fold(seed, |sum, byte| sum.wrapping_mul(31).wrapping_add(u64::from(byte)));

@@ -26,7 +26,7 @@ pub(crate) fn shortest_ms<T>(repetitions: usize, work: impl Fn() -> T) -> (T, f6
     let timed = || {
         let begin = thread_cpu_time();
         let result = work();
-        (result, (thread_cpu_time() - begin).as_secs_f64() * 1e3)
+        (result, thread_cpu_time().saturating_sub(begin).as_secs_f64() * 1e3)
     };
     let first = timed();
     (1..repetitions).map(|_| timed()).fold(first, |best, next| if next.1 < best.1 { next } else { best })
