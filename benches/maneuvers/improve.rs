@@ -2,7 +2,8 @@
 //!
 //! Half of the starts are the solver's own search, of which the seed perturbs all but the first ten or so. The other half
 //! leaves from the best plan itself, with torques perturbed over some stretch, and descends again. Where no plan without
-//! separations is known, weaker torques are tried first: a gentle enough maneuver lifts no wheel.
+//! separations is known, larger robots and weaker torques are tried for a first one: the goals of small maneuvers are dear
+//! in their own scale, and a gentle enough maneuver lifts no wheel.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
@@ -14,14 +15,21 @@ use slipdrive::service::domain::{PerWheel, SolveInput, TorqueSchedule};
 use slipdrive::solver::{RunControl, solve};
 
 use crate::arguments::{Effort, ImproveArguments};
+use crate::scale::{Scale, enlarged, reduced};
 use crate::suite::{Case, Witness};
 
 /// Starts per case, if the command line names none.
 const DEFAULT_STARTS: usize = 300;
+/// Similar maneuvers that are tried for a first plan.
+const LARGER: [Scale; 3] = [
+    Scale { length: 10.0, gravity: 1.0 },
+    Scale { length: 100.0, gravity: 1.0 },
+    Scale { length: 100.0, gravity: 100.0 },
+];
 /// Shares of the torque limits that are tried for a first plan.
 const GENTLE: [f64; 6] = [0.8, 0.6, 0.4, 0.25, 0.15, 0.08];
-/// Starts of the solver's search under each gentle limit.
-const GENTLE_STARTS: usize = 8;
+/// Starts of the solver's search in each such case.
+const EASED_STARTS: usize = 16;
 /// Sizes of the perturbations, as shares of the torque limit.
 const HOPS: [f64; 4] = [0.05, 0.2, 0.5, 1.0];
 /// Final times of perturbed plans, as shares of the best.
@@ -63,6 +71,9 @@ fn improve_case(case: &Case, starts: usize, arguments: &ImproveArguments) -> Res
     let mut search = Search { case, best: valid.as_ref().map(Witness::schedule), shortfall: None };
     search.search(starts / 2, arguments.seed);
     if search.best.is_none() {
+        search.in_the_large(arguments.seed);
+    }
+    if search.best.is_none() {
         search.gently(arguments.seed);
     }
     search.hop(starts - starts / 2, arguments.seed);
@@ -102,12 +113,24 @@ impl Search<'_> {
         self.keep_better(&input);
     }
 
+    /// On larger robots.
+    fn in_the_large(&mut self, seed: u64) {
+        let limit = self.case.accepted.input.maneuver.torque_limit;
+        for scale in LARGER {
+            let Some(mut input) = enlarged(&self.input(), scale) else { continue };
+            input.settings.start_count = EASED_STARTS;
+            input.settings.seed = seed;
+            let found = solve(&input, &RunControl::unattended()).schedule;
+            self.keep_if_better(reduced(&found, scale, limit));
+        }
+    }
+
     /// Under ever weaker torques, until a plan keeps all contacts.
     fn gently(&mut self, seed: u64) {
         let limit = self.case.accepted.input.maneuver.torque_limit;
         for share in GENTLE {
             let mut input = self.input();
-            input.settings.start_count = GENTLE_STARTS;
+            input.settings.start_count = EASED_STARTS;
             input.settings.seed = seed;
             input.maneuver.torque_limit = PerWheel::new(share * limit.left, share * limit.right);
             self.keep_better(&input);
@@ -139,7 +162,10 @@ impl Search<'_> {
     }
 
     fn keep_better(&mut self, input: &SolveInput) {
-        let found = solve(input, &RunControl::unattended()).schedule;
+        self.keep_if_better(solve(input, &RunControl::unattended()).schedule);
+    }
+
+    fn keep_if_better(&mut self, found: TorqueSchedule) {
         let is_better = |best: &TorqueSchedule| found.final_time < best.final_time * (1.0 - SMALLEST_GAIN);
         if !self.best.as_ref().is_none_or(is_better) {
             return;

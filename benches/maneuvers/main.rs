@@ -8,6 +8,7 @@ mod measure;
 mod random;
 mod report;
 mod rules;
+mod scale;
 mod suite;
 mod timing;
 mod warm;

@@ -29,9 +29,10 @@ pub(crate) struct Report {
 }
 
 impl Row {
-    /// How much slower than the best plan known, as a share of its final time.
+    /// How much slower than the best plan known, as a share of its final time; none for an answer that is no plan.
     pub(crate) fn gap(&self) -> Option<f64> {
-        self.best_known.map(|best| self.answer.final_time_s / best - 1.0)
+        let best = self.best_known.filter(|_| self.answer.is_converged())?;
+        Some(self.answer.final_time_s / best - 1.0)
     }
 
     /// The fastest motion known: no lower bound may exceed it.
@@ -129,8 +130,8 @@ impl Report {
                 1e-3 * times.iter().sum::<f64>(),
             ),
         ];
-        let gaps = self.sorted(|row| row.gap().unwrap_or(f64::NAN));
-        let gaps: Vec<f64> = gaps.into_iter().filter(|gap| !gap.is_nan()).collect();
+        let mut gaps: Vec<f64> = self.rows.iter().filter_map(Row::gap).collect();
+        gaps.sort_by(f64::total_cmp);
         if !gaps.is_empty() {
             let near = gaps.iter().filter(|gap| **gap <= crate::rules::NEAR).count();
             lines.push(format!(
