@@ -144,9 +144,7 @@ impl SolveObserver {
         match phase {
             Phase::Start { number } => tracing::info_span!(parent: &self.solve, "start", start.number = number),
             Phase::Polish => tracing::info_span!(parent: &self.solve, "polish"),
-            Phase::Refinement { step_count } => {
-                tracing::info_span!(parent: &self.solve, "refinement", grid.steps = step_count)
-            }
+            Phase::Refinement => tracing::info_span!(parent: &self.solve, "refinement"),
             Phase::Certificate => tracing::info_span!(parent: &self.solve, "certificate"),
         }
     }

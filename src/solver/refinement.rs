@@ -5,7 +5,7 @@
 
 use super::certificate::replay;
 use super::local_search::{Candidate, LocalSearch};
-use super::run_control::{Phase, RunControl};
+use super::run_control::RunControl;
 use super::search::SearchResult;
 use super::settings::SolveInput;
 use super::solution::{Replay, StopReason};
@@ -26,7 +26,7 @@ pub(super) fn refine(
     result: &mut SearchResult,
 ) {
     while result.stop_reason == StopReason::Finished {
-        let Some(best) = result.best.as_ref().filter(|best| best.goal_error <= input.settings.goal_tolerance) else {
+        let Some(best) = result.best.as_ref().filter(|best| best.is_feasible(input.settings.goal_tolerance)) else {
             return;
         };
         let replay = replay_of(input, simulator, best, result.step_count);
@@ -37,12 +37,12 @@ pub(super) fn refine(
         let mut problem = ShootingProblem::new(simulator, &input.maneuver, step_count, input.settings.control_count);
         let rollout_limit = input.settings.rollout_limit - result.rollouts;
         let mut search = LocalSearch::new(&mut problem, &input.settings, control, rollout_limit);
-        let refined = control.during(Phase::Refinement { step_count }, || search.adapt(best));
+        let refined = search.adapt(best);
         let (_, iterations, rollouts) = search.into_parts();
         result.iterations += iterations;
         result.rollouts += rollouts;
         match refined {
-            Ok(refined) if refined.goal_error <= input.settings.goal_tolerance => {
+            Ok(refined) if refined.is_feasible(input.settings.goal_tolerance) => {
                 result.best = Some(refined);
                 result.step_count = step_count;
             }

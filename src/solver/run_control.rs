@@ -26,10 +26,7 @@ pub enum Phase {
     /// One of the best local optima, searched on under the exact law.
     Polish,
     /// The plan on a finer grid.
-    Refinement {
-        /// Steps of that grid.
-        step_count: usize,
-    },
+    Refinement,
     /// The judgement of the best plan from its torques alone.
     Certificate,
 }
@@ -42,7 +39,7 @@ pub trait ProgressObserver: Sync {
     /// A phase begins.
     fn begins(&self, _phase: Phase) {}
 
-    /// A phase ends; not told when it ends in a panic.
+    /// A phase ends.
     fn ends(&self, _phase: Phase) {}
 }
 
@@ -94,16 +91,27 @@ impl<'a> RunControl<'a> {
         self.is_stopped() && self.is_abandoned.is_some_and(|is_abandoned| is_abandoned())
     }
 
-    /// Does the work of a phase, and tells the observer when it begins and ends.
-    pub fn during<T>(&self, phase: Phase, work: impl FnOnce() -> T) -> T {
+    /// Tells the observer that a phase begins, and that it ends when the result is dropped.
+    #[must_use]
+    pub fn enter(&self, phase: Phase) -> RunningPhase<'a> {
         self.observer.begins(phase);
-        let result = work();
-        self.observer.ends(phase);
-        result
+        RunningPhase { observer: self.observer, phase }
     }
 
     /// Tells the observer.
     pub fn report(&self, progress: &SolveProgress) {
         self.observer.progress(progress);
+    }
+}
+
+/// A phase that has begun.
+pub struct RunningPhase<'a> {
+    observer: &'a dyn ProgressObserver,
+    phase: Phase,
+}
+
+impl Drop for RunningPhase<'_> {
+    fn drop(&mut self) {
+        self.observer.ends(self.phase);
     }
 }

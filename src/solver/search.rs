@@ -1,7 +1,7 @@
 //! The search: starts, their local optima, and the best of them.
 
 use super::local_search::{Candidate, LocalSearch};
-use super::run_control::{Phase, RunControl};
+use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::solution::{DistinctOptimum, StopReason};
 use super::starts::{Start, Way, starts};
@@ -34,7 +34,7 @@ pub(super) fn search(input: &SolveInput, problem: &mut ShootingProblem, control:
     let starts = starts(input);
     let mut local_search = LocalSearch::new(problem, &input.settings, control, input.settings.rollout_limit);
     let mut outcome = Outcome::default();
-    let stop_reason = match explore(input, &starts, &mut local_search, control, &mut outcome) {
+    let stop_reason = match explore(input, &starts, &mut local_search, &mut outcome) {
         Ok(()) => StopReason::Finished,
         Err(interruption) => interruption.into(),
     };
@@ -62,24 +62,22 @@ fn explore(
     input: &SolveInput,
     starts: &[Start],
     local_search: &mut LocalSearch,
-    control: &RunControl,
     outcome: &mut Outcome,
 ) -> Result<(), Interruption> {
     let tolerance = input.settings.goal_tolerance;
     for start in starts {
         outcome.starts_tried += 1;
-        let (number, count) = (outcome.starts_tried, starts.len());
-        let local = control.during(Phase::Start { number }, || local_search.run_from(start, (number, count)))?;
-        if local.goal_error <= tolerance {
+        let local = local_search.run_from(start, (outcome.starts_tried, starts.len()))?;
+        if local.is_feasible(tolerance) {
             outcome.optima.push(local);
         }
     }
-    if starts.iter().all(|start| start.way == Way::Direct) {
+    if starts.iter().all(|start| start.way != Way::Smoothed) {
         return Ok(());
     }
     outcome.optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
     for local in outcome.optima.iter_mut().take(POLISHED_OPTIMA) {
-        *local = control.during(Phase::Polish, || local_search.polish(local.clone()))?;
+        *local = local_search.polish(local.clone())?;
     }
     Ok(())
 }
