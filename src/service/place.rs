@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep_until;
 
-use super::pace::Pace;
-use super::{ManeuverSolver, ServiceError};
-use crate::queue::{self, ANSWER_MARGIN, Clocks, JobOutcome, StopCause, StopHandle, Ticket};
+use super::pace::{Pace, Work};
+use super::{ManeuverSolver, ServiceError, ServiceSettings};
+use crate::queue::{self, ANSWER_MARGIN, Ahead, Clocks, JobOutcome, StopCause, StopHandle, Ticket};
 use crate::solver::{
     ProgressObserver, RunControl, SimulateInput, Simulation, Solution, SolveInput, SolveProgress,
     StopReason as SolverStop,
@@ -77,7 +77,7 @@ pub struct Place {
     pub(super) reserved: queue::Place,
     pub(super) solver: Arc<dyn ManeuverSolver>,
     pub(super) pace: Arc<Pace>,
-    pub(super) workers: usize,
+    pub(super) settings: ServiceSettings,
 }
 
 impl Place {
@@ -91,9 +91,9 @@ impl Place {
         clocks: SolveClocks,
         answer: impl FnOnce(Solved) -> T + Send + 'static,
     ) -> Result<RunningSolve<T>, ServiceError> {
-        let jobs_ahead = self.reserved.jobs_ahead();
-        self.check_reachable(clocks.deadline, jobs_ahead)?;
-        let position = (jobs_ahead + 1).saturating_sub(self.workers);
+        let ahead = self.reserved.ahead();
+        self.check_reachable(clocks.deadline, ahead)?;
+        let position = (ahead.jobs + 1).saturating_sub(self.settings.workers.get());
         let (tell, progress) = watch::channel(None);
         let queued = self.queue_solve(input, clocks, answer, WatchObserver(tell));
         let outcome = Box::pin(queued.outcome());
@@ -119,7 +119,7 @@ impl Place {
     /// # Errors
     /// As [`Place::solve`].
     pub fn solve_blocking(self, input: SolveInput, clocks: SolveClocks) -> Result<Solved, ServiceError> {
-        self.check_reachable(clocks.deadline, self.reserved.jobs_ahead())?;
+        self.check_reachable(clocks.deadline, self.reserved.ahead())?;
         let (tell, _nobody) = watch::channel(None);
         self.queue_solve(input, clocks, |solved| solved, WatchObserver(tell)).blocking_outcome()
     }
@@ -134,7 +134,7 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> impl Future<Output = Result<T, ServiceError>> + Send {
-        let reachable = self.check_reachable(deadline, self.reserved.jobs_ahead());
+        let reachable = self.check_reachable(deadline, self.reserved.ahead());
         let queued = reachable.map(|()| self.queue_simulation(input, deadline, answer));
         async move { queued?.outcome().await }
     }
@@ -149,10 +149,12 @@ impl Place {
 
     /// Refuses when the jobs ahead would keep the workers busy beyond the deadline. One that has passed already is no
     /// matter of waiting: its job is queued, and never started.
-    fn check_reachable(&self, deadline: Option<Instant>, jobs_ahead: usize) -> Result<(), ServiceError> {
+    fn check_reachable(&self, deadline: Option<Instant>, ahead: Ahead) -> Result<(), ServiceError> {
         let Some(deadline) = deadline else { return Ok(()) };
         let remaining = deadline.saturating_duration_since(Instant::now());
-        let estimated_wait = self.pace.estimated_wait(jobs_ahead, self.workers);
+        let workers = self.settings.workers.get();
+        let is_idle = ahead.jobs < workers;
+        let estimated_wait = if is_idle { Duration::ZERO } else { ahead.work.div_f64(workers as f64) };
         if remaining <= ANSWER_MARGIN || estimated_wait <= remaining {
             return Ok(());
         }
@@ -166,8 +168,8 @@ impl Place {
         answer: impl FnOnce(Solved) -> T + Send + 'static,
         observer: WatchObserver,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, workers: _ } = self;
-        let (job_id, recorded) = (place.job_id(), Arc::clone(&pace));
+        let Self { reserved: place, solver, pace, settings: _ } = self;
+        let (job_id, recorded, asked) = (place.job_id(), Arc::clone(&pace), Work::of_solve(&input.settings));
         let work = move |stop: &StopHandle| {
             let start = Instant::now();
             let is_abandoned = || matches!(stop.cause(), Some(StopCause::CallerGone | StopCause::Shutdown));
@@ -175,10 +177,11 @@ impl Place {
             let solution = solver.solve(&input, &control);
             let solve_time = start.elapsed();
             let stop_reason = stop_reason(job_id, solution.stop_reason, stop.cause())?;
-            recorded.record(solve_time);
+            recorded.record(asked, solve_time);
             Ok(answer(Solved { solution, solve_time, stop_reason }))
         };
-        let clocks = Clocks { time_limit: Some(clocks.time_limit), deadline: clocks.deadline };
+        let SolveClocks { time_limit, deadline } = clocks;
+        let clocks = Clocks { time_limit: Some(time_limit), deadline, estimate: pace.estimate(asked, time_limit) };
         QueuedJob { job_id, ticket: place.fill(clocks, work), pace }
     }
 
@@ -188,14 +191,16 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, workers: _ } = self;
+        let Self { reserved: place, solver, pace, settings } = self;
+        let longest = Duration::from_secs_f64(settings.limits.max_time_limit_s);
+        let estimate = pace.estimate(Work::of_rollout(input.step_count), longest);
         let work = move |_: &StopHandle| {
             let start = Instant::now();
             let simulation = solver.simulate(&input);
             Ok(answer(Simulated { simulation, duration: start.elapsed() }))
         };
         // One rollout needs no time limit: its length is bounded by the grid limit.
-        let clocks = Clocks { time_limit: None, deadline };
+        let clocks = Clocks { time_limit: None, deadline, estimate };
         QueuedJob { job_id: place.job_id(), ticket: place.fill(clocks, work), pace }
     }
 }
