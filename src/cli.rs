@@ -4,7 +4,6 @@ mod table;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
-use std::num::NonZeroUsize;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -66,7 +65,7 @@ pub(crate) fn simulate(arguments: &SimulateArguments) -> anyhow::Result<ExitCode
 
 /// One worker and nobody else in the queue.
 fn service(limits: Limits) -> io::Result<Service> {
-    let settings = ServiceSettings { workers: NonZeroUsize::MIN, queue_length: 0, limits };
+    let settings = ServiceSettings { queue_length: 0, limits, ..ServiceSettings::default() };
     Service::start(settings, Arc::new(InProcessSolver))
 }
 

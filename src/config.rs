@@ -5,6 +5,7 @@
 
 mod settings;
 mod sources;
+mod tls;
 mod value;
 
 use std::fmt;
@@ -18,10 +19,11 @@ use clap::{Args, Parser, Subcommand};
 use slipdrive::api::auth::ApiKeys;
 use slipdrive::api::server::ServerSettings;
 use slipdrive::api::{ApiSettings, Probes};
-use slipdrive::service::{Limits, ServiceSettings};
+use slipdrive::service::ServiceSettings;
 
 pub(crate) use settings::{LogSettings, ServeSettings};
 use sources::{Given, Shown, Sources};
+pub(crate) use tls::plain;
 pub(crate) use value::LogFormat;
 
 /// Time-optimal maneuvers of a differential-drive robot whose wheels may slip.
@@ -148,6 +150,8 @@ pub(crate) struct ServerConfig {
     pub(crate) settings: ServeSettings,
     pub(crate) log: LogSettings,
     pub(crate) keys: ApiKeys,
+    /// Patience with connections, and who the server is to them.
+    pub(crate) server: ServerSettings,
     shown: Vec<Shown>,
 }
 
@@ -162,13 +166,20 @@ impl ServeArguments {
         sources.check_keys(&[ServeSettings::TABLE, LogSettings::TABLE], &mut faults);
         let settings: Option<ServeSettings> = sources.read(&self.server.given, &mut faults);
         let log_settings = sources.read(log, &mut faults);
-        let keys = settings.as_ref().and_then(|settings| {
+        let checked = settings.as_ref().and_then(|settings| {
             settings.check(&mut faults);
-            settings.keys(env::var(API_KEYS_VARIABLE).ok(), &mut faults)
+            let keys = settings.keys(env::var(API_KEYS_VARIABLE).ok(), &mut faults)?;
+            Some((keys, tls::with_identity(settings, settings.server(), &mut faults)))
         });
         let shown = sources.shown(&self.server.given).chain(sources.shown(log)).collect();
-        let all = settings.zip(log_settings).zip(keys);
-        faults.into_result(all.map(|((settings, log), keys)| ServerConfig { settings, log, keys, shown }))
+        let all = settings.zip(log_settings).zip(checked);
+        faults.into_result(all.map(|((settings, log), (keys, server))| ServerConfig {
+            settings,
+            log,
+            keys,
+            server,
+            shown,
+        }))
     }
 }
 
@@ -206,26 +217,16 @@ impl ServerConfig {
     }
 
     pub(crate) fn service_settings(&self) -> ServiceSettings {
-        let workers = self.settings.workers.unwrap_or_else(default_workers);
-        ServiceSettings { workers, queue_length: self.settings.queue_length, limits: Limits::default() }
+        let ServeSettings { workers, queue_length, queue_work_s: queue_work, .. } = self.settings;
+        let workers = workers.unwrap_or_else(default_workers);
+        ServiceSettings { workers, queue_length, queue_work, ..ServiceSettings::default() }
     }
 
     pub(crate) fn api_settings(&self) -> ApiSettings {
-        let probes = if self.settings.admin.is_some() { Probes::Apart } else { Probes::WithApi };
-        let (keys, batch_window) = (self.keys.clone(), self.settings.batch_window);
-        ApiSettings { keys, batch_window, probes, ..ApiSettings::default() }
-    }
-
-    pub(crate) fn server_settings(&self) -> ServerSettings {
         let settings = &self.settings;
-        ServerSettings {
-            max_connections: settings.max_connections.get(),
-            max_streams: settings.max_streams,
-            head_timeout: settings.head_timeout_s,
-            idle_timeout: settings.idle_timeout_s,
-            max_age: settings.max_connection_age_s,
-            ..ServerSettings::default()
-        }
+        let probes = if settings.admin.is_some() { Probes::Apart } else { Probes::WithApi };
+        let (keys, cors_origins) = (self.keys.clone(), settings.cors_origins.0.clone());
+        ApiSettings { keys, batch_window: settings.batch_window, probes, cors_origins, ..ApiSettings::default() }
     }
 }
 
@@ -234,6 +235,17 @@ impl ServeSettings {
     fn api_addresses(&self) -> impl Iterator<Item = (&'static str, SocketAddr)> {
         let grpc = (!self.one_port).then_some(("grpc", self.grpc));
         std::iter::once(("http", self.http)).chain(grpc)
+    }
+
+    fn server(&self) -> ServerSettings {
+        ServerSettings {
+            max_connections: self.max_connections.get(),
+            max_streams: self.max_streams,
+            head_timeout: self.head_timeout_s,
+            idle_timeout: self.idle_timeout_s,
+            max_age: self.max_connection_age_s,
+            ..ServerSettings::default()
+        }
     }
 
     /// Adds what contradicts itself.

@@ -21,7 +21,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-use crate::config::ServerConfig;
+use crate::config::{ServerConfig, plain};
 
 /// How long callers may take to read their last answer: a silent one must not hold the process.
 const LAST_ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
@@ -118,20 +118,22 @@ impl Servers {
 /// REST and gRPC, on a listener each, or on one together; probes beside REST, or on their own.
 async fn start_servers(service: &Arc<Service>, listeners: Listeners, config: &ServerConfig) -> (Servers, Health) {
     let mut servers = Servers { tasks: JoinSet::new(), closing: watch::Sender::new(false) };
-    let (api_settings, server_settings) = (config.api_settings(), config.server_settings());
+    let (api_settings, server_settings) = (config.api_settings(), &config.server);
     let rest_router = rest::router(Arc::clone(service), api_settings.clone());
     if let Some(admin) = listeners.admin {
         let router = rest::admin_router(Arc::clone(service), api_settings.clone());
-        servers.spawn(admin, router, server_settings.clone());
+        servers.spawn(admin, router, plain(server_settings));
     }
     let (grpc_router, health) = grpc::router(Arc::clone(service), api_settings).await;
     match listeners.grpc {
         Some(grpc) => {
             servers.spawn(listeners.http, rest_router, server_settings.clone());
-            servers.spawn(grpc, grpc_router, server_settings);
+            servers.spawn(grpc, grpc_router, server_settings.clone());
         }
         // Both routers have a fallback; that of REST stays.
-        None => servers.spawn(listeners.http, rest_router.merge(grpc_router.reset_fallback()), server_settings),
+        None => {
+            servers.spawn(listeners.http, rest_router.merge(grpc_router.reset_fallback()), server_settings.clone());
+        }
     }
     (servers, health)
 }

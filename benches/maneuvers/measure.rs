@@ -9,7 +9,7 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use slipdrive::api::rest::{AcceptedSolve, View, solve_answer};
 use slipdrive::service::domain::{Refinement, Status};
-use slipdrive::service::{InProcessSolver, Limits, Service, ServiceSettings, SolveClocks, Solved, StopReason};
+use slipdrive::service::{InProcessSolver, Service, ServiceSettings, SolveClocks, Solved, StopReason};
 
 use crate::arguments::Effort;
 use crate::suite::Case;
@@ -62,7 +62,7 @@ impl Runner {
     /// # Errors
     /// Threads that cannot be started.
     pub(crate) fn start(effort: &Effort) -> Result<Self> {
-        let settings = ServiceSettings { workers: effort.threads, queue_length: 0, limits: Limits::default() };
+        let settings = ServiceSettings { workers: effort.threads, queue_length: 0, ..ServiceSettings::default() };
         let service = Service::start(settings, Arc::new(InProcessSolver)).context("the service cannot be started")?;
         Ok(Self { service, effort: effort.clone() })
     }
@@ -87,7 +87,7 @@ impl Runner {
 
 impl Answer {
     fn new(case: &Case, accepted: &AcceptedSolve, solved: &Solved) -> Result<Self> {
-        let Solved { solution, solve_time, stop_reason } = solved;
+        let Solved { solution, solve_time, stop_reason, queue_wait: _ } = solved;
         let report = &solution.report;
         let (simulated_goal_error, simulation_difference) = simulated(case, accepted, solved)?;
         let forces = report.separations.iter().map(|separation| separation.normal_force);

@@ -16,6 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use auth::ApiKeys;
+use axum::http::HeaderValue;
 
 use crate::service::Service;
 
@@ -30,6 +31,8 @@ pub struct ApiSettings {
     pub body_timeout: Duration,
     /// Where probes and metrics are answered.
     pub probes: Probes,
+    /// Origins whose pages may call REST from a browser; none by default.
+    pub cors_origins: Vec<HeaderValue>,
 }
 
 /// Where `/livez`, `/readyz` and `/metrics` are answered.
@@ -58,6 +61,7 @@ impl Default for ApiSettings {
             // A caller that sends the largest body over the slowest mobile link needs less.
             body_timeout: Duration::from_secs(30),
             probes: Probes::default(),
+            cors_origins: Vec::new(),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::sources::{Reader, Setting, Settings};
-use super::value::{LogFormat, Value};
+use super::value::{LogFormat, Origins, Value};
 
 /// A struct of settings with its table. The default is written as a caller would write it; empty: none.
 macro_rules! settings {
@@ -68,6 +68,8 @@ settings! {
         workers: Option<NonZeroUsize> = "",
         /// Requests that may wait for a worker; more are refused with 429.
         queue_length: usize = "64",
+        /// Seconds of expected work per worker that may be in flight; more is refused with 429.
+        queue_work_s: Duration = "60",
         /// Items of one gRPC batch that may be unanswered at once; the server reads no further meanwhile.
         batch_window: NonZeroUsize = "16",
         /// Seconds that work is still taken after a stop signal, while probes already tell that the server is not ready.
@@ -78,6 +80,12 @@ settings! {
         api_keys_file: Option<PathBuf> = "",
         /// Lets a server without keys listen where others can reach it.
         allow_unauthenticated: bool = "false",
+        /// Origins whose pages may call REST from a browser, such as `https://fleet.example`, separated by commas.
+        cors_origins: Origins = "",
+        /// File with the certificate chain in PEM, the server's own first; with it, REST and gRPC speak TLS only.
+        tls_certificate: Option<PathBuf> = "",
+        /// File with the private key of the certificate in PEM.
+        tls_key: Option<PathBuf> = "",
         /// Connections per port that may be open at once.
         max_connections: NonZeroUsize = "1024",
         /// Requests of one HTTP/2 connection that may be open at once.

@@ -51,6 +51,7 @@ fn arguments_are_consistent() {
 fn defaults_can_be_read() {
     let config = config(&[]).unwrap();
     assert_eq!((config.settings.queue_length, config.settings.admin), (64, None));
+    assert_eq!(config.settings.queue_work_s, slipdrive::service::DEFAULT_QUEUE_WORK);
     assert_eq!((config.log.log.as_str(), config.log.log_format), ("info", LogFormat::Text));
 }
 
@@ -149,6 +150,31 @@ fn configured_keys_that_are_none_are_refused() {
     let file = TemporaryFile::new("keys", "first\nsecond\n");
     assert!(keys(&["--api-keys-file", file.path()], Some("key")).is_err(), "one of both");
     assert!(faults(&["--api-keys-file", "/nonexistent"])[0].contains("cannot be read"));
+}
+
+#[test]
+fn origins_are_whole_origins() {
+    let given = config(&["--cors-origins", "https://a.example,http://b.example:8000"]).unwrap();
+    assert_eq!(given.settings.cors_origins.0, ["https://a.example", "http://b.example:8000"]);
+    for odd in ["*", "a.example", "https://", "https://a.example/", "https://a b"] {
+        assert!(faults(&["--cors-origins", odd])[0].starts_with("`cors_origins`"), "{odd}");
+    }
+}
+
+#[test]
+fn half_an_identity_is_refused() {
+    assert!(faults(&["--tls-certificate", "a"])[0].contains("`tls_key` must be set"));
+    assert!(faults(&["--tls-key", "b"])[0].contains("`tls_certificate` must be set"));
+}
+
+#[test]
+fn unusable_identity_is_refused_and_never_ignored() {
+    let told = faults(&["--tls-certificate", "/nonexistent/a", "--tls-key", "/nonexistent/b"]).join("\n");
+    if cfg!(feature = "tls") {
+        assert!(told.contains("/nonexistent/a") && told.contains("/nonexistent/b"), "all faults at once: {told}");
+    } else {
+        assert!(told.contains("built without TLS"), "{told}");
+    }
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use axum::http::HeaderValue;
 use tracing_subscriber::EnvFilter;
 
 /// A type that settings may have.
@@ -36,6 +37,24 @@ impl Value for LogFormat {
             "json" => Some(Self::Json),
             _ => None,
         }
+    }
+}
+
+/// Origins of web pages: scheme and host, and a port where it is not the usual one; browsers send nothing else.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Origins(pub(crate) Vec<HeaderValue>);
+
+impl Value for Origins {
+    const RULE: &'static str = "like https://host or http://host:port, without a path, separated by commas";
+
+    fn parse(text: &str) -> Option<Self> {
+        let origin = |text: &str| {
+            let host = text.strip_prefix("https://").or_else(|| text.strip_prefix("http://"))?;
+            let is_host = !host.is_empty() && !host.contains(['/', '*', ' ']);
+            HeaderValue::from_str(text).ok().filter(|_| is_host)
+        };
+        let origins = text.split(',').map(str::trim).filter(|origin| !origin.is_empty());
+        origins.map(origin).collect::<Option<_>>().map(Self)
     }
 }
 

@@ -69,7 +69,7 @@ pub(super) const QUEUE_DEPTH: Family = gauge("slipdrive_queue_depth", &[], "Jobs
 pub(super) const QUEUE_CAPACITY: Family =
     gauge("slipdrive_queue_capacity", &[], "Jobs that may wait for a worker; beyond, requests are refused.");
 pub(super) const QUEUE_COST: Family =
-    gauge("slipdrive_queue_cost_seconds", &[], "Worker time that the waiting jobs are expected to take.");
+    gauge("slipdrive_queue_cost_seconds", &[], "Worker time that the jobs in flight are still expected to take.");
 pub(super) const QUEUE_WAIT: Family =
     histogram("slipdrive_queue_wait_seconds", &[], SOLVE_BUCKETS, "How long jobs waited for a worker.");
 pub(super) const SOLVE_DURATION: Family = histogram(

@@ -43,10 +43,12 @@ pub struct QueueLevels {
     pub waiting: usize,
     /// Jobs that may wait.
     pub capacity: usize,
-    /// Worker time that the waiting jobs are expected to take, s.
+    /// Worker time that the jobs in flight are still expected to take, s.
     pub cost_s: f64,
     /// Workers that run a job.
     pub busy_workers: usize,
+    /// Workers that do not heed the stop flag of their job.
+    pub stuck_workers: usize,
     /// Workers that run none.
     pub idle_workers: usize,
 }
@@ -197,6 +199,7 @@ impl Metrics {
         self.queue_capacity.set(as_gauge(levels.capacity));
         self.queue_cost.set(levels.cost_s);
         self.workers.with_label_values(&["busy"]).set(as_gauge(levels.busy_workers));
+        self.workers.with_label_values(&["stuck"]).set(as_gauge(levels.stuck_workers));
         self.workers.with_label_values(&["idle"]).set(as_gauge(levels.idle_workers));
         let mut text = Vec::new();
         if let Err(error) = TextEncoder::new().encode(&self.registry.gather(), &mut text) {
@@ -216,7 +219,7 @@ impl Default for Metrics {
 mod tests {
     use super::*;
 
-    const LEVELS: QueueLevels = QueueLevels { waiting: 3, capacity: 64, cost_s: 1.5, busy_workers: 1, idle_workers: 0 };
+    const LEVELS: QueueLevels = QueueLevels { waiting: 3, capacity: 64, cost_s: 1.5, busy_workers: 1, stuck_workers: 0, idle_workers: 0 };
 
     fn filled() -> Metrics {
         let metrics = Metrics::new();

@@ -17,7 +17,7 @@ use crate::solver::{Phase, ProgressObserver, SolveProgress};
 
 /// What a job does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Work {
+pub(super) enum Kind {
     Solve,
     Simulate,
 }
@@ -41,14 +41,14 @@ impl Queued {
     }
 
     /// The job starts on the calling thread.
-    pub(super) fn started(self, work: Work) -> Running {
+    pub(super) fn started(self, kind: Kind) -> Running {
         let Self { metrics, job_id, since, request, waiting } = self;
         let queue_wait = since.elapsed();
         metrics.waited(queue_wait);
         drop(waiting);
-        let span = match work {
-            Work::Solve => tracing::info_span!(parent: &request, "solve", job.id = job_id),
-            Work::Simulate => tracing::info_span!(parent: &request, "simulate", job.id = job_id),
+        let span = match kind {
+            Kind::Solve => tracing::info_span!(parent: &request, "solve", job.id = job_id),
+            Kind::Simulate => tracing::info_span!(parent: &request, "simulate", job.id = job_id),
         };
         Running { metrics, queue_wait, span: span.entered() }
     }

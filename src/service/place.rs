@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep_until;
 
-use super::observation::{Awaited, Queued, SolveObserver, Work};
-use super::pace::Pace;
-use super::{ManeuverSolver, ServiceError};
+use super::observation::{Awaited, Kind, Queued, SolveObserver};
+use super::pace::{Pace, Work};
+use super::{ManeuverSolver, ServiceError, ServiceSettings};
 use crate::metrics::Metrics;
-use crate::queue::{self, ANSWER_MARGIN, Clocks, JobOutcome, StopCause, StopHandle, Ticket};
+use crate::queue::{self, ANSWER_MARGIN, Ahead, Clocks, JobOutcome, StopCause, StopHandle, Ticket};
 use crate::solver::{
     RunControl, SimulateInput, Simulation, Solution, SolveInput, SolveProgress, StopReason as SolverStop,
 };
@@ -83,7 +83,7 @@ pub struct Place {
     pub(super) solver: Arc<dyn ManeuverSolver>,
     pub(super) pace: Arc<Pace>,
     pub(super) metrics: Arc<Metrics>,
-    pub(super) workers: usize,
+    pub(super) settings: ServiceSettings,
 }
 
 impl Place {
@@ -97,9 +97,9 @@ impl Place {
         clocks: SolveClocks,
         answer: impl FnOnce(Solved) -> T + Send + 'static,
     ) -> Result<RunningSolve<T>, ServiceError> {
-        let jobs_ahead = self.reserved.jobs_ahead();
-        self.check_reachable(clocks.deadline, jobs_ahead)?;
-        let position = (jobs_ahead + 1).saturating_sub(self.workers);
+        let ahead = self.reserved.ahead();
+        self.check_reachable(clocks.deadline, ahead)?;
+        let position = (ahead.jobs + 1).saturating_sub(self.settings.workers.get());
         let (tell, progress) = watch::channel(None);
         let queued = self.queue_solve(input, clocks, answer, tell);
         let outcome = Box::pin(queued.outcome());
@@ -125,7 +125,7 @@ impl Place {
     /// # Errors
     /// As [`Place::solve`].
     pub fn solve_blocking(self, input: SolveInput, clocks: SolveClocks) -> Result<Solved, ServiceError> {
-        self.check_reachable(clocks.deadline, self.reserved.jobs_ahead())?;
+        self.check_reachable(clocks.deadline, self.reserved.ahead())?;
         let (tell, _nobody) = watch::channel(None);
         self.queue_solve(input, clocks, |solved| solved, tell).blocking_outcome()
     }
@@ -140,7 +140,7 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> impl Future<Output = Result<T, ServiceError>> + Send {
-        let reachable = self.check_reachable(deadline, self.reserved.jobs_ahead());
+        let reachable = self.check_reachable(deadline, self.reserved.ahead());
         let queued = reachable.map(|()| self.queue_simulation(input, deadline, answer));
         async move { queued?.outcome().await }
     }
@@ -155,10 +155,12 @@ impl Place {
 
     /// Refuses when the jobs ahead would keep the workers busy beyond the deadline. One that has passed already is no
     /// matter of waiting: its job is queued, and never started.
-    fn check_reachable(&self, deadline: Option<Instant>, jobs_ahead: usize) -> Result<(), ServiceError> {
+    fn check_reachable(&self, deadline: Option<Instant>, ahead: Ahead) -> Result<(), ServiceError> {
         let Some(deadline) = deadline else { return Ok(()) };
         let remaining = deadline.saturating_duration_since(Instant::now());
-        let estimated_wait = self.pace.estimated_wait(jobs_ahead, self.workers);
+        let workers = self.settings.workers.get();
+        let is_idle = ahead.jobs < workers;
+        let estimated_wait = if is_idle { Duration::ZERO } else { ahead.work.div_f64(workers as f64) };
         if remaining <= ANSWER_MARGIN || estimated_wait <= remaining {
             return Ok(());
         }
@@ -172,11 +174,11 @@ impl Place {
         answer: impl FnOnce(Solved) -> T + Send + 'static,
         tell: watch::Sender<Option<SolveProgress>>,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, metrics, workers: _ } = self;
-        let (job_id, recorded) = (place.job_id(), Arc::clone(&pace));
+        let Self { reserved: place, solver, pace, metrics, settings: _ } = self;
+        let (job_id, recorded, asked) = (place.job_id(), Arc::clone(&pace), Work::of_solve(&input.settings));
         let queued = Queued::new(&metrics, job_id);
         let work = move |stop: &StopHandle| {
-            let running = queued.started(Work::Solve);
+            let running = queued.started(Kind::Solve);
             let observer = SolveObserver::new(tell, &running);
             let start = Instant::now();
             let is_abandoned = || matches!(stop.cause(), Some(StopCause::CallerGone | StopCause::Shutdown));
@@ -184,12 +186,13 @@ impl Place {
             let solution = solver.solve(&input, &control);
             let solve_time = start.elapsed();
             let stop_reason = stop_reason(job_id, solution.stop_reason, stop.cause())?;
-            recorded.record(solve_time);
+            recorded.record(asked, solve_time);
             let solved = Solved { solution, queue_wait: running.queue_wait(), solve_time, stop_reason };
             running.solved(&solved);
             Ok(answer(solved))
         };
-        let clocks = Clocks { time_limit: Some(clocks.time_limit), deadline: clocks.deadline };
+        let SolveClocks { time_limit, deadline } = clocks;
+        let clocks = Clocks { time_limit: Some(time_limit), deadline, estimate: pace.estimate(asked, time_limit) };
         QueuedJob { job_id, ticket: place.fill(clocks, work), pace, awaited: Awaited::new(metrics) }
     }
 
@@ -199,17 +202,19 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, metrics, workers: _ } = self;
+        let Self { reserved: place, solver, pace, metrics, settings } = self;
+        let longest = Duration::from_secs_f64(settings.limits.max_time_limit_s);
+        let estimate = pace.estimate(Work::of_rollout(input.step_count), longest);
         let queued = Queued::new(&metrics, place.job_id());
         let work = move |_: &StopHandle| {
-            let running = queued.started(Work::Simulate);
+            let running = queued.started(Kind::Simulate);
             let start = Instant::now();
             let simulation = solver.simulate(&input);
             let (queue_wait, duration) = (running.queue_wait(), start.elapsed());
             Ok(answer(Simulated { simulation, queue_wait, duration }))
         };
         // One rollout needs no time limit: its length is bounded by the grid limit.
-        let clocks = Clocks { time_limit: None, deadline };
+        let clocks = Clocks { time_limit: None, deadline, estimate };
         let job_id = place.job_id();
         QueuedJob { job_id, ticket: place.fill(clocks, work), pace, awaited: Awaited::new(metrics) }
     }

@@ -1,6 +1,7 @@
 //! REST: JSON in and out, strict in what it reads, `application/problem+json` for every error.
 
 mod border;
+mod cors;
 mod events;
 mod extract;
 mod handlers;
@@ -57,7 +58,9 @@ pub fn router(service: Arc<Service>, settings: ApiSettings) -> Router {
         .route("/limits", get(handlers::limits))
         .route("/examples/forward-drive", get(handlers::forward_drive));
     let endpoints = if with_probes { endpoints.merge(probes()) } else { endpoints };
-    behind_border(endpoints.with_state(door.clone()), Border::of(&door))
+    let origins = door.settings.cors_origins.clone();
+    // Outside the border: browsers ask for leave without a key.
+    cors::allowed(behind_border(endpoints.with_state(door.clone()), Border::of(&door)), origins)
 }
 
 /// Probes and metrics alone, for a port of their own.

@@ -1,0 +1,95 @@
+//! The body of an answer, in parts that show whether its caller reads.
+//!
+//! Over HTTP/2 a part is taken as soon as its caller has room for one byte of it, and lies in memory until there is room
+//! for the rest; the next part then waits. So parts are small, and the last byte is a part of its own: while it waits,
+//! the caller has not taken all that came before.
+
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+use axum::Error;
+use axum::body::{Body, Bytes, HttpBody};
+use hyper::body::{Frame, SizeHint};
+
+use super::activity::UnderWay;
+
+/// Largest part, bytes: what one stream holds of an answer that is not read.
+const PART_BYTES: usize = 64 * 1024;
+
+/// Hands the answer over part by part and tells the activity of its connection.
+pub(super) struct AnswerBody {
+    body: Body,
+    /// The rest of a frame after the parts so far.
+    rest: Bytes,
+    under_way: UnderWay,
+}
+
+impl AnswerBody {
+    pub(super) fn new(body: Body, under_way: UnderWay) -> Self {
+        // The head is the first part: a caller without room for a byte never asks for the second.
+        under_way.handed_over();
+        Self { body, rest: Bytes::new(), under_way }
+    }
+
+    fn part_of(&mut self, mut data: Bytes) -> Frame<Bytes> {
+        let last_byte = data.len().saturating_sub(1);
+        self.rest = data.split_off(last_byte.clamp(data.len().min(1), PART_BYTES));
+        self.under_way.handed_over();
+        Frame::data(data)
+    }
+}
+
+impl HttpBody for AnswerBody {
+    type Data = Bytes;
+    type Error = Error;
+
+    fn poll_frame(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Error>>> {
+        self.under_way.asked_for();
+        if !self.rest.is_empty() {
+            let rest = std::mem::take(&mut self.rest);
+            return Poll::Ready(Some(Ok(self.part_of(rest))));
+        }
+        Pin::new(&mut self.body).poll_frame(context).map_ok(|frame| match frame.into_data() {
+            Ok(data) => self.part_of(data),
+            Err(trailers) => trailers,
+        })
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.rest.is_empty() && self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        let (rest, hint) = (self.rest.len() as u64, self.body.size_hint());
+        let mut whole = SizeHint::new();
+        whole.set_lower(hint.lower() + rest);
+        if let Some(upper) = hint.upper() {
+            whole.set_upper(upper + rest);
+        }
+        whole
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use futures_util::StreamExt as _;
+
+    use super::super::activity::Activity;
+    use super::*;
+
+    #[tokio::test]
+    async fn parts_are_small_and_the_last_byte_goes_alone() {
+        let activity = Arc::new(Activity::default());
+        for length in [0, 1, 2, PART_BYTES, PART_BYTES + 1, 3 * PART_BYTES] {
+            let bytes: Vec<_> = (0..=u8::MAX).cycle().take(length).collect();
+            let body = AnswerBody::new(Body::from(bytes.clone()), Activity::enter(&activity));
+            assert_eq!((body.size_hint().exact(), body.is_end_stream()), (Some(length as u64), length == 0));
+            let parts: Vec<_> = Body::new(body).into_data_stream().map(Result::unwrap).collect().await;
+            assert_eq!(parts.concat(), bytes);
+            assert!(parts.iter().all(|part| (1..=PART_BYTES).contains(&part.len())));
+            assert_eq!(parts.last().map(Bytes::len), (length > 0).then_some(1), "{length}");
+        }
+    }
+}
