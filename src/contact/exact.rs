@@ -9,9 +9,10 @@ use nalgebra::SVector;
 use super::fixed_point::{FixedPointSettings, FixedPointSolver};
 use super::friction_system::{FrictionProblem, FrictionSystem};
 use super::mode_equations::ModeEquations;
-use super::natural_map::{residual, split};
+use super::natural_map::{contact_impulses, residual, split};
 use super::newton::Newton;
 use super::pattern::{ContactPattern, WheelPattern};
+use super::ratio_newton::RatioNewton;
 use super::solution::{ContactMode, ContactSolution};
 
 /// Accepted residual relative to m g dt: well above the rounding of a solved pattern (1e-15), and far below what a
@@ -166,9 +167,26 @@ impl<'a, const N: usize> Search<'a, N> {
             if let Some(solution) = self.in_pattern(seen.pattern, &seen.impulse) {
                 return solution;
             }
+            if let Some(solution) = self.by_slip_ratios(&seen) {
+                return solution;
+            }
             sweeps *= 2;
         }
         fixed_point.solution(self.system, self.problem)
+    }
+
+    /// In every pattern with spatial slip, from what the fixed point has seen: it may be so little that it looks like
+    /// sticking.
+    #[cold]
+    fn by_slip_ratios(&self, seen: &ContactSolution<N>) -> Option<ContactSolution<N>> {
+        let start = contact_impulses(self.system, seen);
+        let small_update = NEWTON_UPDATE * self.problem.weight_impulse();
+        all_patterns::<N>().filter(|pattern| FrictionSystem::<N>::linear_index(*pattern).is_none()).find_map(
+            |pattern| {
+                let newton = RatioNewton { system: self.system, problem: self.problem, pattern };
+                newton.solve(&start, small_update, |impulse| self.accepted(self.candidate(pattern, impulse)))
+            },
+        )
     }
 
     /// Full friction against the slip that the step would have without friction.
