@@ -7,8 +7,8 @@ use nalgebra::SVector;
 use super::local_search::{Candidate, WEIGHTS};
 use super::lower_bound::friction_bound;
 use super::search::SearchResult;
-use super::settings::SolveInput;
-use super::solution::{DistinctOptimum, Reason, Replay, Report, Solution, Status, StopReason};
+use super::settings::{Refinement, SolveInput};
+use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
 use crate::optimizer::{Budget, confirmed_decrease};
 use crate::robot::State;
 use crate::shooting::{ShootingProblem, StateComponent, schedule_from_decision};
@@ -42,7 +42,7 @@ pub(super) fn certified(
     // Where nothing is known, all of the final time might be gained.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
-    Evidence::collect(input, simulator, schedule, result.step_count).solution(input, result, measure, is_stationary)
+    Evidence::collect(input, simulator, schedule, &result).solution(input, result, measure, is_stationary)
 }
 
 /// The answer where the start already meets the goal, or where nobody wants an answer: stay.
@@ -60,6 +60,10 @@ pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) 
         trajectory,
         schedule: TorqueSchedule::empty(),
     };
+    let refinement = match input.settings.refinement {
+        Refinement::Fixed => RefinementOutcome::Fixed,
+        Refinement::UntilExecutable { .. } => RefinementOutcome::WithinTolerance,
+    };
     let result = SearchResult {
         best: None,
         stop_reason,
@@ -68,6 +72,9 @@ pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) 
         rollouts: 0,
         starts_tried: 0,
         distinct_optima: vec![DistinctOptimum { final_time: 0.0, count: 1 }],
+        optima: Vec::new(),
+        refinement,
+        replay: None,
     };
     let mut solution = evidence.solution(input, result, 0.0, true);
     solution.report.control_count = 0;
@@ -84,15 +91,15 @@ struct Evidence {
 }
 
 impl Evidence {
-    fn collect(input: &SolveInput, simulator: &Simulator, schedule: TorqueSchedule, step_count: usize) -> Self {
+    fn collect(input: &SolveInput, simulator: &Simulator, schedule: TorqueSchedule, result: &SearchResult) -> Self {
         let parameters = input.robot.parameters();
         let start = input.maneuver.start_at_center_of_mass(parameters);
-        let rollout = Rollout { start: &start, schedule: &schedule, step_count };
+        let rollout = Rollout { start: &start, schedule: &schedule, step_count: result.step_count };
         let mut trajectory = simulator.trajectory(&rollout, ContactMethod::Exact);
         trajectory.move_states_by(input.maneuver.reference_point.offset(parameters));
         let end = trajectory.state[trajectory.state.len() - 1];
         let goal_error = input.maneuver.goal_error(&end);
-        let replay = replay(input, simulator, &rollout);
+        let replay = result.replay.unwrap_or_else(|| replay(input, simulator, &rollout));
         Self { schedule, trajectory, goal_error, replay }
     }
 
@@ -118,6 +125,7 @@ impl Evidence {
             report: Report {
                 method: input.settings.method,
                 step_count: result.step_count,
+                refinement: result.refinement,
                 control_count: input.settings.control_count,
                 iterations: result.iterations,
                 rollouts: result.rollouts,

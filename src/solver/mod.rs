@@ -18,7 +18,9 @@ pub use run_control::{NoProgress, ProgressObserver, RunControl, SolveProgress};
 pub(crate) use schedule_check::violations_of_schedule;
 pub use settings::{Method, Refinement, SolveInput, SolverSettings};
 pub use simulate::{SimulateInput, Simulation, simulate};
-pub use solution::{DistinctOptimum, LowerBoundAssumption, Reason, Replay, Report, Solution, Status, StopReason};
+pub use solution::{
+    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
+};
 
 use local_search::Candidate;
 use nalgebra::DVector;

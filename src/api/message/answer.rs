@@ -178,6 +178,7 @@ fn report_to_wire(report: &Report, solve_time_s: f64) -> ReportWire {
     let Report {
         method,
         step_count,
+        refinement,
         control_count,
         iterations,
         rollouts,
@@ -209,6 +210,7 @@ fn report_to_wire(report: &Report, solve_time_s: f64) -> ReportWire {
         indeterminate_steps: *indeterminate_steps,
         slip_reversals: *slip_reversals,
         replay: replay_to_wire(replay),
+        refinement: *refinement,
     }
 }
 

@@ -8,7 +8,9 @@ use utoipa::ToSchema;
 use super::request::{SolveRequest, TorqueScheduleWire};
 use super::strict::{Named, write_name};
 use crate::service::StopReason;
-use crate::service::domain::{ContactMode, ContactName, LowerBoundAssumption, Method, SolveProgress, Status};
+use crate::service::domain::{
+    ContactMode, ContactName, LowerBoundAssumption, Method, RefinementOutcome, SolveProgress, Status,
+};
 
 /// Answer of `POST /solve`.
 #[derive(Debug, Serialize, ToSchema)]
@@ -135,6 +137,9 @@ pub(in crate::api) struct ReportWire {
     pub(in crate::api) indeterminate_steps: usize,
     pub(in crate::api) slip_reversals: usize,
     pub(in crate::api) replay: ReplayWire,
+    /// How the steps were chosen, and why no finer ones.
+    #[serde(serialize_with = "write_name")]
+    pub(in crate::api) refinement: RefinementOutcome,
 }
 
 #[derive(Debug, Serialize, ToSchema)]
@@ -242,6 +247,15 @@ impl Named for ContactMode {
 
 impl Named for ContactName {
     const ALL: &'static [Self] = &[Self::Left, Self::Right, Self::Front];
+
+    fn name(self) -> &'static str {
+        self.as_str()
+    }
+}
+
+impl Named for RefinementOutcome {
+    const ALL: &'static [Self] =
+        &[Self::Fixed, Self::WithinTolerance, Self::StepLimit, Self::GoalLost, Self::Interrupted, Self::NoPlan];
 
     fn name(self) -> &'static str {
         self.as_str()
