@@ -21,6 +21,9 @@ const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// Largest accepted first-order measure, as a share of the final time.
 const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
 
+/// Rollouts that the first-order measure of a stopped solve may take.
+const URGENT_ROLLOUTS: u64 = 12;
+
 /// A stop flag that nobody sets.
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -36,9 +39,11 @@ pub(super) fn certified(
     if let Some(heading) = best.goal_heading {
         problem.aim_at_heading(heading);
     }
-    // The measure belongs to the answer, not to the search: neither its limit nor its stop flag ends it.
-    let mut unlimited = Budget::new(&NEVER, u64::MAX);
-    let measure = confirmed_decrease(problem, &best.decision, WEIGHTS[1], &mut unlimited).unwrap_or(f64::NAN);
+    // The measure belongs to the answer, not to the search: neither its limit nor its stop flag ends it. But an answer
+    // that is waited for must not take long.
+    let is_urgent = result.stop_reason == StopReason::Stopped;
+    let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
+    let measure = confirmed_decrease(problem, &best.decision, WEIGHTS[1], &mut budget).unwrap_or(f64::NAN);
     // Where nothing is known, all of the final time might be gained.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;

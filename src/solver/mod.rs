@@ -53,6 +53,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
         // The worker is free one rollout after the flag.
         return certificate::certified_standstill(input, StopReason::Stopped);
     }
+    control.report_search_end();
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
     let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));
     certificate::certified(input, &simulator, &mut problem, &best, result)

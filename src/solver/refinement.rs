@@ -11,6 +11,7 @@ use super::run_control::RunControl;
 use super::search::SearchResult;
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, Replay, StopReason};
+use super::starts::starts;
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 use crate::simulation::{Rollout, Simulator};
@@ -21,8 +22,11 @@ const FACTORS: (usize, usize) = (2, 8);
 const MARGIN: f64 = 1.5;
 /// A plan that needs up to this many times the allowed steps is still worth trying.
 const HOPE: f64 = 1.3;
-/// Local optima that are refined at most.
-const ATTEMPT_LIMIT: usize = 4;
+/// Plans that are refined at most after the fastest one, of the search's and of each block of further starts.
+const ATTEMPT_LIMIT: usize = 3;
+/// Further starts are tried in so many blocks of so many, where no plan of the search can be executed.
+const MORE_BLOCKS: usize = 3;
+const BLOCK: usize = 8;
 /// Local optima whose final times differ by less than this share count as one.
 const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
@@ -64,24 +68,74 @@ struct Plan {
 
 impl Refiner<'_, '_, '_> {
     fn run(&mut self) -> RefinementOutcome {
+        let coarse_step_count = self.result.step_count;
         let plans = self.coarse_plans();
         let Some(fastest) = plans.first() else { return RefinementOutcome::NoPlan };
-        self.keep(fastest);
-        let mut outcome = RefinementOutcome::Interrupted;
-        for index in self.attempts(&plans) {
-            if self.result.stop_reason != StopReason::Finished {
-                break;
-            }
-            let (plan, end) = self.refined(plans[index].clone());
-            if index == 0 || end == RefinementOutcome::WithinTolerance {
+        // The answer where no plan can be executed.
+        let (fastest, outcome) = self.refined(fastest.clone());
+        self.keep(&fastest);
+        if outcome == RefinementOutcome::WithinTolerance || self.is_interrupted() {
+            return outcome;
+        }
+        let is_executable = self.refine_first(plans.into_iter().skip(1).collect())
+            || (0..MORE_BLOCKS).any(|block| {
+                let plans = self.plans_of_more_starts(block, coarse_step_count);
+                !self.is_interrupted() && self.refine_first(plans)
+            });
+        if is_executable { RefinementOutcome::WithinTolerance } else { outcome }
+    }
+
+    fn is_interrupted(&self) -> bool {
+        self.result.stop_reason != StopReason::Finished
+    }
+
+    /// Refines plans, fastest first, of those for which the allowed steps may do; keeps the first that can be executed.
+    fn refine_first(&mut self, plans: Vec<Plan>) -> bool {
+        let hopeful: Vec<Plan> = plans.into_iter().filter(|plan| self.is_hopeful(plan)).take(ATTEMPT_LIMIT).collect();
+        for plan in hopeful {
+            let (plan, outcome) = self.refined(plan);
+            if outcome == RefinementOutcome::WithinTolerance {
                 self.keep(&plan);
-                outcome = end;
+                return true;
             }
-            if end == RefinementOutcome::WithinTolerance {
-                break;
+            if self.is_interrupted() {
+                return false;
             }
         }
-        outcome
+        false
+    }
+
+    /// Local optima of starts that the search was not asked for, fastest first.
+    fn plans_of_more_starts(&mut self, block: usize, step_count: usize) -> Vec<Plan> {
+        let settings = &self.input.settings;
+        let first = settings.start_count + block * BLOCK;
+        let mut more = self.input.clone();
+        more.settings.start_count = first + BLOCK;
+        let starts = starts(&more);
+        let mut problem =
+            ShootingProblem::new(self.simulator, &self.input.maneuver, step_count, settings.control_count);
+        let rollout_limit = settings.rollout_limit - self.result.rollouts;
+        let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
+        let mut optima = Vec::new();
+        let mut interruption = None;
+        for start in starts.iter().skip(first) {
+            match search.run_from(start, (starts.len(), starts.len())) {
+                Ok(candidate) => optima.push(candidate),
+                Err(end) => {
+                    interruption = Some(end);
+                    break;
+                }
+            }
+        }
+        let (_, iterations, rollouts) = search.into_parts();
+        self.result.iterations += iterations;
+        self.result.rollouts += rollouts;
+        if let Some(interruption) = interruption {
+            self.result.stop_reason = interruption.into();
+        }
+        optima.retain(|candidate| candidate.goal_error <= self.input.settings.goal_tolerance);
+        optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
+        optima.into_iter().map(|candidate| self.plan(candidate, step_count)).collect()
     }
 
     fn keep(&mut self, plan: &Plan) {
@@ -105,16 +159,9 @@ impl Refiner<'_, '_, '_> {
         plans
     }
 
-    /// Which plans to refine: those that may be executed with the allowed steps, else the fastest at least.
-    fn attempts(&self, plans: &[Plan]) -> Vec<usize> {
-        let bearable = HOPE * self.step_limit as f64;
-        let mut attempts: Vec<usize> =
-            (0..plans.len()).filter(|&index| plans[index].needed_steps(self.input) <= bearable).collect();
-        attempts.truncate(ATTEMPT_LIMIT);
-        if !attempts.contains(&0) {
-            attempts.push(0);
-        }
-        attempts
+    /// Whether the allowed steps may do for the plan.
+    fn is_hopeful(&self, plan: &Plan) -> bool {
+        plan.needed_steps(self.input) <= HOPE * self.step_limit as f64
     }
 
     /// The plan on the finest grid that it needs and reaches.
@@ -129,12 +176,14 @@ impl Refiner<'_, '_, '_> {
             match self.on_a_finer_grid(&plan) {
                 Ok(Some(finer)) => plan = finer,
                 Ok(None) => return (plan, RefinementOutcome::GoalLost),
-                Err(interruption) => {
-                    self.result.stop_reason = interruption.into();
-                    return (plan, RefinementOutcome::Interrupted);
-                }
+                Err(interruption) => return self.interrupted(plan, interruption),
             }
         }
+    }
+
+    fn interrupted(&mut self, plan: Plan, interruption: Interruption) -> (Plan, RefinementOutcome) {
+        self.result.stop_reason = interruption.into();
+        (plan, RefinementOutcome::Interrupted)
     }
 
     /// The plan on the grid that its miss asks for, or on the nearest coarser one that still leads to the goal.
