@@ -54,6 +54,7 @@ fn by_elastic_simplex(solver: &mut ElasticSolver, data: &Data) -> f64 {
     let program = ElasticProgram {
         matrix: &data.matrix,
         target: &data.target,
+        equation_count: ROWS,
         cost: &data.cost,
         lower: &data.lower,
         upper: &data.upper,

@@ -88,7 +88,7 @@ fn value_faults() -> Vec<Fault> {
             r#"{"maneuver": {"torque_limit_left_n_m": -1}}"#,
             VALUE,
             "#/maneuver/torque_limit_left_n_m",
-            &["is -1, must be > 0 N m"],
+            &["is -1, must be >= 0 N m"],
         ),
         fault(r#"{"maneuver": {"goal": {"free": ["speed"]}}}"#, VALUE, "#/maneuver/goal/free", &["\"speed\""]),
         fault(r#"{"maneuver": {"goal": {"y_m": 1, "free": ["y_m"]}}}"#, VALUE, "#/maneuver/goal/free", &["given too"]),
@@ -152,7 +152,7 @@ async fn limits_are_told_as_numbers() {
 async fn all_value_violations_come_at_once() {
     let body = json!({
         "robot": {"chassis_mass_kg": -1, "wheel_radius_m": 0},
-        "maneuver": {"torque_limit_right_n_m": 0, "goal": {"free": ["speed"]}},
+        "maneuver": {"torque_limit_right_n_m": -0.5, "goal": {"free": ["speed"]}},
         "grid": {"steps": 1_000_000_000},
         "solver": {"goal_tolerance": 0, "time_limit_s": -1},
     });

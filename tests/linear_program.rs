@@ -64,6 +64,7 @@ fn elastic_simplex_is_as_good_as_a_general_solver() {
         let program = ElasticProgram {
             matrix: &data.matrix,
             target: &data.target,
+            equation_count: ROWS,
             cost: &data.cost,
             lower: &data.lower,
             upper: &data.upper,

@@ -37,7 +37,7 @@ fn spoiled(index: usize) -> Value {
         json!({"robot": {"chassis_mass_kg": -1}}),
         json!({"robot": {"wheel_radius_m": 0, "gravity_m_s2": -9.81}}),
         json!({"robot": {"tangential_restitution": 2}}),
-        json!({"maneuver": {"torque_limit_right_n_m": 0}}),
+        json!({"maneuver": {"torque_limit_right_n_m": -1}}),
         json!({"maneuver": {"goal": {"y_m": 1e9, "free": ["speed"]}}}),
         json!({"maneuver": {"goal": {"y_m": 1, "free": ["y_m"]}}}),
         json!({"maneuver": {"start": {"x_m": 2e4, "yaw_rate_rad_s": 1e5}}}),
@@ -83,6 +83,9 @@ fn assert_same_plan(rest: &Value, grpc: &pb::Solution) {
     let report = grpc.report.as_ref().unwrap();
     assert_eq!(rest["report"]["rollouts"], report.rollouts);
     assert_eq!(rest["report"]["lower_bound_s"], report.lower_bound_s);
+    let assumption = enum_name(report.lower_bound_assumption().as_str_name(), "LOWER_BOUND_ASSUMPTION_");
+    assert_eq!(rest["report"]["lower_bound_assumption"], assumption);
+    assert_eq!(rest["report"]["switching_sign_violations"], report.switching_sign_violations);
     assert_eq!(rest["report"]["replay"]["miss_m"], report.replay.as_ref().unwrap().miss_m);
     assert_eq!(rest["goal_error"]["y_m"], grpc.goal_error.as_ref().unwrap().y_m);
 }
@@ -118,6 +121,27 @@ async fn fifty_requests_get_the_same_by_both_doors() {
         }
     }
     assert!(plans >= 20, "{plans} of the sound requests have a plan");
+}
+
+#[tokio::test]
+async fn infeasible_requests_get_the_same_reason_by_both_doors() {
+    let server = TestServer::start(4, real_solver()).await;
+    let mut client = server.grpc().await;
+    let no_torque = json!({"torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0, "goal": {"y_m": 5}});
+    let lifted = json!({"start": {"yaw_rate_rad_s": 100}});
+    for (maneuver, code) in [(no_torque, "no_torque"), (lifted, "start_separates")] {
+        let body = json!({"maneuver": maneuver});
+        let rest = server.post("/solve", body.to_string()).await.json();
+        let grpc = client.solve(solve_request(&body)).await.unwrap().into_inner().solution.unwrap();
+        assert_same_plan(&rest, &grpc);
+        assert_eq!((&rest["status"], &rest["reason"]["code"]), (&json!("infeasible"), &json!(code)));
+        let reason = grpc.reason.unwrap();
+        let told = json!({
+            "code": reason.code, "field": reason.field, "time_s": reason.time_s, "value": reason.value,
+            "limit": reason.limit, "message": reason.message,
+        });
+        assert_eq!(rest["reason"], told);
+    }
 }
 
 #[tokio::test]

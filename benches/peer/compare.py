@@ -19,9 +19,21 @@ from pathlib import Path
 from typing import Any
 
 from maneuver import STATE_FIELDS, Maneuver, Refusal, maneuver_from_request, state_scale
+from suite import request_of
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
+# Cases of the suite that the peer covers, one of each kind.
+SAMPLE = (
+    "reference/forward-1m",
+    "reference/diagonal-2m-1m",
+    "reference/forward-5m",
+    "warehouse/forward-5m",
+    "reference/rolling-start",
+    "reference/reverse-2m",
+    "slippery/forward-3m",
+    "reference/turn-90deg",
+)
 # Exit code of `slipdrive solve` for a plan that misses its goal; the answer is there all the same.
 EXIT_NO_PLAN = 2
 
@@ -59,6 +71,14 @@ class Comparison:
     maneuver: str
     slipdrive: Run
     peer: Run
+
+
+def compare(name: str, slipdrive: Path, cpu_limit: float) -> Comparison:
+    """Both solvers on a case of the suite, or on a file."""
+    with tempfile.TemporaryDirectory() as directory:
+        request = Path(directory) / "request.json"
+        request.write_text(json.dumps(request_of(name)))
+        return Comparison(name, run_slipdrive(slipdrive, request), run_peer(slipdrive, request, cpu_limit))
 
 
 def run_for_answer(command: list[str], accepted: tuple[int, ...] = (0,)) -> tuple[dict[str, Any], float]:
@@ -166,7 +186,7 @@ LEGEND = (
 def arguments() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("requests", type=Path, nargs="*", help="solve requests, default: all of sample/")
+    parser.add_argument("requests", nargs="*", help="cases of the suite or .json files, default: a sample of the suite")
     parser.add_argument("--slipdrive", type=Path, help="the binary; default: built from this repository by cargo")
     parser.add_argument("--cpu-limit", type=float, default=300.0, metavar="S", help="of the peer, default %(default)g")
     parser.add_argument("--json", type=Path, metavar="OUT", help="where all figures are written")
@@ -179,15 +199,13 @@ def main() -> int:
     slipdrive = asked.slipdrive.resolve() if asked.slipdrive else build_slipdrive()
     comparisons, failed = [], False
     print(COLUMNS, flush=True)
-    for request in asked.requests or sorted((HERE / "sample").glob("*.json")):
+    for name in asked.requests or SAMPLE:
         try:
-            ours = run_slipdrive(slipdrive, request)
-            peers = run_peer(slipdrive, request, asked.cpu_limit)
+            comparisons.append(compare(name, slipdrive, asked.cpu_limit))
         except (RunFailure, Refusal) as error:
             failed = True
-            print(f"{request.stem:26}no answer: {error}", flush=True)
+            print(f"{name:26}no answer: {error}", flush=True)
             continue
-        comparisons.append(Comparison(request.stem, ours, peers))
         print(table_row(comparisons[-1]), flush=True)
     print(LEGEND)
     if asked.json:

@@ -26,6 +26,7 @@ import numpy as np
 from maneuver import Guess, Maneuver, Refusal, maneuver_from_request, turn_drive_turn
 from mechanics import Mechanics
 from self_check import self_check
+from suite import request_of
 from transcription import Law, Program, Values
 
 # Slip scales of the smooth law, m/s.
@@ -210,7 +211,7 @@ def print_stage(stage: Stage) -> None:
 def arguments() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("request", type=Path, nargs="?", help="JSON body of a solve request with grid.steps")
+    parser.add_argument("request", nargs="?", help="a case of the suite, or a .json file with a solve request")
     parser.add_argument("--json", metavar="OUT", default="-", help="where the answer goes; - is standard output")
     parser.add_argument("--cpu-limit", type=float, default=DEFAULT_CPU_LIMIT, metavar="S", help="default %(default)g")
     parser.add_argument("--self-check", action="store_true", help="hold the discretisation to the reference rollouts")
@@ -226,7 +227,7 @@ def main() -> int:
         print("error: a request file or --self-check is needed", file=sys.stderr)
         return 64
     try:
-        maneuver = maneuver_from_request(json.loads(asked.request.read_text()))
+        maneuver = maneuver_from_request(request_of(asked.request))
     except Refusal as refusal:
         print(f"error: {refusal}", file=sys.stderr)
         return 64

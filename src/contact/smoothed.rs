@@ -37,8 +37,7 @@ impl<const N: usize> SmoothedSolver<N> {
     pub fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
         let newton = |slip_smoothing: f64, start: &SVector<f64, N>| {
             let small_update = SMALL_UPDATE * problem.weight_impulse();
-            let newton =
-                Newton { system, problem, pattern: SLIPPING, slip_smoothing, iteration_limit: NEWTON_LIMIT };
+            let newton = Newton { system, problem, pattern: SLIPPING, slip_smoothing, iteration_limit: NEWTON_LIMIT };
             newton.solve(start, small_update, Some)
         };
         let found = newton(self.slip_smoothing, &self.impulse).or_else(|| self.by_continuation(newton));

@@ -1,6 +1,7 @@
 //! The data of an elastic linear program, and how its columns are numbered.
 //!
-//! Column j < n is variable j; then come m slacks above and m slacks below: `matrix x - above + below = target`.
+//! Column j < n is variable j; then come m slacks above and m slacks below: `matrix x - above + below = target`. Both
+//! slacks of an equation are priced; of a limit only the one above.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -11,6 +12,8 @@ pub struct ElasticProgram<'a> {
     pub matrix: &'a DMatrix<f64>,
     /// m.
     pub target: &'a DVector<f64>,
+    /// The first rows are equations, `matrix x = target`; the others are limits, `matrix x <= target`.
+    pub equation_count: usize,
     /// n.
     pub cost: &'a DVector<f64>,
     /// n.
@@ -26,22 +29,30 @@ pub struct ElasticProgram<'a> {
 pub struct ElasticSolution {
     /// n.
     pub x: DVector<f64>,
-    /// Price of each row, between -weight and weight: change of the minimum per unit of its target.
+    /// Price of each row, between -weight and weight, and at most 0 for a limit: change of the minimum per unit of its
+    /// target.
     pub price: DVector<f64>,
-    /// `cost' x + weight |matrix x - target|_1`.
+    /// `cost' x + weight (violations of all rows)`.
     pub objective: f64,
     /// Simplex iterations.
     pub iterations: usize,
 }
 
 impl ElasticProgram<'_> {
-    /// `cost' x + weight |matrix x - target|_1`.
+    /// `cost' x + weight (violations of all rows)`.
     pub(super) fn objective(&self, x: &DVector<f64>) -> f64 {
-        self.cost.dot(x) + self.weight * (self.matrix * x - self.target).lp_norm(1)
+        self.cost.dot(x) + self.weight * violation_sum(&(self.matrix * x - self.target), self.equation_count)
     }
 
     pub(super) fn column_cost(&self, column: usize) -> f64 {
-        if column < self.cost.len() { self.cost[column] } else { self.weight }
+        let (rows, columns) = self.matrix.shape();
+        if column < columns {
+            self.cost[column]
+        } else if column < columns + rows + self.equation_count {
+            self.weight
+        } else {
+            0.0
+        }
     }
 
     pub(super) fn bounds(&self, column: usize) -> (f64, f64) {
@@ -59,4 +70,12 @@ impl ElasticProgram<'_> {
         let (rows, columns) = self.matrix.shape();
         if column < columns + rows { -1.0 } else { 1.0 }
     }
+}
+
+/// Sum of the violations of rows of which the first are equations, `value = 0`, and the others limits, `value <= 0`.
+pub(super) fn violation_sum(rows: &DVector<f64>, equation_count: usize) -> f64 {
+    let (equations, limits) = rows.as_slice().split_at(equation_count);
+    let missed: f64 = equations.iter().map(|value| value.abs()).sum();
+    let exceeded: f64 = limits.iter().map(|value| value.max(0.0)).sum();
+    missed + exceeded
 }

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::{DMatrix, DVector};
 
-/// A problem with a linear cost, boxed variables and residuals that should vanish.
+/// A problem with a linear cost, boxed variables, residuals that should vanish and limits that should be kept.
 pub trait Problem {
     /// Price of each variable; the cost is `cost' x`.
     fn cost(&self) -> &DVector<f64>;
@@ -14,12 +14,65 @@ pub trait Problem {
     fn upper(&self) -> &DVector<f64>;
     /// How far each variable may move at x in a trust region of radius 1.
     fn reach(&self, x: &DVector<f64>) -> DVector<f64>;
-    /// Number of residuals.
-    fn residual_count(&self) -> usize;
-    /// The scaled residuals at x; one rollout.
-    fn residual(&mut self, x: &DVector<f64>, residual: &mut DVector<f64>);
-    /// The scaled residuals and their Jacobian at x; counts as one rollout.
-    fn linearise(&mut self, x: &DVector<f64>, residual: &mut DVector<f64>, jacobian: &mut DMatrix<f64>);
+    /// Constraint values of the right lengths, all zero.
+    fn constraints(&self) -> Constraints;
+    /// The constraint values at x; one rollout.
+    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints);
+    /// The constraint values at x and the derivatives of those that matter nearby; counts as one rollout.
+    fn linearise(&mut self, x: &DVector<f64>, linearisation: &mut Linearisation);
+}
+
+/// The constraint values at a point.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Constraints {
+    /// Scaled values that should be 0.
+    pub residual: DVector<f64>,
+    /// Scaled values that should be at most 0.
+    pub excess: DVector<f64>,
+}
+
+impl Constraints {
+    /// The largest violation.
+    pub fn violation(&self) -> f64 {
+        self.residual.amax().max(self.largest_excess())
+    }
+
+    /// Sum of all violations.
+    pub fn violation_sum(&self) -> f64 {
+        let exceeded: f64 = self.excess.iter().map(|value| value.max(0.0)).sum();
+        self.residual.lp_norm(1) + exceeded
+    }
+
+    /// The largest excess, at least 0.
+    pub fn largest_excess(&self) -> f64 {
+        self.excess.iter().copied().fold(0.0, f64::max)
+    }
+}
+
+/// A linear model of the constraints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Linearisation {
+    /// The values at the point.
+    pub constraints: Constraints,
+    /// Which limits are near enough to have a row.
+    pub near_limits: Vec<usize>,
+    /// Derivatives: a row per residual, then one per near limit.
+    pub jacobian: DMatrix<f64>,
+}
+
+impl Linearisation {
+    /// A model without rows for limits, all zero.
+    pub fn new(constraints: Constraints, variable_count: usize) -> Self {
+        let jacobian = DMatrix::zeros(constraints.residual.len(), variable_count);
+        Self { constraints, near_limits: Vec::new(), jacobian }
+    }
+
+    /// The values of the rows at any point.
+    pub fn rows_of(&self, constraints: &Constraints) -> DVector<f64> {
+        let near = self.near_limits.iter().map(|&limit| constraints.excess[limit]);
+        let rows = constraints.residual.iter().copied().chain(near);
+        DVector::from_iterator(self.jacobian.nrows(), rows)
+    }
 }
 
 /// Why an optimiser must stop before it is done.

@@ -1,7 +1,7 @@
 //! Elastic linear programs with few rows and many boxed variables, by a primal simplex with bounds.
 //!
 //! ```text
-//! minimise   cost' x + weight |matrix x - target|_1      subject to   lower <= x <= upper,   lower <= 0 <= upper
+//! minimise cost' x + weight (violations of equations and limits) subject to lower <= x <= upper, lower <= 0 <= upper
 //! ```
 //!
 //! Each row gets two slacks, `matrix x - above + below = target`, so the simplex starts at x = 0 without a first phase,
@@ -11,7 +11,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::elastic_program::{ElasticProgram, ElasticSolution};
+use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
 
 /// Reduced costs closer to zero are rounding of the row prices.
 const PRICE_TOLERANCE: f64 = 1e-11;
@@ -104,7 +104,7 @@ impl ElasticSolver {
     /// As [`ElasticSolver::solve`]; asks `is_stopped` now and then and gives up, with x = 0 at worst, when it says so:
     /// programs of thousands of variables take many milliseconds.
     pub fn solve_until(&mut self, program: &ElasticProgram, is_stopped: &dyn Fn() -> bool) -> ElasticSolution {
-        let staying = program.weight * program.target.lp_norm(1);
+        let staying = program.weight * violation_sum(&-program.target, program.equation_count);
         let mut iterations = 0;
         for care in [Care::Usual, Care::Great] {
             let mut solution = self.solve_with(program, care, is_stopped);
@@ -396,6 +396,7 @@ mod tests {
         let program = ElasticProgram {
             matrix,
             target: &DVector::from_column_slice(target),
+            equation_count: target.len(),
             cost: &DVector::from_column_slice(cost),
             lower: &DVector::repeat(n, -bound),
             upper: &DVector::repeat(n, bound),

@@ -5,11 +5,14 @@ mod evaluation;
 mod linear_program;
 mod nelder_mead;
 mod sequential_linear;
+mod switching;
 
 pub use elastic_program::{ElasticProgram, ElasticSolution};
-pub use evaluation::{Budget, Interruption, Problem};
+pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 pub use linear_program::ElasticSolver;
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
 pub use sequential_linear::{
-    Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, confirmed_decrease, minimise_sequentially,
+    ConfirmedDecrease, Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, confirmed_decrease,
+    minimise_sequentially,
 };
+pub use switching::sign_violations;

@@ -1,7 +1,7 @@
 //! Trust-region sequential linear programming on an exact l1 penalty.
 //!
 //! ```text
-//! merit(x) = cost' x + weight |residual(x)|_1
+//! merit(x) = cost' x + weight (|residual(x)|_1 + |excess(x)+|_1)
 //! ```
 //!
 //! Each iteration minimises the merit's linear model in a box about x (an elastic program), tries the step, corrects it
@@ -11,26 +11,28 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::elastic_program::ElasticProgram;
-use super::evaluation::{Budget, Interruption, Problem};
+use super::elastic_program::{ElasticProgram, violation_sum};
+use super::evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 use super::linear_program::ElasticSolver;
 
 /// Parameters of the iteration; the defaults were measured on the paper's forward drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SequentialLinearSettings {
-    /// Price of a unit of residual, above every multiplier of the problem.
+    /// Price of a unit of violation, above every multiplier of the problem.
     pub weight: f64,
     /// First trust radius, as a fraction of each variable's reach.
     pub first_radius: f64,
     /// Residuals of at most this magnitude are met.
     pub feasibility_tolerance: f64,
+    /// Limits exceeded by at most this much are kept.
+    pub excess_tolerance: f64,
     /// Most iterations.
     pub iteration_limit: usize,
-    /// Whether the final point's residuals are driven to zero.
+    /// Whether the final point's violations are driven to zero.
     pub restoration: Restoration,
 }
 
-/// Whether the final point's residuals are driven to zero.
+/// Whether the final point's violations are driven to zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Restoration {
     /// Yes: the point is an answer.
@@ -45,6 +47,7 @@ impl Default for SequentialLinearSettings {
             weight: 5.0,
             first_radius: 0.3,
             feasibility_tolerance: 1e-9,
+            excess_tolerance: 0.0,
             iteration_limit: 400,
             restoration: Restoration::Restore,
         }
@@ -97,10 +100,10 @@ pub enum Ending {
 pub struct SequentialLinearResult {
     /// The point.
     pub x: DVector<f64>,
-    /// Its scaled residuals.
-    pub residual: DVector<f64>,
-    /// Largest residual before the restoration: not small when the weight is below the multipliers of the problem, so
-    /// that violating the goal paid.
+    /// Its constraint values.
+    pub constraints: Constraints,
+    /// Largest violation before the restoration: not small when the weight is below the multipliers of the problem, so
+    /// that violating a constraint paid.
     pub unrestored: f64,
     /// Linear programs solved.
     pub iterations: u64,
@@ -108,19 +111,19 @@ pub struct SequentialLinearResult {
     pub ending: Ending,
 }
 
-/// Minimises `cost' x` subject to vanishing residuals and bounds, from `start`.
+/// Minimises `cost' x` subject to vanishing residuals, limits and bounds, from `start`.
 ///
-/// `on_improvement` hears of each accepted point (the point and its residuals).
+/// `on_improvement` hears of each accepted point (the point and its constraint values).
 pub fn minimise_sequentially(
     problem: &mut dyn Problem,
     start: &DVector<f64>,
     settings: &SequentialLinearSettings,
     budget: &mut Budget,
-    on_improvement: &mut dyn FnMut(&DVector<f64>, &DVector<f64>),
+    on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
 ) -> SequentialLinearResult {
     let mut search = Search::new(problem, start, settings);
     let descent = search.descend(budget, on_improvement);
-    let unrestored = search.residual.amax();
+    let unrestored = search.model.constraints.violation();
     let ending = match descent {
         Ok(ending) => match settings.restoration {
             Restoration::Skip => ending,
@@ -128,7 +131,17 @@ pub fn minimise_sequentially(
         },
         Err(interruption) => Ending::Interrupted(interruption),
     };
-    SequentialLinearResult { x: search.x, residual: search.residual, unrestored, iterations: search.iterations, ending }
+    let Search { x, model, iterations, .. } = search;
+    SequentialLinearResult { x, constraints: model.constraints, unrestored, iterations, ending }
+}
+
+/// What [`confirmed_decrease`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConfirmedDecrease {
+    /// The first-order measure: the predicted decrease.
+    pub prediction: f64,
+    /// The better point that confirms it, if there is one.
+    pub better: Option<DVector<f64>>,
 }
 
 /// First-order measure of a point: the decrease that the linear model predicts within the largest trust region in which
@@ -146,7 +159,7 @@ pub fn confirmed_decrease(
     x: &DVector<f64>,
     weight: f64,
     budget: &mut Budget,
-) -> Result<f64, Interruption> {
+) -> Result<ConfirmedDecrease, Interruption> {
     let settings = SequentialLinearSettings {
         weight,
         first_radius: LARGEST_CONFIRMED_RADIUS,
@@ -154,19 +167,19 @@ pub fn confirmed_decrease(
     };
     let mut search = Search::new(problem, x, &settings);
     search.linearise(budget)?;
-    let merit = search.merit(&search.x, &search.residual);
+    let merit = search.merit(&search.x, &search.model.constraints);
     loop {
         let step = search.linear_step(budget)?;
-        let prediction = merit - search.model(&step);
+        let prediction = merit - search.modelled_merit(&step);
         if prediction <= SMALLEST_PREDICTION || search.radius <= SMALLEST_RADIUS {
-            return Ok(prediction);
+            return Ok(ConfirmedDecrease { prediction, better: None });
         }
         // Smaller regions promise less: what this one promises is a bound on the measure.
         let Ok(trial) = search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget) else {
-            return Ok(prediction);
+            return Ok(ConfirmedDecrease { prediction, better: None });
         };
         if merit - trial.merit >= CONFIRMED_SHARE * prediction {
-            return Ok(prediction);
+            return Ok(ConfirmedDecrease { prediction, better: Some(trial.x) });
         }
         search.radius *= SHRINK_FACTOR;
     }
@@ -177,32 +190,31 @@ struct Search<'a> {
     settings: &'a SequentialLinearSettings,
     programs: ElasticSolver,
     x: DVector<f64>,
-    residual: DVector<f64>,
-    jacobian: DMatrix<f64>,
-    jacobian_is_current: bool,
+    /// Its constraint values are those of x; its derivatives too, when it is current.
+    model: Linearisation,
+    model_is_current: bool,
     radius: f64,
     iterations: u64,
 }
 
-/// A point with its residuals and merit.
+/// A point with its constraint values and merit.
 struct Trial {
     x: DVector<f64>,
-    residual: DVector<f64>,
+    constraints: Constraints,
     merit: f64,
 }
 
 impl<'a> Search<'a> {
     fn new(problem: &'a mut dyn Problem, start: &DVector<f64>, settings: &'a SequentialLinearSettings) -> Self {
-        let (rows, columns) = (problem.residual_count(), start.len());
         let x = clamped(start, problem.lower(), problem.upper());
+        let model = Linearisation::new(problem.constraints(), start.len());
         Self {
             problem,
             settings,
             programs: ElasticSolver::new(),
             x,
-            residual: DVector::zeros(rows),
-            jacobian: DMatrix::zeros(rows, columns),
-            jacobian_is_current: false,
+            model,
+            model_is_current: false,
             radius: settings.first_radius,
             iterations: 0,
         }
@@ -211,15 +223,15 @@ impl<'a> Search<'a> {
     fn descend(
         &mut self,
         budget: &mut Budget,
-        on_improvement: &mut dyn FnMut(&DVector<f64>, &DVector<f64>),
+        on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
     ) -> Result<Ending, Interruption> {
         let mut small_gains = 0;
         for _ in 0..self.settings.iteration_limit {
             self.linearise(budget)?;
-            let merit = self.merit(&self.x, &self.residual);
+            let merit = self.merit(&self.x, &self.model.constraints);
             let step = self.linear_step(budget)?;
             self.iterations += 1;
-            let prediction = merit - self.model(&step);
+            let prediction = merit - self.modelled_merit(&step);
             if prediction <= SMALLEST_PREDICTION {
                 return Ok(Ending::Stationary);
             }
@@ -228,8 +240,8 @@ impl<'a> Search<'a> {
             self.adapt_radius(gain / prediction);
             if gain > 0.0 {
                 self.accept(trial);
-                on_improvement(&self.x, &self.residual);
-                let is_small = gain < SMALL_GAIN && self.residual.amax() < NEAR_FEASIBLE;
+                on_improvement(&self.x, &self.model.constraints);
+                let is_small = gain < SMALL_GAIN && self.model.constraints.violation() < NEAR_FEASIBLE;
                 small_gains = if is_small { small_gains + 1 } else { 0 };
                 if small_gains >= SMALL_GAIN_LIMIT {
                     return Ok(Ending::SmallGains);
@@ -243,10 +255,10 @@ impl<'a> Search<'a> {
     }
 
     fn linearise(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
-        if !self.jacobian_is_current {
+        if !self.model_is_current {
             budget.spend()?;
-            self.problem.linearise(&self.x, &mut self.residual, &mut self.jacobian);
-            self.jacobian_is_current = true;
+            self.problem.linearise(&self.x, &mut self.model);
+            self.model_is_current = true;
         }
         Ok(())
     }
@@ -257,8 +269,9 @@ impl<'a> Search<'a> {
         let lower = (self.problem.lower() - &self.x).zip_map(&reach, |bound, reach| bound.max(-reach));
         let upper = (self.problem.upper() - &self.x).zip_map(&reach, f64::min);
         let program = ElasticProgram {
-            matrix: &self.jacobian,
-            target: &-&self.residual,
+            matrix: &self.model.jacobian,
+            target: &-self.model.rows_of(&self.model.constraints),
+            equation_count: self.equation_count(),
             cost: self.problem.cost(),
             lower: &lower,
             upper: &upper,
@@ -268,9 +281,19 @@ impl<'a> Search<'a> {
         if budget.is_stopped() { Err(Interruption::Stopped) } else { Ok(step) }
     }
 
+    fn equation_count(&self) -> usize {
+        self.model.constraints.residual.len()
+    }
+
+    /// The linear model's rows after a step.
+    fn modelled_rows(&self, step: &DVector<f64>) -> DVector<f64> {
+        self.model.rows_of(&self.model.constraints) + &self.model.jacobian * step
+    }
+
     /// The merit's linear model after a step.
-    fn model(&self, step: &DVector<f64>) -> f64 {
-        self.merit(&(&self.x + step), &(&self.residual + &self.jacobian * step))
+    fn modelled_merit(&self, step: &DVector<f64>) -> f64 {
+        let violation = violation_sum(&self.modelled_rows(step), self.equation_count());
+        self.problem.cost().dot(&(&self.x + step)) + self.settings.weight * violation
     }
 
     /// The point after the step; above `good_merit` also its correction is tried, and the better one kept.
@@ -279,8 +302,9 @@ impl<'a> Search<'a> {
         if trial.merit <= good_merit {
             return Ok(trial);
         }
-        let modelled = &self.residual + &self.jacobian * step;
-        let Some(correction) = self.least_change(&trial.x, &(&trial.residual - modelled)) else { return Ok(trial) };
+        let missed = self.model.rows_of(&trial.constraints) - self.modelled_rows(step);
+        let rows = self.violated_rows(&trial.constraints);
+        let Some(correction) = self.least_change(&trial.x, &rows, &missed) else { return Ok(trial) };
         let corrected = self.evaluate(&(&trial.x - correction), budget)?;
         Ok(if corrected.merit < trial.merit { corrected } else { trial })
     }
@@ -288,16 +312,16 @@ impl<'a> Search<'a> {
     fn evaluate(&mut self, x: &DVector<f64>, budget: &mut Budget) -> Result<Trial, Interruption> {
         budget.spend()?;
         let x = clamped(x, self.problem.lower(), self.problem.upper());
-        let mut residual = DVector::zeros(self.residual.len());
-        self.problem.residual(&x, &mut residual);
-        let merit = self.merit(&x, &residual);
-        Ok(Trial { x, residual, merit })
+        let mut constraints = self.problem.constraints();
+        self.problem.evaluate(&x, &mut constraints);
+        let merit = self.merit(&x, &constraints);
+        Ok(Trial { x, constraints, merit })
     }
 
     fn accept(&mut self, trial: Trial) {
         self.x = trial.x;
-        self.residual = trial.residual;
-        self.jacobian_is_current = false;
+        self.model.constraints = trial.constraints;
+        self.model_is_current = false;
     }
 
     fn adapt_radius(&mut self, ratio: f64) {
@@ -308,14 +332,18 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Drives the residuals of the final point to zero by least changes of the variables that are off their bounds.
+    /// Drives the violations of the final point to zero by least changes of the variables that are off their bounds.
     fn restore(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
         for _ in 0..RESTORATION_LIMIT {
-            if self.residual.amax() <= self.settings.feasibility_tolerance {
+            let constraints = &self.model.constraints;
+            let is_kept = constraints.largest_excess() <= self.settings.excess_tolerance;
+            if constraints.residual.amax() <= self.settings.feasibility_tolerance && is_kept {
                 return Ok(());
             }
             self.linearise(budget)?;
-            let Some(change) = self.least_change(&self.x, &self.residual) else { return Ok(()) };
+            let rows = self.violated_rows(&self.model.constraints);
+            let missed = self.model.rows_of(&self.model.constraints);
+            let Some(change) = self.least_change(&self.x, &rows, &missed) else { return Ok(()) };
             if !self.shorten_until_better(&change, budget)? {
                 return Ok(());
             }
@@ -328,7 +356,7 @@ impl<'a> Search<'a> {
         let mut share = 1.0;
         for _ in 0..SHORTENING_LIMIT {
             let trial = self.evaluate(&(&self.x - change * share), budget)?;
-            if trial.residual.amax() < self.residual.amax() {
+            if trial.constraints.violation() < self.model.constraints.violation() {
                 self.accept(trial);
                 return Ok(true);
             }
@@ -337,24 +365,32 @@ impl<'a> Search<'a> {
         Ok(false)
     }
 
-    /// The smallest change (in units of reach) of the variables off their bounds whose linear effect is `residual`.
-    fn least_change(&self, x: &DVector<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
+    /// All residuals, and the rows of limits that are exceeded.
+    fn violated_rows(&self, constraints: &Constraints) -> Vec<usize> {
+        let equations = self.equation_count();
+        let limits = self.model.near_limits.iter().enumerate();
+        let exceeded = limits.filter(|(_, limit)| constraints.excess[**limit] > 0.0);
+        (0..equations).chain(exceeded.map(|(row, _)| equations + row)).collect()
+    }
+
+    /// The smallest change (in units of reach) of the variables off their bounds whose linear effect on `rows` is `missed`.
+    fn least_change(&self, x: &DVector<f64>, rows: &[usize], missed: &DVector<f64>) -> Option<DVector<f64>> {
         let mut reach = self.problem.reach(x);
         for (index, reach) in reach.iter_mut().enumerate() {
             if x[index] <= self.problem.lower()[index] || x[index] >= self.problem.upper()[index] {
                 *reach = 0.0;
             }
         }
-        let mut scaled = self.jacobian.clone();
+        let mut scaled = self.model.jacobian.select_rows(rows);
         for (mut column, reach) in scaled.column_iter_mut().zip(reach.iter()) {
             column *= *reach;
         }
-        let weights = pseudo_solve(&(&scaled * scaled.transpose()), residual)?;
+        let weights = pseudo_solve(&(&scaled * scaled.transpose()), &missed.select_rows(rows))?;
         Some((scaled.transpose() * weights).component_mul(&reach))
     }
 
-    fn merit(&self, x: &DVector<f64>, residual: &DVector<f64>) -> f64 {
-        self.problem.cost().dot(x) + self.settings.weight * residual.lp_norm(1)
+    fn merit(&self, x: &DVector<f64>, constraints: &Constraints) -> f64 {
+        self.problem.cost().dot(x) + self.settings.weight * constraints.violation_sum()
     }
 }
 

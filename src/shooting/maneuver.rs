@@ -146,7 +146,7 @@ pub struct Maneuver {
     pub start: State,
     /// Goal at the reference point.
     pub goal: Goal,
-    /// Largest torque magnitude per wheel, N m.
+    /// Largest torque magnitude per wheel, N m; 0 for a wheel without drive.
     pub torque_limit: PerWheel<f64>,
 }
 
@@ -175,10 +175,10 @@ impl Maneuver {
         for (field, limit) in
             [("torque_limit_left_n_m", self.torque_limit.left), ("torque_limit_right_n_m", self.torque_limit.right)]
         {
-            if limit > 0.0 {
+            if limit >= 0.0 {
                 checks.within_magnitude(field, limit, TORQUE_LIMIT, "N m");
             } else {
-                checks.positive(field, limit, "N m");
+                checks.non_negative(field, limit, "N m");
             }
         }
     }
@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn all_violations_are_reported_at_once() {
         let mut maneuver = Maneuver::forward_drive();
-        maneuver.torque_limit = PerWheel::new(-1.0, 0.0);
+        maneuver.torque_limit = PerWheel::new(-1.0, f64::NAN);
         maneuver.start.velocity.x = f64::INFINITY;
         let mut checks = Checks::new();
         maneuver.check(&mut checks);

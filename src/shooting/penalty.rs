@@ -1,7 +1,9 @@
-//! The paper's penalty (section 4): weighted squared end-state errors, time, and squared torque excess.
+//! The paper's penalty (section 4): weighted squared end-state errors, time, and squared torque excess; and squared
+//! lacks of load, which the paper's case never meets.
 //!
 //! ```text
 //! penalty(y) = t_f + weight_goal sum (scale_i error_i)^2 + weight_torque sum (excess_j / limit_j)^2
+//!            + weight_load sum (lack_k / weight)^2
 //! ```
 //!
 //! The rollout itself runs with torques cut to their limits, so that every iterate is a plan the robot can follow.
@@ -9,30 +11,37 @@
 use nalgebra::DVector;
 
 use super::problem::ShootingProblem;
-use crate::optimizer::Problem;
+use crate::optimizer::{Constraints, Problem};
 
 /// Price of a squared scaled goal error, s per m2: at the optimum a millimetre of error pays for 0.3 ms.
 const WEIGHT_GOAL: f64 = 150.0;
 /// Price of a squared relative torque excess, s.
 const WEIGHT_TORQUE: f64 = 1.0;
+/// Price of a squared lack of normal load relative to the weight, s.
+const WEIGHT_LOAD: f64 = 10.0;
 
 /// The penalty of a shooting problem.
 pub struct Penalty<'a, 'b> {
     problem: &'a mut ShootingProblem<'b>,
     clamped: DVector<f64>,
-    residual: DVector<f64>,
+    constraints: Constraints,
 }
 
 impl<'a, 'b> Penalty<'a, 'b> {
     /// The penalty of `problem`.
     pub fn new(problem: &'a mut ShootingProblem<'b>) -> Self {
-        let (dimension, rows) = (problem.cost().len(), problem.residual_count());
-        Self { problem, clamped: DVector::zeros(dimension), residual: DVector::zeros(rows) }
+        let (clamped, constraints) = (DVector::zeros(problem.cost().len()), problem.constraints());
+        Self { problem, clamped, constraints }
     }
 
-    /// The scaled goal errors of the last decision.
-    pub fn residual(&self) -> &DVector<f64> {
-        &self.residual
+    /// The constraint values of the last decision.
+    pub fn constraints(&self) -> &Constraints {
+        &self.constraints
+    }
+
+    /// Whether some contact would have to pull under the last decision.
+    pub fn lifts_off(&self) -> bool {
+        self.problem.lifts_off(&self.constraints)
     }
 
     /// The penalty of a decision; one rollout.
@@ -41,10 +50,14 @@ impl<'a, 'b> Penalty<'a, 'b> {
         for (index, value) in decision.iter().enumerate() {
             let (lower, upper) = (self.problem.lower()[index], self.problem.upper()[index]);
             self.clamped[index] = value.clamp(lower, upper);
-            excess += ((value - self.clamped[index]) / upper).powi(2);
+            if *value != self.clamped[index] {
+                excess += ((value - self.clamped[index]) / upper).powi(2);
+            }
         }
-        self.problem.residual(&self.clamped, &mut self.residual);
+        self.problem.evaluate(&self.clamped, &mut self.constraints);
         let final_time = self.clamped[self.clamped.len() - 1];
-        final_time + WEIGHT_GOAL * self.residual.norm_squared() + WEIGHT_TORQUE * excess
+        let lack: f64 = self.constraints.excess.iter().map(|value| value.max(0.0).powi(2)).sum();
+        let goal = self.constraints.residual.norm_squared();
+        final_time + WEIGHT_GOAL * goal + WEIGHT_TORQUE * excess + WEIGHT_LOAD * lack
     }
 }

@@ -1,12 +1,14 @@
-//! A maneuver as a shooting problem: from a decision vector to scaled goal errors and their Jacobian.
+//! A maneuver as a shooting problem: from a decision vector to scaled goal errors, to how far the contacts are from
+//! lifting off, and to their Jacobian.
 
-use nalgebra::{DMatrix, DVector, Vector2};
+use nalgebra::{DVector, Vector2};
 
 use super::decision::{decision_len, write_schedule};
+use super::load_limits::LoadLimits;
 use super::maneuver::{Maneuver, StateComponent};
-use crate::optimizer::Problem;
+use crate::optimizer::{Constraints, Linearisation, Problem};
 use crate::robot::State;
-use crate::simulation::{EndDerivative, EndSensitivity, Rollout, Simulator, TorqueSchedule};
+use crate::simulation::{EndDerivative, EndSensitivity, LeastLoads, Rollout, Simulator, TorqueSchedule};
 
 /// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): what is left of a maneuver shows first in its end.
 const SPEED_SCALE: f64 = 0.3;
@@ -17,19 +19,21 @@ pub const SHORTEST_FINAL_TIME: f64 = 0.02;
 /// Longest final time that is searched, s.
 pub const LONGEST_FINAL_TIME: f64 = 1e4;
 
-/// Goal errors of one maneuver as a function of torques and final time.
+/// Goal errors and normal loads of one maneuver as a function of torques and final time.
 #[derive(Debug, Clone)]
 pub struct ShootingProblem<'a> {
     simulator: &'a Simulator,
     start: State,
     reference_offset: Vector2<f64>,
     rows: Vec<GoalRow>,
+    load_limits: LoadLimits,
     step_count: usize,
     cost: DVector<f64>,
     lower: DVector<f64>,
     upper: DVector<f64>,
     schedule: TorqueSchedule,
     sensitivity: EndSensitivity,
+    loads: LeastLoads,
     slip_smoothing: f64,
 }
 
@@ -83,6 +87,7 @@ impl<'a> ShootingProblem<'a> {
             start: maneuver.start_at_center_of_mass(parameters),
             reference_offset: maneuver.reference_point.offset(parameters),
             rows: goal_rows(maneuver, parameters.wheel_radius),
+            load_limits: LoadLimits::new(simulator.robot()),
             step_count,
             cost,
             lower,
@@ -93,6 +98,7 @@ impl<'a> ShootingProblem<'a> {
                 right: vec![0.0; control_count],
             },
             sensitivity: EndSensitivity::default(),
+            loads: LeastLoads::default(),
             slip_smoothing: 0.0,
         }
     }
@@ -114,6 +120,18 @@ impl<'a> ShootingProblem<'a> {
         GoalScales(self.rows.iter().map(|row| row.scale).collect())
     }
 
+    /// Sum of the scaled goal errors of the start.
+    pub fn violation_at_start(&self) -> f64 {
+        let mut residual = DVector::zeros(self.rows.len());
+        self.write_residual(&self.start, &mut residual);
+        residual.lp_norm(1)
+    }
+
+    /// Whether some contact would have to pull at a point with these constraint values.
+    pub fn lifts_off(&self, constraints: &Constraints) -> bool {
+        self.load_limits.are_broken(&constraints.excess)
+    }
+
     fn write_residual(&self, end: &State, residual: &mut DVector<f64>) {
         let end = end.moved_by(self.reference_offset).to_vector();
         for (value, row) in residual.iter_mut().zip(&self.rows) {
@@ -121,10 +139,32 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
+    /// The goal rows of a column of the Jacobian.
     fn write_column(&self, derivative: &EndDerivative, end: &State, mut column: nalgebra::DVectorViewMut<f64>) {
         let derivative = moved_derivative(derivative, end, self.reference_offset);
         for (value, row) in column.iter_mut().zip(&self.rows) {
             *value = row.scale * derivative[row.component];
+        }
+    }
+
+    fn write_goal_rows(&self, linearisation: &mut Linearisation) {
+        let sensitivity = &self.sensitivity;
+        self.write_residual(&sensitivity.end, &mut linearisation.constraints.residual);
+        let torques = sensitivity.by_left_torque.iter().chain(&sensitivity.by_right_torque);
+        for (index, derivative) in torques.chain([&sensitivity.by_final_time]).enumerate() {
+            self.write_column(derivative, &sensitivity.end, linearisation.jacobian.column_mut(index));
+        }
+    }
+
+    fn write_load_rows(&self, rollout: &Rollout, linearisation: &mut Linearisation) {
+        let near = &linearisation.near_limits;
+        if near.is_empty() {
+            return;
+        }
+        let derivatives = self.simulator.load_sensitivity(rollout, self.slip_smoothing, &self.sensitivity, near);
+        for (index, derivative) in derivatives.iter().enumerate() {
+            let row = linearisation.jacobian.row_mut(self.rows.len() + index);
+            self.load_limits.write_row(derivative, row);
         }
     }
 }
@@ -149,22 +189,20 @@ impl Problem for ShootingProblem<'_> {
         reach
     }
 
-    fn residual_count(&self) -> usize {
-        self.rows.len()
+    fn constraints(&self) -> Constraints {
+        let limit_count = LeastLoads::count(self.schedule.control_count());
+        Constraints { residual: DVector::zeros(self.rows.len()), excess: DVector::zeros(limit_count) }
     }
 
-    fn residual(&mut self, decision: &DVector<f64>, residual: &mut DVector<f64>) {
+    fn evaluate(&mut self, decision: &DVector<f64>, constraints: &mut Constraints) {
         write_schedule(decision, &mut self.schedule);
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        let end = if self.slip_smoothing > 0.0 {
-            self.simulator.smoothed_end_state(&rollout, self.slip_smoothing)
-        } else {
-            self.simulator.end_state(&rollout)
-        };
-        self.write_residual(&end, residual);
+        let end = self.simulator.end_state_and_loads(&rollout, self.slip_smoothing, &mut self.loads);
+        self.write_residual(&end, &mut constraints.residual);
+        self.load_limits.write_excess(&self.loads, &mut constraints.excess);
     }
 
-    fn linearise(&mut self, decision: &DVector<f64>, residual: &mut DVector<f64>, jacobian: &mut DMatrix<f64>) {
+    fn linearise(&mut self, decision: &DVector<f64>, linearisation: &mut Linearisation) {
         write_schedule(decision, &mut self.schedule);
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
         if self.slip_smoothing > 0.0 {
@@ -172,12 +210,12 @@ impl Problem for ShootingProblem<'_> {
         } else {
             self.simulator.end_sensitivity(&rollout, &mut self.sensitivity);
         }
-        let sensitivity = &self.sensitivity;
-        self.write_residual(&sensitivity.end, residual);
-        let torques = sensitivity.by_left_torque.iter().chain(&sensitivity.by_right_torque);
-        for (index, derivative) in torques.chain([&sensitivity.by_final_time]).enumerate() {
-            self.write_column(derivative, &sensitivity.end, jacobian.column_mut(index));
-        }
+        let Linearisation { constraints, near_limits, jacobian } = linearisation;
+        self.load_limits.write_excess(&self.sensitivity.loads, &mut constraints.excess);
+        LoadLimits::list_near(&constraints.excess, near_limits);
+        jacobian.resize_vertically_mut(self.rows.len() + near_limits.len(), 0.0);
+        self.write_goal_rows(linearisation);
+        self.write_load_rows(&rollout, linearisation);
     }
 }
 
@@ -226,20 +264,20 @@ mod tests {
         let maneuver = Maneuver { reference_point: ReferencePoint::AxleMidpoint, ..Maneuver::forward_drive() };
         let mut problem = ShootingProblem::new(&simulator, &maneuver, 50, 5);
         let decision = DVector::from_vec(vec![0.9, 0.3, -0.2, 0.7, -0.6, 0.5, 0.8, 0.1, -0.4, 0.2, 1.7]);
-        let (mut residual, mut jacobian) = (DVector::zeros(8), DMatrix::zeros(8, 11));
-        problem.linearise(&decision, &mut residual, &mut jacobian);
+        let mut model = Linearisation::new(problem.constraints(), decision.len());
+        problem.linearise(&decision, &mut model);
         let step = 1e-6;
         for index in 0..decision.len() {
             let [above, below] = [step, -step].map(|step| {
                 let mut moved = decision.clone();
                 moved[index] += step;
-                let mut residual = DVector::zeros(8);
-                problem.residual(&moved, &mut residual);
-                residual
+                let mut constraints = problem.constraints();
+                problem.evaluate(&moved, &mut constraints);
+                model.rows_of(&constraints)
             });
             let difference = (above - below) / (2.0 * step);
             // Truncation and rounding of the central difference meet near 1e-9 of derivatives near 1.
-            assert!((jacobian.column(index) - difference).amax() < 1e-7);
+            assert!((model.jacobian.column(index) - difference).amax() < 1e-7);
         }
     }
 }

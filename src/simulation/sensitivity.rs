@@ -14,8 +14,10 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
+use super::least_loads::LeastLoads;
 use super::moreau_step::{Step, StepContact, StepModel};
 use super::rollout::{ExactContact, Model, Rollout, Simulator, integrate};
+use super::step_derivative::StepDerivative;
 use super::torque_schedule::control_interval;
 use crate::contact::{ContactPattern, SmoothedSolver};
 use crate::robot::{BodyVector, PerWheel, State};
@@ -37,19 +39,21 @@ pub struct EndSensitivity {
     pub by_right_torque: Vec<EndDerivative>,
     /// By the final time, per s.
     pub by_final_time: EndDerivative,
-    tape: Vec<TapeEntry>,
+    /// The least normal forces on the way.
+    pub loads: LeastLoads,
+    pub(super) tape: Vec<TapeEntry>,
 }
 
 /// What the backward sweep needs of one step.
 #[derive(Debug, Clone, Copy)]
-struct TapeEntry {
+pub(super) struct TapeEntry {
     rotation: (f64, f64),
-    start_velocity: BodyVector,
-    end_velocity: BodyVector,
+    pub(super) start_velocity: BodyVector,
+    pub(super) end_velocity: BodyVector,
     /// Impact slip by direction; the front's stay zero when it is frictionless.
-    impact_slip: SVector<f64, 5>,
-    normal_impulse: Vector3<f64>,
-    pattern: ContactPattern,
+    pub(super) impact_slip: SVector<f64, 5>,
+    pub(super) normal_impulse: Vector3<f64>,
+    pub(super) pattern: ContactPattern,
 }
 
 impl Simulator {
@@ -83,10 +87,14 @@ fn differentiate<const N: usize>(
     slip_smoothing: f64,
     sensitivity: &mut EndSensitivity,
 ) {
-    let EndSensitivity { end, by_left_torque, by_right_torque, by_final_time, tape } = sensitivity;
+    let EndSensitivity { end, by_left_torque, by_right_torque, by_final_time, loads, tape } = sensitivity;
     tape.clear();
     tape.reserve(rollout.step_count);
-    *end = integrate(model, rollout, contact_solver, |_, step| tape.push(TapeEntry::new(step)));
+    loads.clear(rollout);
+    *end = integrate(model, rollout, contact_solver, |index, step| {
+        loads.note(index, &step.contact.normal_impulse);
+        tape.push(TapeEntry::new(step));
+    });
 
     let control_count = rollout.schedule.control_count();
     for derivatives in [&mut *by_left_torque, &mut *by_right_torque] {
@@ -166,7 +174,7 @@ impl BackwardSweep {
         let mut by_midpoint_heading = by_end.column(1) * end[0] - by_end.column(0) * end[1];
         rotate_into_body(&mut by_end, sin, cos);
 
-        let derivative = StepDerivative::new(model, entry, (torque, dt), self.slip_smoothing);
+        let derivative = StepDerivative::of_motion(model, entry, (torque, dt), self.slip_smoothing);
         let by_torque = PerWheel::new(by_end * derivative.by_torque.left, by_end * derivative.by_torque.right);
         self.by_step_length += by_end * derivative.by_step_length;
         let mut by_start = by_end * derivative.by_velocity;
@@ -192,73 +200,6 @@ impl BackwardSweep {
         by_yaw_rate += self.by_heading * half;
         rows[(3, 3)] += half;
         rows[(4, 4)] += half;
-    }
-}
-
-/// Derivatives of the body velocity at the end of one step.
-#[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
-struct StepDerivative {
-    by_velocity: SMatrix<f64, 5, 5>,
-    by_torque: PerWheel<BodyVector>,
-    by_step_length: BodyVector,
-}
-
-impl StepDerivative {
-    #[inline]
-    fn new<const N: usize>(
-        model: &StepModel<N>,
-        entry: &TapeEntry,
-        (torque, dt): (PerWheel<f64>, f64),
-        slip_smoothing: f64,
-    ) -> Self {
-        let velocity = &entry.start_velocity;
-        let (by_slip, by_normal) = motion_by_free_data(model, entry, slip_smoothing);
-
-        // u_E = u_A + dt a + P Lambda, free_slip = (1 + e) W' u_A + W' dt a, free_normal = dt n.
-        let smooth = SMatrix::<f64, 5, 5>::identity() + by_slip * model.slip_map;
-        let mut by_velocity = SMatrix::<f64, 5, 5>::identity() + (by_slip * model.slip_map) * model.restitution_factor;
-
-        let planar = &model.centrifugal_acceleration;
-        let by_rate = BodyVector::from([planar[0], planar[1], planar[2], 0.0, 0.0]) * (2.0 * velocity[2] * dt);
-        let load = &model.load;
-        let wheel_rates = velocity[3] + velocity[4];
-        let load_by_rate =
-            (load.by_yaw_rate_squared * (2.0 * velocity[2]) + load.by_yaw_rate_wheel_rate * wheel_rates) * dt;
-        let mut yaw_column = by_velocity.column_mut(2);
-        yaw_column += smooth * by_rate + by_normal * load_by_rate;
-        let gyroscopic = by_normal * (load.by_yaw_rate_wheel_rate * (velocity[2] * dt));
-        for wheel in [3, 4] {
-            let mut column = by_velocity.column_mut(wheel);
-            column += gyroscopic;
-        }
-
-        let by_torque = |wheel: usize, load: &Vector3<f64>| {
-            smooth.column(wheel) * (dt * model.inverse_spin_inertia) + by_normal * (load * dt)
-        };
-        let by_step_length = smooth * model.smooth_acceleration(velocity, torque)
-            + by_normal * model.load.normal_force(velocity, torque);
-        Self {
-            by_velocity,
-            by_torque: PerWheel::new(by_torque(3, &load.by_torque.left), by_torque(4, &load.by_torque.right)),
-            by_step_length,
-        }
-    }
-}
-
-/// P dLambda / d(free slip) and P dLambda / d(free normal impulse).
-#[inline]
-fn motion_by_free_data<const N: usize>(
-    model: &StepModel<N>,
-    entry: &TapeEntry,
-    slip_smoothing: f64,
-) -> (SMatrix<f64, 5, N>, SMatrix<f64, 5, 3>) {
-    let impact_slip = entry.impact_slip.fixed_rows::<N>(0).into_owned();
-    match model.system.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse, slip_smoothing) {
-        Some(derivative) => {
-            (model.impulse_response * derivative.by_free_slip, model.impulse_response * derivative.by_free_normal)
-        }
-        // The slip direction is undefined only where the slip is exactly zero: friction then changes nothing.
-        None => (SMatrix::zeros(), SMatrix::zeros()),
     }
 }
 

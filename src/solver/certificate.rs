@@ -4,14 +4,15 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::SVector;
 
-use super::local_search::{Candidate, WEIGHTS};
-use super::lower_bound::friction_bound;
+use super::goal_miss::goal_missed;
+use super::local_search::{Candidate, prices};
+use super::lower_bound::{Grid, largest, lower_bounds};
 use super::search::SearchResult;
 use super::settings::{Refinement, SolveInput};
 use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
-use crate::optimizer::{Budget, confirmed_decrease};
+use crate::optimizer::{Budget, confirmed_decrease, sign_violations};
 use crate::robot::State;
-use crate::shooting::{ShootingProblem, StateComponent, schedule_from_decision};
+use crate::shooting::{LONGEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
 
 /// The replay's grid is this much finer than the plan's.
@@ -19,7 +20,7 @@ const REPLAY_REFINEMENT: usize = 16;
 /// Largest accepted residual of the contact law, relative to m g dt.
 const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// Largest accepted first-order measure, as a share of the final time.
-const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
+pub(super) const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
 
 /// Rollouts that the first-order measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
@@ -43,28 +44,38 @@ pub(super) fn certified(
     // that is waited for must not take long.
     let is_urgent = result.stop_reason == StopReason::Stopped;
     let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
-    let measure = confirmed_decrease(problem, &best.decision, WEIGHTS[1], &mut budget).unwrap_or(f64::NAN);
+    let [_, price] = prices(problem, best.final_time());
+    let confirmed = confirmed_decrease(problem, &best.decision, price, &mut budget);
+    let measure = confirmed.map_or(f64::NAN, |confirmed| confirmed.prediction);
     // Where nothing is known, all of the final time might be gained.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
-    Evidence::collect(input, simulator, schedule, &result).solution(input, result, measure, is_stationary)
+    let mut budget = Budget::new(&NEVER, u64::MAX);
+    let violations = sign_violations(problem, &best.decision, price, &mut budget).unwrap_or(best.decision.len());
+    let evidence = Evidence::collect(input, simulator, schedule, &result);
+    let mut solution = evidence.solution(input, result, measure, is_stationary);
+    solution.report.switching_sign_violations = violations;
+    solution
+}
+
+/// The answer where no plan exists: the start with its distance from the goal, an empty schedule, and why.
+pub(super) fn certified_impossible(input: &SolveInput, reason: Reason) -> Solution {
+    let mut solution = certified_standstill(input, StopReason::Finished);
+    solution.status = Status::Infeasible;
+    solution.reason = Some(reason);
+    solution.report.distinct_optima = Vec::new();
+    if solution.report.refinement != RefinementOutcome::Fixed {
+        solution.report.refinement = RefinementOutcome::NoPlan;
+    }
+    solution
 }
 
 /// The answer where the start already meets the goal, or where nobody wants an answer: stay.
 pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) -> Solution {
     let trajectory = Trajectory { time: vec![0.0], state: vec![input.maneuver.start], ..Trajectory::default() };
-    let evidence = Evidence {
-        goal_error: input.maneuver.goal_error(&input.maneuver.start),
-        replay: Replay {
-            step_count: 0,
-            miss_position: 0.0,
-            miss_heading: 0.0,
-            miss_speed: 0.0,
-            within_tolerance: true,
-        },
-        trajectory,
-        schedule: TorqueSchedule::empty(),
-    };
+    let goal_error = input.maneuver.goal_error(&input.maneuver.start);
+    let replay = replay_of_miss(input, &goal_error, 0);
+    let evidence = Evidence { goal_error, replay, trajectory, schedule: TorqueSchedule::empty() };
     let refinement = match input.settings.refinement {
         Refinement::Fixed => RefinementOutcome::Fixed,
         Refinement::UntilExecutable { .. } => RefinementOutcome::WithinTolerance,
@@ -119,12 +130,13 @@ impl Evidence {
         } else {
             Status::Feasible
         };
-        let (lower_bound, lower_bound_assumption) = friction_bound(&input.maneuver, input.robot.parameters());
+        let step_count = if result.step_count == 0 { input.settings.step_count } else { result.step_count };
+        let bound = largest(&lower_bounds(input, Grid::Steps(step_count)));
         Solution {
             status,
             stop_reason: result.stop_reason,
             executable: meets_goal && separations.is_empty() && self.replay.within_tolerance,
-            reason: (!meets_goal).then(|| self.goal_missed(input)),
+            reason: (!meets_goal).then(|| goal_missed(input, &self.schedule, &self.goal_error, result.stop_reason)),
             goal_error: self.goal_error,
             contact_modes: self.trajectory.contact_modes(),
             report: Report {
@@ -138,35 +150,16 @@ impl Evidence {
                 distinct_optima: result.distinct_optima,
                 worst_contact_residual: self.trajectory.worst_contact_residual,
                 predicted_decrease: measure,
-                lower_bound,
-                lower_bound_assumption,
+                lower_bound: bound.time.min(LONGEST_FINAL_TIME),
+                lower_bound_assumption: bound.assumption,
                 separations,
                 indeterminate_steps: self.trajectory.indeterminate_steps,
                 slip_reversals: self.trajectory.slip_reversals(),
+                switching_sign_violations: 0,
                 replay: self.replay,
             },
             trajectory: self.trajectory,
             schedule: self.schedule,
-        }
-    }
-
-    /// The goal component that is missed most.
-    fn goal_missed(&self, input: &SolveInput) -> Reason {
-        let constrained = input.maneuver.goal.constrained();
-        let error = |component: StateComponent| self.goal_error[component.index()];
-        let (component, goal) = constrained
-            .max_by(|(a, _), (b, _)| error(*a).abs().total_cmp(&error(*b).abs()))
-            .expect("a validated goal constrains something");
-        let miss = error(component);
-        let tolerance = input.settings.goal_tolerance;
-        let field = format!("maneuver.goal.{}", component.field());
-        Reason {
-            code: "goal_missed",
-            message: format!("`{field}` is {goal}, the best plan misses it by {miss}, must be within {tolerance}"),
-            field,
-            time: self.schedule.final_time,
-            value: miss,
-            limit: tolerance,
         }
     }
 }
@@ -176,11 +169,16 @@ pub(super) fn replay(input: &SolveInput, simulator: &Simulator, plan: &Rollout) 
     let fine = Rollout { step_count: REPLAY_REFINEMENT * plan.step_count, ..*plan };
     let offset = input.maneuver.reference_point.offset(input.robot.parameters());
     let miss = input.maneuver.goal_error(&simulator.end_state(&fine).moved_by(offset)).map(finite_or_largest);
+    replay_of_miss(input, &miss, fine.step_count)
+}
+
+/// The replay that ends off the goal by `miss`.
+fn replay_of_miss(input: &SolveInput, miss: &SVector<f64, { State::LEN }>, step_count: usize) -> Replay {
     let of = |component: StateComponent| miss[component.index()];
     let miss_position = finite_or_largest(of(StateComponent::X).hypot(of(StateComponent::Y)));
     let miss_heading = of(StateComponent::Heading).abs();
     Replay {
-        step_count: fine.step_count,
+        step_count,
         miss_position,
         miss_heading,
         miss_speed: finite_or_largest(of(StateComponent::VelocityX).hypot(of(StateComponent::VelocityY))),

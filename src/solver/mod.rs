@@ -2,6 +2,9 @@
 
 mod certificate;
 pub mod domain;
+mod goal_miss;
+mod impossibility;
+mod largest_load;
 mod local_search;
 mod lower_bound;
 mod refinement;
@@ -40,6 +43,9 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     if start_error.amax() <= input.settings.goal_tolerance {
         return certificate::certified_standstill(input, StopReason::Finished);
     }
+    if let Some(reason) = impossibility::impossibility(input) {
+        return certificate::certified_impossible(input, reason);
+    }
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
     let problem_on = |step_count| ShootingProblem::new(&simulator, &input.maneuver, step_count, settings.control_count);
@@ -63,15 +69,16 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
 fn fallback(input: &SolveInput, problem: &mut ShootingProblem) -> Option<Candidate> {
     let start = &starts::starts(input)[0];
     let decision = decision_from_schedule(&start.schedule);
-    let mut residual = DVector::zeros(problem.residual_count());
-    problem.residual(&decision, &mut residual);
-    let goal_error = problem.goal_scales().largest_goal_error(&residual);
-    goal_error.is_finite().then_some(Candidate { decision, goal_error, goal_heading: start.goal_heading })
+    let mut constraints = problem.constraints();
+    problem.evaluate(&decision, &mut constraints);
+    let goal_error = problem.goal_scales().largest_goal_error(&constraints.residual);
+    let lifts_off = problem.lifts_off(&constraints);
+    goal_error.is_finite().then_some(Candidate { decision, goal_error, lifts_off, goal_heading: start.goal_heading })
 }
 
 /// No torque, for so short a time that no motion diverges.
 fn standing_still(input: &SolveInput) -> Candidate {
     let mut decision = DVector::zeros(decision_len(input.settings.control_count));
     decision[2 * input.settings.control_count] = STANDING_TIME;
-    Candidate { decision, goal_error: f64::INFINITY, goal_heading: None }
+    Candidate { decision, goal_error: f64::INFINITY, lifts_off: true, goal_heading: None }
 }

@@ -116,7 +116,7 @@ impl Refiner<'_, '_, '_> {
             ShootingProblem::new(self.simulator, &self.input.maneuver, step_count, settings.control_count);
         let rollout_limit = settings.rollout_limit - self.result.rollouts;
         let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
-        let mut optima = Vec::new();
+        let mut optima: Vec<Candidate> = Vec::new();
         let mut interruption = None;
         for start in starts.iter().skip(first) {
             match search.run_from(start, (starts.len(), starts.len())) {
@@ -133,7 +133,7 @@ impl Refiner<'_, '_, '_> {
         if let Some(interruption) = interruption {
             self.result.stop_reason = interruption.into();
         }
-        optima.retain(|candidate| candidate.goal_error <= self.input.settings.goal_tolerance);
+        optima.retain(|candidate| candidate.is_feasible(self.input.settings.goal_tolerance));
         optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
         optima.into_iter().map(|candidate| self.plan(candidate, step_count)).collect()
     }
@@ -152,7 +152,7 @@ impl Refiner<'_, '_, '_> {
             let is_new = plans
                 .last()
                 .is_none_or(|last| candidate.final_time() > (1.0 + DISTINCT_FINAL_TIME) * last.candidate.final_time());
-            if candidate.goal_error <= tolerance && is_new {
+            if candidate.is_feasible(tolerance) && is_new {
                 plans.push(self.plan(candidate.clone(), self.result.step_count));
             }
         }
@@ -192,7 +192,7 @@ impl Refiner<'_, '_, '_> {
         loop {
             let step_count = (factor * plan.step_count).min(self.finest());
             let candidate = self.adapted(&plan.candidate, step_count)?;
-            if candidate.goal_error <= self.input.settings.goal_tolerance {
+            if candidate.is_feasible(self.input.settings.goal_tolerance) {
                 return Ok(Some(self.plan(candidate, step_count)));
             }
             if factor <= FACTORS.0 {

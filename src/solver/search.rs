@@ -83,11 +83,11 @@ fn explore(
     for start in starts {
         outcome.starts_tried += 1;
         let local = local_search.run_from(start, (outcome.starts_tried, starts.len()))?;
-        if local.goal_error <= tolerance {
+        if local.is_feasible(tolerance) {
             outcome.optima.push(local);
         }
     }
-    if starts.iter().all(|start| start.way == Way::Direct) {
+    if starts.iter().all(|start| start.way != Way::Smoothed) {
         return Ok(());
     }
     outcome.optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));

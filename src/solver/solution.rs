@@ -73,6 +73,12 @@ pub struct DistinctOptimum {
 pub enum LowerBoundAssumption {
     /// Friction bounds the acceleration of the whole robot's centre of mass.
     Friction,
+    /// Friction bounds the yaw acceleration.
+    YawFriction,
+    /// Torque builds up the motion that carries the robot; friction brakes it.
+    DriveTorque,
+    /// Torque and friction bound the acceleration of each wheel.
+    WheelDrive,
 }
 
 impl LowerBoundAssumption {
@@ -80,6 +86,9 @@ impl LowerBoundAssumption {
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Friction => "friction",
+            Self::YawFriction => "yaw_friction",
+            Self::DriveTorque => "drive_torque",
+            Self::WheelDrive => "wheel_drive",
         }
     }
 }
@@ -163,6 +172,8 @@ pub struct Report {
     pub indeterminate_steps: usize,
     /// Slip reversals, where derivatives mislead.
     pub slip_reversals: usize,
+    /// Torques that contradict the sign of the switching function: off the limit at which they would gain.
+    pub switching_sign_violations: usize,
     /// The plan on a finer grid.
     pub replay: Replay,
 }

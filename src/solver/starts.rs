@@ -28,6 +28,8 @@ pub(super) struct Start {
 /// How a start is brought to a local optimum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Way {
+    /// As [`Way::Direct`] with the least effort: it comes from a plan that already nearly is one.
+    Warm,
     /// Under the exact friction law at once: to the nearest local optimum, the paper's family on the paper's case.
     Direct,
     /// Through smoothed laws: slower, and often to a much better one.
@@ -48,6 +50,8 @@ const SPIN_SHARE: usize = 10;
 const PERTURBED_STRETCH: usize = 4;
 /// Largest perturbation, as a share of the torque limit.
 const PERTURBATION: f64 = 0.7;
+/// Durations of coasting plans, s, the likeliest first: a search moves each by a factor of a few.
+const COASTING_TIMES: [f64; 8] = [1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03, 100.0];
 /// Speeds below this, m/s or rad/s, count as rest.
 const REST: f64 = 1e-9;
 
@@ -79,9 +83,14 @@ pub(super) fn starts(input: &SolveInput) -> Vec<Start> {
     let guess = input.initial_guess.iter().map(|guess| Start {
         schedule: resampled(guess, input.settings.control_count),
         goal_heading: input.maneuver.nearest_goal_heading(),
-        way: Way::Direct,
+        way: Way::Warm,
     });
     let mut starts: Vec<Start> = guess.collect();
+    if input.maneuver.torque_limit == PerWheel::new(0.0, 0.0) {
+        starts.extend(coasting(input));
+        starts.truncate(if input.settings.method == Method::NelderMead { 1 } else { count });
+        return starts;
+    }
     if input.settings.method == Method::NelderMead {
         starts.push(straight(&input.maneuver, input.robot.parameters(), input.settings.control_count));
         starts.truncate(1);
@@ -105,6 +114,17 @@ pub(super) fn starts(input: &SolveInput) -> Vec<Start> {
     }
     starts.truncate(count);
     starts
+}
+
+/// Without torque there is only the final time to choose.
+fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
+    let zeros = vec![0.0; input.settings.control_count];
+    let goal_heading = input.maneuver.nearest_goal_heading();
+    COASTING_TIMES.into_iter().map(move |final_time| Start {
+        schedule: TorqueSchedule { final_time, left: zeros.clone(), right: zeros.clone() },
+        goal_heading,
+        way: Way::Direct,
+    })
 }
 
 /// The same plan with its wheels against each other after the middle: the way into drifting turns.

@@ -60,6 +60,7 @@ fn small_report() -> Report {
         separations: Vec::new(),
         indeterminate_steps: 0,
         slip_reversals: 0,
+        switching_sign_violations: 0,
         replay: Replay {
             step_count: 3200,
             miss_position: 0.0,

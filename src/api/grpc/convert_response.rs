@@ -330,6 +330,7 @@ fn report(given: ReportWire) -> pb::Report {
         separations,
         indeterminate_steps,
         slip_reversals,
+        switching_sign_violations,
         replay: given_replay,
         refinement,
     } = given;
@@ -347,11 +348,15 @@ fn report(given: ReportWire) -> pb::Report {
         lower_bound_s,
         lower_bound_assumption: match lower_bound_assumption {
             LowerBoundAssumption::Friction => pb::LowerBoundAssumption::Friction,
+            LowerBoundAssumption::YawFriction => pb::LowerBoundAssumption::YawFriction,
+            LowerBoundAssumption::DriveTorque => pb::LowerBoundAssumption::DriveTorque,
+            LowerBoundAssumption::WheelDrive => pb::LowerBoundAssumption::WheelDrive,
         }
         .into(),
         separations: separations.into_iter().map(separation).collect(),
         indeterminate_steps: count(indeterminate_steps),
         slip_reversals: count(slip_reversals),
+        switching_sign_violations: count(switching_sign_violations),
         replay: Some(replay(given_replay)),
         refinement: match refinement {
             RefinementOutcome::Fixed => pb::Refinement::Fixed,

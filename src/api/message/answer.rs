@@ -191,6 +191,7 @@ fn report_to_wire(report: &Report, solve_time_s: f64) -> ReportWire {
         separations,
         indeterminate_steps,
         slip_reversals,
+        switching_sign_violations,
         replay,
     } = report;
     ReportWire {
@@ -209,6 +210,7 @@ fn report_to_wire(report: &Report, solve_time_s: f64) -> ReportWire {
         separations: separations.iter().map(separation_to_wire).collect(),
         indeterminate_steps: *indeterminate_steps,
         slip_reversals: *slip_reversals,
+        switching_sign_violations: *switching_sign_violations,
         replay: replay_to_wire(replay),
         refinement: *refinement,
     }

@@ -37,14 +37,24 @@ pub(in crate::api) struct SolveAnswer<'a> {
     pub(in crate::api) input_hash: &'a str,
 }
 
+/// Why there is no plan that meets the goal; null for plans that do.
+///
+/// Codes of `infeasible`, found without search: `no_torque`, `no_friction`, `final_time_too_long`, `start_separates`,
+/// `goal_separates`. The answer then shows the start: one node, an empty schedule, its goal error. Codes of `not_converged`:
+/// `goal_missed`, `motion_diverges`.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Reason)]
 pub(in crate::api) struct ReasonWire {
     pub(in crate::api) code: &'static str,
+    /// The field of the request that cannot be met.
     pub(in crate::api) field: String,
+    /// When it fails, s.
     pub(in crate::api) time_s: f64,
+    /// What was reached, or the least that it would take.
     pub(in crate::api) value: f64,
+    /// What was required.
     pub(in crate::api) limit: f64,
+    /// One sentence for people, with what would help.
     pub(in crate::api) message: String,
 }
 
@@ -130,12 +140,15 @@ pub(in crate::api) struct ReportWire {
     pub(in crate::api) distinct_optima: Vec<DistinctOptimumWire>,
     pub(in crate::api) worst_contact_residual: f64,
     pub(in crate::api) predicted_decrease_s: f64,
+    /// No plan on this grid without separation is faster.
     pub(in crate::api) lower_bound_s: f64,
     #[serde(serialize_with = "write_name")]
     pub(in crate::api) lower_bound_assumption: LowerBoundAssumption,
     pub(in crate::api) separations: Vec<SeparationWire>,
     pub(in crate::api) indeterminate_steps: usize,
     pub(in crate::api) slip_reversals: usize,
+    /// Torques that contradict the sign of the switching function.
+    pub(in crate::api) switching_sign_violations: usize,
     pub(in crate::api) replay: ReplayWire,
     /// How the steps were chosen, and why no finer ones.
     #[serde(serialize_with = "write_name")]
@@ -263,7 +276,7 @@ impl Named for RefinementOutcome {
 }
 
 impl Named for LowerBoundAssumption {
-    const ALL: &'static [Self] = &[Self::Friction];
+    const ALL: &'static [Self] = &[Self::Friction, Self::YawFriction, Self::DriveTorque, Self::WheelDrive];
 
     fn name(self) -> &'static str {
         self.as_str()

@@ -1,0 +1,106 @@
+//! The command line of the runner.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Solves the maneuvers of the suite and compares them with the best plans known.
+#[derive(Debug, Parser)]
+#[command(name = "maneuvers")]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    pub(crate) mode: Option<Mode>,
+    #[command(flatten)]
+    pub(crate) selection: Selection,
+    #[command(flatten)]
+    pub(crate) effort: Effort,
+    /// Where all figures are written as JSON.
+    #[arg(long, global = true, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+    /// Ends with exit code 1 when a rule is broken.
+    #[arg(long, global = true)]
+    pub(crate) check: bool,
+    /// `cargo bench` adds it.
+    #[arg(long, hide = true, global = true)]
+    bench: bool,
+}
+
+/// Which cases are meant.
+#[derive(Debug, Args)]
+pub(crate) struct Selection {
+    /// Only cases whose name contains one of these.
+    #[arg(value_name = "FILTER")]
+    filters: Vec<String>,
+}
+
+/// How the solver is asked to work.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct Effort {
+    /// Starts of each search; default: the service's.
+    #[arg(long, global = true, value_name = "N")]
+    pub(crate) starts: Option<usize>,
+    /// Lets the solver choose the number of steps, instead of 200.
+    #[arg(long, global = true)]
+    pub(crate) automatic_steps: bool,
+    /// Workers of the service, which may share the starts of one search.
+    #[arg(long, global = true, value_name = "N", default_value = "1")]
+    pub(crate) threads: NonZeroUsize,
+}
+
+/// What to do instead of running the suite.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Mode {
+    /// Searches for faster plans than the best known and keeps them.
+    Improve(ImproveArguments),
+    /// Solves fresh random maneuvers of the robots.
+    Random(RandomArguments),
+    /// Compares warm re-solves of changed robots with cold ones.
+    Warm(WarmArguments),
+}
+
+/// The search for better plans.
+#[derive(Debug, Args)]
+pub(crate) struct ImproveArguments {
+    #[command(flatten)]
+    pub(crate) selection: Selection,
+    /// Seed of this run; runs with different seeds add up.
+    #[arg(long, default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Leaves cases alone on which at least as many starts were spent before.
+    #[arg(long, value_name = "N")]
+    pub(crate) up_to: Option<u64>,
+}
+
+/// Random maneuvers.
+#[derive(Debug, Args)]
+pub(crate) struct RandomArguments {
+    #[command(flatten)]
+    pub(crate) selection: Selection,
+    /// Maneuvers of each robot.
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub(crate) per_robot: usize,
+    /// Seed of the maneuvers.
+    #[arg(long, default_value_t = 0)]
+    pub(crate) seed: u64,
+}
+
+/// Warm re-solves.
+#[derive(Debug, Args)]
+pub(crate) struct WarmArguments {
+    #[command(flatten)]
+    pub(crate) selection: Selection,
+    /// Cases in the sample beside the forward drive.
+    #[arg(long, value_name = "N", default_value_t = 24)]
+    pub(crate) sample: usize,
+    /// Each solve is timed this many times, and the shortest counts.
+    #[arg(long, value_name = "N", default_value = "5")]
+    pub(crate) repetitions: NonZeroUsize,
+}
+
+impl Selection {
+    /// Whether a case is meant.
+    pub(crate) fn holds(&self, name: &str) -> bool {
+        self.filters.is_empty() || self.filters.iter().any(|filter| name.contains(filter.as_str()))
+    }
+}

@@ -1,0 +1,172 @@
+//! One case through the service, and what its answer is worth.
+
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result};
+use serde::Serialize;
+use serde_json::Value;
+use sha2::{Digest as _, Sha256};
+use slipdrive::api::rest::{AcceptedSolve, View, solve_answer};
+use slipdrive::service::domain::{Refinement, Status};
+use slipdrive::service::{InProcessSolver, Limits, Service, ServiceSettings, SolveClocks, Solved, StopReason};
+
+use crate::arguments::Effort;
+use crate::suite::Case;
+
+/// Most steps of automatic grids: the service's limit.
+const AUTOMATIC_STEP_LIMIT: usize = 10_000;
+
+/// Solves cases as the service does: queue, worker, watchdog and default time limit included.
+pub(crate) struct Runner {
+    service: Service,
+    effort: Effort,
+}
+
+/// The figures of one answer.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Answer {
+    pub(crate) case: String,
+    pub(crate) status: &'static str,
+    pub(crate) stop_reason: &'static str,
+    pub(crate) executable: bool,
+    pub(crate) final_time_s: f64,
+    pub(crate) largest_goal_error: f64,
+    /// The same after `/simulate` has taken the answer's torques.
+    pub(crate) simulated_goal_error: f64,
+    /// Largest difference of any goal error component between answer and simulation.
+    pub(crate) simulation_difference: f64,
+    pub(crate) steps: usize,
+    pub(crate) starts_tried: usize,
+    pub(crate) rollouts: u64,
+    pub(crate) solve_time_ms: f64,
+    pub(crate) replay_miss_m: f64,
+    pub(crate) replay_miss_rad: f64,
+    pub(crate) lower_bound_s: f64,
+    /// The first-order measure over the final time.
+    pub(crate) predicted_decrease: f64,
+    pub(crate) worst_contact_residual: f64,
+    /// Steps and contacts that would have to pull.
+    pub(crate) separations: usize,
+    /// Smallest normal force of a separation, N.
+    pub(crate) deepest_separation_n: f64,
+    /// The answer's own reason.
+    pub(crate) reason: Option<String>,
+    /// Of everything in the solution, which holds no times of day: equal for equal answers.
+    pub(crate) digest: String,
+}
+
+impl Runner {
+    /// Starts the service.
+    ///
+    /// # Errors
+    /// Threads that cannot be started.
+    pub(crate) fn start(effort: &Effort) -> Result<Self> {
+        let settings = ServiceSettings { workers: effort.threads, queue_length: 0, limits: Limits::default() };
+        let service = Service::start(settings, Arc::new(InProcessSolver)).context("the service cannot be started")?;
+        Ok(Self { service, effort: effort.clone() })
+    }
+
+    /// Solves a case and simulates the answer.
+    ///
+    /// # Errors
+    /// A service that fails, or an answer that it does not accept back.
+    pub(crate) fn solve(&self, case: &Case) -> Result<Answer> {
+        let mut accepted = case.accepted.clone();
+        accepted.view = View::Plan;
+        let settings = &mut accepted.input.settings;
+        settings.start_count = self.effort.starts.unwrap_or(settings.start_count);
+        if self.effort.automatic_steps {
+            settings.refinement = Refinement::UntilExecutable { step_limit: AUTOMATIC_STEP_LIMIT };
+        }
+        let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: None };
+        let solved = self.service.reserve()?.solve_blocking(accepted.input.clone(), clocks)?;
+        Answer::new(case, &accepted, &solved)
+    }
+}
+
+impl Answer {
+    fn new(case: &Case, accepted: &AcceptedSolve, solved: &Solved) -> Result<Self> {
+        let Solved { solution, solve_time, stop_reason } = solved;
+        let report = &solution.report;
+        let (simulated_goal_error, simulation_difference) = simulated(case, accepted, solved)?;
+        let forces = report.separations.iter().map(|separation| separation.normal_force);
+        Ok(Self {
+            case: case.name.clone(),
+            status: solution.status.as_str(),
+            stop_reason: stop_reason.as_str(),
+            executable: solution.executable,
+            final_time_s: solution.schedule.final_time,
+            largest_goal_error: solution.goal_error.amax(),
+            simulated_goal_error,
+            simulation_difference,
+            steps: report.step_count,
+            starts_tried: report.starts_tried,
+            rollouts: report.rollouts,
+            solve_time_ms: solve_time.as_secs_f64() * 1e3,
+            replay_miss_m: report.replay.miss_position,
+            replay_miss_rad: report.replay.miss_heading,
+            lower_bound_s: report.lower_bound,
+            predicted_decrease: report.predicted_decrease / solution.schedule.final_time,
+            worst_contact_residual: report.worst_contact_residual,
+            separations: report.separations.len(),
+            deepest_separation_n: forces.fold(0.0, f64::min),
+            reason: solution.reason.as_ref().map(|reason| reason.message.clone()),
+            digest: digest(&format!("{solution:?} {stop_reason:?}")),
+        })
+    }
+
+    /// Whether the plan is what was asked for.
+    pub(crate) fn is_converged(&self) -> bool {
+        self.status == Status::Converged.as_str()
+    }
+
+    /// Whether the watchdog ended the solve.
+    pub(crate) fn ran_out_of_time(&self) -> bool {
+        self.stop_reason == StopReason::TimeLimit.as_str()
+    }
+
+    /// Why the answer is not converged, as far as the answer tells.
+    pub(crate) fn shortfall(&self) -> Option<String> {
+        if self.is_converged() {
+            return None;
+        }
+        let mut reasons: Vec<String> = self.reason.iter().cloned().collect();
+        if self.separations > 0 {
+            let force = self.deepest_separation_n;
+            reasons.push(format!("{} separations, down to {force:.2} N", self.separations));
+        }
+        if self.predicted_decrease > 1e-4 {
+            reasons.push(format!("first-order measure {:.1e} of the final time", self.predicted_decrease));
+        }
+        if self.ran_out_of_time() {
+            reasons.push("time limit".to_owned());
+        }
+        if reasons.is_empty() {
+            reasons.push(format!("contact residual {:.1e}", self.worst_contact_residual));
+        }
+        Some(reasons.join("; "))
+    }
+}
+
+/// Largest goal error after `/simulate`, and the largest difference of any of its components from the answer's.
+fn simulated(case: &Case, accepted: &AcceptedSolve, solved: &Solved) -> Result<(f64, f64)> {
+    let solution = &solved.solution;
+    if solution.schedule.left.is_empty() {
+        return Ok((solution.goal_error.amax(), 0.0));
+    }
+    let answer: Value = serde_json::from_slice(&solve_answer(accepted, solved))?;
+    let simulation = case.simulated_over_the_wire(&answer["torque_schedule"], solution.report.step_count)?;
+    let end = simulation.trajectory.state.last().context("the simulation has no end")?;
+    let error = accepted.input.maneuver.goal_error(end);
+    Ok((error.amax(), (error - solution.goal_error).amax()))
+}
+
+/// SHA-256 in hexadecimal.
+pub(crate) fn digest(text: &str) -> String {
+    Sha256::digest(text).iter().fold(String::new(), |mut digits, byte| {
+        // Writing to a string cannot fail.
+        let _ = write!(digits, "{byte:02x}");
+        digits
+    })
+}

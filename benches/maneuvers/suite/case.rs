@@ -1,0 +1,149 @@
+//! Cases: requests of the public contract, accepted as the service accepts them.
+//!
+//! `robots.json` names robots (`robot`) and what their maneuvers have in common (`maneuver`, such as torque limits);
+//! `cases.json` lists maneuvers as `robot/maneuver` with the fields that differ. Both use the contract's names.
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+use slipdrive::api::rest::{AcceptedSolve, Problem, read_simulate, read_solve};
+use slipdrive::service::Limits;
+use slipdrive::service::domain::{State, TorqueSchedule};
+use slipdrive::solver::{Simulation, simulate};
+
+use super::{CONTROL_COUNT, STEP_COUNT, path_of};
+
+/// The robots of the suite by name.
+pub(super) type Robots = BTreeMap<String, RobotEntry>;
+
+/// One robot of the suite.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RobotEntry {
+    /// What it stands for.
+    #[expect(dead_code, reason = "for those who read the file")]
+    about: String,
+    /// The request's `robot`.
+    robot: Value,
+    /// What all its maneuvers have in common.
+    #[serde(default)]
+    maneuver: Map<String, Value>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CaseEntry {
+    name: String,
+    maneuver: Map<String, Value>,
+}
+
+/// One maneuver of one robot.
+#[derive(Debug, Clone)]
+pub(crate) struct Case {
+    /// `robot/maneuver`.
+    pub(crate) name: String,
+    /// The body of `/solve`.
+    pub(crate) body: Value,
+    /// The body, validated.
+    pub(crate) accepted: AcceptedSolve,
+}
+
+impl RobotEntry {
+    /// The body of `/solve` for a maneuver of this robot.
+    pub(crate) fn body(&self, maneuver: Map<String, Value>) -> Value {
+        let mut whole = self.maneuver.clone();
+        whole.extend(maneuver);
+        let grid = json!({ "steps": STEP_COUNT, "control_intervals": CONTROL_COUNT });
+        json!({ "robot": self.robot, "maneuver": whole, "grid": grid })
+    }
+
+    /// A torque limit of this robot's maneuvers, N m.
+    pub(crate) fn torque_limit(&self, field: &str) -> f64 {
+        self.maneuver.get(field).and_then(Value::as_f64).unwrap_or(1.0)
+    }
+}
+
+impl Case {
+    /// Reads a body of `/solve`.
+    ///
+    /// # Errors
+    /// What the service would answer to a bad request.
+    pub(crate) fn new(name: String, body: Value) -> Result<Self> {
+        let accepted = read_solve(&serde_json::to_vec(&body)?, &Limits::default()).map_err(|e| refusal(&name, &e))?;
+        Ok(Self { name, body, accepted })
+    }
+
+    /// What `/simulate` answers to this case's start with a torque schedule of the contract (`torque_schedule`).
+    ///
+    /// # Errors
+    /// What the service would answer to a bad request.
+    pub(crate) fn simulated_over_the_wire(&self, torque_schedule: &Value, step_count: usize) -> Result<Simulation> {
+        let maneuver = &self.body["maneuver"];
+        let absent = json!({});
+        let body = json!({
+            "robot": self.body["robot"],
+            "reference_point": maneuver.get("reference_point").unwrap_or(&json!("chassis_center_of_mass")),
+            "start": maneuver.get("start").unwrap_or(&absent),
+            "torque_schedule": torque_schedule,
+            "grid": { "steps": step_count },
+        });
+        let input = read_simulate(&serde_json::to_vec(&body)?, &Limits::default());
+        Ok(simulate(&input.map_err(|problem| refusal(&self.name, &problem))?))
+    }
+
+    /// As [`Case::simulated_over_the_wire`] on the case's own grid, without rounding of the interval.
+    pub(crate) fn simulated(&self, schedule: &TorqueSchedule) -> Simulation {
+        let input = &self.accepted.input;
+        let maneuver = &input.maneuver;
+        simulate(&slipdrive::solver::SimulateInput {
+            robot: input.robot.clone(),
+            reference_point: maneuver.reference_point,
+            start: maneuver.start,
+            schedule: schedule.clone(),
+            step_count: STEP_COUNT,
+            contact_method: slipdrive::simulation::ContactMethod::Exact,
+        })
+    }
+
+    /// Largest magnitude of the goal errors at the end of a simulation (m, rad, m/s, rad/s).
+    pub(crate) fn largest_goal_error(&self, simulation: &Simulation) -> f64 {
+        let end: &State = simulation.trajectory.state.last().expect("a trajectory has a first node");
+        self.accepted.input.maneuver.goal_error(end).amax()
+    }
+}
+
+/// Reads all robots and all cases, in the order of the file.
+///
+/// # Errors
+/// Unreadable files, unknown robots, names that are used twice, bodies that the service would refuse.
+pub(crate) fn read_cases() -> Result<(Robots, Vec<Case>)> {
+    let robots: Robots = reading("robots.json")?;
+    let entries: Vec<CaseEntry> = reading("cases.json")?;
+    let mut cases: Vec<Case> = Vec::with_capacity(entries.len());
+    for CaseEntry { name, maneuver } in entries {
+        ensure!(cases.iter().all(|case| case.name != name), "the case `{name}` is listed twice");
+        let Some((robot, _)) = name.split_once('/') else { bail!("the case `{name}` names no robot") };
+        let robot = robots.get(robot).with_context(|| format!("the robot of case `{name}` is not listed"))?;
+        let body = robot.body(maneuver);
+        cases.push(Case::new(name, body)?);
+    }
+    Ok((robots, cases))
+}
+
+/// Reads a JSON file of the suite.
+///
+/// # Errors
+/// A file that cannot be read, or that is not what it should be.
+pub(super) fn reading<T: for<'a> Deserialize<'a>>(file: &str) -> Result<T> {
+    let path = path_of(file);
+    let text = fs::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+    serde_json::from_str(&text).with_context(|| format!("{} is malformed", path.display()))
+}
+
+fn refusal(name: &str, problem: &Problem) -> anyhow::Error {
+    let faults: Vec<&str> = problem.errors().iter().map(|error| error.message.as_str()).collect();
+    anyhow!("the case `{name}` is refused: {problem}: {}", faults.join("; "))
+}

@@ -1,0 +1,136 @@
+//! Sign check of the switching function.
+//!
+//! The reduced cost of a variable, `cost_j - price' jacobian_j`, is the change of the optimal cost per unit of that variable:
+//! for a torque over time it is the switching function. At a first-order optimum it is negative or zero where the variable
+//! is at its upper bound, positive or zero at its lower bound, and zero in between.
+
+use nalgebra::DVector;
+
+use super::elastic_program::ElasticProgram;
+use super::evaluation::{Budget, Interruption, Linearisation, Problem};
+use super::linear_program::ElasticSolver;
+
+/// The prices are those of the linear model in a box this small, as a fraction of each variable's reach.
+const RADIUS: f64 = 1e-3;
+/// Reduced costs below this share of the largest one count as zero.
+const ZERO: f64 = 1e-2;
+/// A variable this close to a bound, as a fraction of its reach, is at it.
+const AT_BOUND: f64 = 1e-9;
+
+/// How many variables contradict the sign of their reduced cost at `x`; one linearisation.
+///
+/// # Errors
+/// When the budget ends it.
+pub fn sign_violations(
+    problem: &mut dyn Problem,
+    x: &DVector<f64>,
+    weight: f64,
+    budget: &mut Budget,
+) -> Result<usize, Interruption> {
+    budget.spend()?;
+    let mut model = Linearisation::new(problem.constraints(), x.len());
+    problem.linearise(x, &mut model);
+
+    let reach = problem.reach(x);
+    let below = problem.lower() - x;
+    let above = problem.upper() - x;
+    let program = ElasticProgram {
+        matrix: &model.jacobian,
+        target: &-model.rows_of(&model.constraints),
+        equation_count: model.constraints.residual.len(),
+        cost: problem.cost(),
+        lower: &below.zip_map(&reach, |room, reach| room.max(-RADIUS * reach).min(0.0)),
+        upper: &above.zip_map(&reach, |room, reach| room.min(RADIUS * reach).max(0.0)),
+        weight,
+    };
+    let price = ElasticSolver::new().solve(&program).price;
+    let reduced_cost = (problem.cost() - model.jacobian.tr_mul(&price)).component_mul(&reach);
+
+    let zero = ZERO * reduced_cost.amax();
+    let contradicts = |index: usize| {
+        let slack = AT_BOUND * reach[index];
+        let can_fall = below[index] < -slack && reduced_cost[index] > zero;
+        let can_rise = above[index] > slack && reduced_cost[index] < -zero;
+        can_fall || can_rise
+    };
+    Ok((0..x.len()).filter(|&index| contradicts(index)).count())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::optimizer::Constraints;
+
+    /// Minimise the last variable; the first two must sum to it and lie between -1 and 1.
+    struct Sum {
+        cost: DVector<f64>,
+        lower: DVector<f64>,
+        upper: DVector<f64>,
+    }
+
+    impl Sum {
+        fn new() -> Self {
+            let cost = DVector::from_vec(vec![0.0, 0.0, 1.0]);
+            let bound = DVector::from_vec(vec![1.0, 1.0, 10.0]);
+            Self { cost, lower: -&bound, upper: bound }
+        }
+    }
+
+    impl Problem for Sum {
+        fn cost(&self) -> &DVector<f64> {
+            &self.cost
+        }
+
+        fn lower(&self) -> &DVector<f64> {
+            &self.lower
+        }
+
+        fn upper(&self) -> &DVector<f64> {
+            &self.upper
+        }
+
+        fn reach(&self, _x: &DVector<f64>) -> DVector<f64> {
+            self.upper.clone()
+        }
+
+        fn constraints(&self) -> Constraints {
+            Constraints { residual: DVector::zeros(1), excess: DVector::zeros(0) }
+        }
+
+        fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints) {
+            constraints.residual[0] = x[0] + x[1] - x[2];
+        }
+
+        fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation) {
+            self.evaluate(x, &mut model.constraints);
+            model.jacobian.copy_from_slice(&[1.0, 1.0, -1.0]);
+        }
+    }
+
+    fn violations(x: [f64; 3]) -> usize {
+        let never = AtomicBool::new(false);
+        let x = DVector::from_row_slice(&x);
+        sign_violations(&mut Sum::new(), &x, 5.0, &mut Budget::new(&never, 1)).unwrap()
+    }
+
+    #[test]
+    fn the_optimum_contradicts_no_sign() {
+        assert_eq!(violations([-1.0, -1.0, -2.0]), 0);
+    }
+
+    #[test]
+    fn variables_that_could_gain_are_counted() {
+        assert_eq!(violations([-1.0, 1.0, 0.0]), 1);
+        assert_eq!(violations([0.5, 0.5, 1.0]), 2);
+    }
+
+    #[test]
+    fn the_check_costs_one_evaluation() {
+        let never = AtomicBool::new(false);
+        let x = DVector::zeros(3);
+        let outcome = sign_violations(&mut Sum::new(), &x, 5.0, &mut Budget::new(&never, 0));
+        assert_eq!(outcome, Err(Interruption::RolloutLimit));
+    }
+}

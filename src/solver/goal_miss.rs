@@ -1,0 +1,70 @@
+//! Why the best plan misses the goal: the component that is missed most, and what would help.
+
+use nalgebra::SVector;
+
+use super::settings::{Method, SolveInput};
+use super::solution::{Reason, StopReason};
+use crate::robot::State;
+use crate::shooting::{SHORTEST_FINAL_TIME, StateComponent, decision_len};
+use crate::simulation::TorqueSchedule;
+
+/// A miss within this many tolerances may be rounding or a kink of the friction law.
+const NEAR_MISS: f64 = 1e3;
+
+/// The goal component that a plan misses most, and what would help.
+pub(super) fn goal_missed(
+    input: &SolveInput,
+    plan: &TorqueSchedule,
+    goal_error: &SVector<f64, { State::LEN }>,
+    stop_reason: StopReason,
+) -> Reason {
+    let error = |component: StateComponent| goal_error[component.index()];
+    let (component, goal) = input
+        .maneuver
+        .goal
+        .constrained()
+        .max_by(|(a, _), (b, _)| error(*a).abs().total_cmp(&error(*b).abs()))
+        .expect("a validated goal constrains something");
+    let miss = error(component);
+    let tolerance = input.settings.goal_tolerance;
+    let field = format!("maneuver.goal.{}", component.field());
+    // Every plan of the search takes longer; a shorter one stands for none.
+    let diverges = plan.final_time < SHORTEST_FINAL_TIME;
+    let (code, subject, help) = if diverges {
+        (
+            "motion_diverges",
+            "every motion that was tried diverges, and the start",
+            "more `grid.steps` or a slower start",
+        )
+    } else {
+        ("goal_missed", "the best plan", help(input, miss, stop_reason))
+    };
+    Reason {
+        code,
+        message: format!(
+            "`{field}` is {goal}, {subject} misses it by {miss}, must be within {tolerance}; {help} would help"
+        ),
+        field,
+        time: plan.final_time,
+        value: miss,
+        limit: tolerance,
+    }
+}
+
+/// What keeps the search from the goal, the surest cause first.
+fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> &'static str {
+    let settings = &input.settings;
+    let requirements = input.maneuver.goal.constrained().count();
+    match stop_reason {
+        StopReason::Stopped => "more time (`solver.time_limit_s` or the deadline)",
+        StopReason::RolloutLimit => "a larger `solver.rollout_limit`",
+        StopReason::Finished if decision_len(settings.control_count) < requirements => {
+            "more `grid.control_intervals`, of which there are too few for so many goal fields,"
+        }
+        StopReason::Finished if settings.method == Method::NelderMead => "the method `sequential_linear`",
+        StopReason::Finished if miss.abs() <= NEAR_MISS * settings.goal_tolerance => {
+            "a larger `solver.goal_tolerance` or more `grid.steps`"
+        }
+        StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",
+    }
+}

@@ -1,0 +1,146 @@
+//! What is impossible in principle is found without any rollout, with the first requirement that fails.
+//!
+//! Each claim is a proof for the equations of motion without separation (`docs/bounds.md`); what is merely hard is left to the
+//! search.
+
+use super::largest_load::{Rates, smallest_largest_load};
+use super::lower_bound::{Grid, LowerBound, lower_bounds};
+use super::settings::SolveInput;
+use super::solution::{LowerBoundAssumption, Reason};
+use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
+
+/// A normal force this far below zero, as a share of the weight, is no rounding.
+const LOAD_ROUNDING: f64 = 1e-9;
+
+/// Why no plan can meet the goal; none where that is not proven.
+pub(super) fn impossibility(input: &SolveInput) -> Option<Reason> {
+    start_separates(input)
+        .or_else(|| stands_for_ever(input))
+        .or_else(|| takes_too_long(input))
+        .or_else(|| goal_separates(input))
+}
+
+fn start_separates(input: &SolveInput) -> Option<Reason> {
+    let velocity = &input.maneuver.start.velocity;
+    let wheels = velocity.wheel_rate.left + velocity.wheel_rate.right;
+    let rates = Rates { yaw: (velocity.yaw_rate, velocity.yaw_rate), wheels: (wheels, wheels) };
+    separation(input, &rates, "start_separates", ("start", velocity.yaw_rate), 0.0)
+}
+
+fn goal_separates(input: &SolveInput) -> Option<Reason> {
+    let goal = &input.maneuver.goal;
+    let yaw_rate = goal.value(StateComponent::YawRate)?;
+    let wheels = goal.value(StateComponent::WheelRateLeft)? + goal.value(StateComponent::WheelRateRight)?;
+    let tolerance = input.settings.goal_tolerance;
+    let around = |value: f64, slack: f64| (value - slack, value + slack);
+    let rates = Rates { yaw: around(yaw_rate, tolerance), wheels: around(wheels, 2.0 * tolerance) };
+    separation(input, &rates, "goal_separates", ("goal", yaw_rate), LONGEST_FINAL_TIME)
+}
+
+fn separation(
+    input: &SolveInput,
+    rates: &Rates,
+    code: &'static str,
+    (end, yaw_rate): (&str, f64),
+    time: f64,
+) -> Option<Reason> {
+    let (contact, load) = smallest_largest_load(&input.robot, input.maneuver.torque_limit, rates);
+    let parameters = input.robot.parameters();
+    let weight = parameters.total_mass() * parameters.gravity;
+    let field = format!("maneuver.{end}.{}", StateComponent::YawRate.field());
+    let name = match contact.as_str() {
+        "front" => "front support".to_owned(),
+        side => format!("{side} wheel"),
+    };
+    (load < -LOAD_ROUNDING * weight).then(|| Reason {
+        code,
+        message: format!(
+            "`{field}` is {yaw_rate}, which lifts the {name} whatever the torques: its normal force is at most {load} N, \
+             must be >= 0 N; a slower spin or a lower centre of mass helps"
+        ),
+        field,
+        time,
+        value: load,
+        limit: 0.0,
+    })
+}
+
+/// Without torque a robot at rest stays where it is.
+fn stands_for_ever(input: &SolveInput) -> Option<Reason> {
+    let maneuver = &input.maneuver;
+    let rests = maneuver.start.to_vector().fixed_rows::<5>(5).iter().all(|&speed| speed == 0.0);
+    let has_torque = maneuver.torque_limit.left > 0.0 || maneuver.torque_limit.right > 0.0;
+    (rests && !has_torque).then(|| {
+        let error = maneuver.goal_error(&maneuver.start);
+        let worst = StateComponent::ALL[error.iamax()];
+        unreachable_goal(input, worst, "no_torque")
+    })
+}
+
+/// A lower bound above the longest final time, or one that is infinite.
+fn takes_too_long(input: &SolveInput) -> Option<Reason> {
+    let bounds = lower_bounds(input, Grid::Continuous);
+    let too_long = || bounds.iter().filter(|bound| bound.time > LONGEST_FINAL_TIME);
+    // What the start misses says more than what a turn about another point would have to give up.
+    let error = input.maneuver.goal_error(&input.maneuver.start);
+    let is_missed = |bound: &&LowerBound| error[bound.component.index()].abs() > input.settings.goal_tolerance;
+    let bound = too_long().find(is_missed).or_else(|| too_long().next())?;
+    Some(if bound.time.is_finite() {
+        slow_goal(input, bound)
+    } else {
+        unreachable_goal(input, bound.component, cause(input, bound))
+    })
+}
+
+/// What is missing where a bound is infinite.
+fn cause(input: &SolveInput, bound: &LowerBound) -> &'static str {
+    let has_grip = input.robot.parameters().wheel_friction_coefficient > 0.0;
+    match bound.assumption {
+        LowerBoundAssumption::Friction | LowerBoundAssumption::YawFriction => "no_friction",
+        LowerBoundAssumption::DriveTorque if !has_grip => "no_friction",
+        LowerBoundAssumption::DriveTorque | LowerBoundAssumption::WheelDrive => "no_torque",
+    }
+}
+
+fn unreachable_goal(input: &SolveInput, component: StateComponent, code: &'static str) -> Reason {
+    let (field, goal) = goal_field(input, component);
+    let error = input.maneuver.goal_error(&input.maneuver.start)[component.index()];
+    let tolerance = input.settings.goal_tolerance;
+    let (cause, help) = if code == "no_torque" {
+        ("no torque drives the robot there", "`maneuver.torque_limit_left_n_m`, `maneuver.torque_limit_right_n_m`")
+    } else {
+        ("no friction moves the robot there", "`robot.wheel_friction_coefficient`")
+    };
+    Reason {
+        code,
+        message: format!(
+            "`{field}` is {goal}, which the start misses by {error} (tolerance {tolerance}), and {cause}; larger {help} help"
+        ),
+        field,
+        time: 0.0,
+        value: error,
+        limit: tolerance,
+    }
+}
+
+fn slow_goal(input: &SolveInput, bound: &LowerBound) -> Reason {
+    let (field, goal) = goal_field(input, bound.component);
+    let (time, assumption) = (bound.time, bound.assumption.as_str());
+    Reason {
+        code: "final_time_too_long",
+        message: format!(
+            "`{field}` is {goal}, which takes at least {time} s (bound `{assumption}`), must be at most \
+             {LONGEST_FINAL_TIME} s; more torque and friction or a nearer goal help"
+        ),
+        field,
+        time,
+        value: time,
+        limit: LONGEST_FINAL_TIME,
+    }
+}
+
+/// The field of a goal component, and what is asked of it.
+fn goal_field(input: &SolveInput, component: StateComponent) -> (String, String) {
+    let goal = input.maneuver.goal.value(component).map_or("free".to_owned(), |value| value.to_string());
+    (format!("maneuver.goal.{}", component.field()), goal)
+}

@@ -1,0 +1,93 @@
+//! The largest normal force that a contact can have in a state of motion, whatever torques and friction do.
+//!
+//! At a yaw rate omega and a sum Psi of the wheel rates a contact carries
+//!
+//! ```text
+//! N = static + omega^2 centrifugal + omega Psi gyroscopic + by_torque' torque + by_friction' friction
+//! ```
+//!
+//! (`docs/model.md`). Without separation the friction forces obey `|F_c| <= mu_c N_c` with normal forces that add up to the
+//! weight, so their part is at most `max_c(mu_c |by_friction_c|) m g`. Where the sum stays negative, no plan keeps the contact
+//! closed.
+
+use crate::contact::ContactName;
+use crate::robot::{PerWheel, Robot};
+
+/// Rates between a lowest and a highest value, rad/s.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rates {
+    pub(super) yaw: (f64, f64),
+    /// Left plus right.
+    pub(super) wheels: (f64, f64),
+}
+
+/// The contact with the smallest bound on its normal force, and the bound, N.
+pub(super) fn smallest_largest_load(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rates) -> (ContactName, f64) {
+    let loads = ContactName::ALL.map(|contact| (contact, largest_load(robot, torque_limit, rates, contact as usize)));
+    loads.into_iter().fold(loads[0], |least, load| if load.1 < least.1 { load } else { least })
+}
+
+fn largest_load(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rates, contact: usize) -> f64 {
+    let projection = robot.normal_load();
+    let by_change = projection.velocity_change_map.row(contact);
+    let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
+    let centrifugal = projection.centrifugal[contact] + (by_change * unit_rate)[0];
+    let inertia = robot.parameters().wheel_spin_inertia;
+    let by_torque = by_change[3].abs() * torque_limit.left + by_change[4].abs() * torque_limit.right;
+    projection.static_force[contact]
+        + largest_by_rates(centrifugal, projection.gyroscopic[contact], rates)
+        + by_torque / inertia
+        + largest_by_friction(robot, contact)
+}
+
+/// Largest value of a omega^2 + b omega Psi: at a corner, or where the parabola in omega turns.
+fn largest_by_rates(a: f64, b: f64, rates: &Rates) -> f64 {
+    let (low, high) = rates.yaw;
+    let mut largest = f64::NEG_INFINITY;
+    for wheels in [rates.wheels.0, rates.wheels.1] {
+        let turn = -b * wheels / (2.0 * a);
+        for yaw in [low, high, if turn > low && turn < high { turn } else { low }] {
+            largest = largest.max(a * yaw * yaw + b * yaw * wheels);
+        }
+    }
+    largest
+}
+
+fn largest_by_friction(robot: &Robot, contact: usize) -> f64 {
+    let parameters = robot.parameters();
+    let response = robot.normal_response().row(contact);
+    let (wheel, front) = (parameters.wheel_friction_coefficient, parameters.front_friction_coefficient);
+    let of_wheels = response[0].abs().max(response[1].abs()).hypot(response[2]);
+    let of_front = response[3].hypot(response[4]);
+    (wheel * of_wheels).max(front * of_front) * parameters.total_mass() * parameters.gravity
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::RobotParameters;
+
+    fn robot() -> Robot {
+        Robot::new(RobotParameters::default()).unwrap()
+    }
+
+    #[test]
+    fn at_rest_every_contact_can_carry_its_static_load() {
+        let rates = Rates { yaw: (0.0, 0.0), wheels: (-100.0, 100.0) };
+        let (contact, load) = smallest_largest_load(&robot(), PerWheel::new(0.0, 0.0), &rates);
+        assert!(load > robot().normal_load().static_force[contact as usize], "{contact:?} {load}");
+    }
+
+    #[test]
+    fn a_fast_spin_lifts_a_contact() {
+        let rates = Rates { yaw: (200.0, 200.0), wheels: (0.0, 0.0) };
+        assert!(smallest_largest_load(&robot(), PerWheel::new(1.0, 1.0), &rates).1 < 0.0);
+    }
+
+    #[test]
+    fn the_parabola_is_largest_at_its_turn() {
+        let rates = Rates { yaw: (0.0, 10.0), wheels: (4.0, 4.0) };
+        // -omega^2 + 4 omega at omega = 2.
+        assert_eq!(largest_by_rates(-1.0, 1.0, &rates), 4.0);
+    }
+}

@@ -1,0 +1,74 @@
+//! The first time at which what can be covered may meet what is required.
+
+/// Beyond this time, s, nothing is told apart from never: far above the longest final time that is searched.
+const FOR_EVER: f64 = 1e15;
+/// Shortest span that is told apart, s.
+const SHORTEST: f64 = 1e-4;
+const GROWTH: f64 = 4.0;
+const REFINEMENT_LIMIT: usize = 60;
+/// Relative width at which the refinement ends.
+const WIDTH: f64 = 1e-5;
+
+/// A time before which, from `not_before` on, nothing covers as much as `required`; infinite when nothing ever
+/// does.
+///
+/// `cover(a, b)` bounds from above what can be covered in any time from a to b, so a whole span is ruled out at once and
+/// nothing is assumed about monotony. A cover that is not a number rules nothing out.
+pub(super) fn first_time(not_before: f64, required: f64, cover: impl Fn(f64, f64) -> f64) -> f64 {
+    let rules_out = |from: f64, to: f64| cover(from, to) < required;
+    if not_before >= FOR_EVER {
+        return f64::INFINITY;
+    }
+    if !rules_out(not_before, not_before) {
+        return not_before;
+    }
+    let mut ruled_out = not_before;
+    let mut open = GROWTH * not_before.max(SHORTEST);
+    while rules_out(ruled_out, open) {
+        if open >= FOR_EVER {
+            return f64::INFINITY;
+        }
+        ruled_out = open;
+        open *= GROWTH;
+    }
+    for _ in 0..REFINEMENT_LIMIT {
+        if open - ruled_out <= WIDTH * open || open <= SHORTEST {
+            break;
+        }
+        let middle = 0.5 * (ruled_out + open);
+        if rules_out(ruled_out, middle) {
+            ruled_out = middle;
+        } else {
+            open = middle;
+        }
+    }
+    ruled_out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_of_two_crossings_is_found() {
+        // A bump of 1 between 3 and 4, and growth beyond 5.
+        let cover = |from: f64, to: f64| {
+            let meets_bump = from <= 4.0 && to >= 3.0;
+            if meets_bump { 1.0 } else { to - 5.0 }
+        };
+        let first = first_time(0.0, 0.5, cover);
+        assert!(first <= 3.0 && first > 3.0 - 1e-4, "{first}");
+    }
+
+    #[test]
+    fn what_is_covered_at_once_needs_no_time() {
+        assert_eq!(first_time(0.5, -1.0, |_, _| 0.0), 0.5);
+    }
+
+    #[test]
+    fn what_is_never_covered_takes_for_ever() {
+        assert_eq!(first_time(0.0, 1.0, |_, _| 0.5), f64::INFINITY);
+        assert_eq!(first_time(f64::INFINITY, 1.0, |_, _| 2.0), f64::INFINITY);
+        assert_eq!(first_time(0.0, 1.0, |_, _| f64::NAN), 0.0);
+    }
+}

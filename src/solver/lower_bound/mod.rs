@@ -1,0 +1,265 @@
+//! Lower bounds on the final time that hold for every plan of the discretised model without separation.
+//!
+//! What friction and torque can do at most bounds how fast the whole robot's centre of mass, the heading and the wheels can
+//! change; a goal that asks for more change takes longer. The derivations are in `docs/bounds.md`.
+
+mod axis;
+mod capacity;
+mod envelope;
+mod first_time;
+mod grid_error;
+mod targets;
+
+use nalgebra::Vector2;
+
+use self::axis::{Axis, Demand, GridLaw};
+use self::capacity::Capacity;
+use self::envelope::Line;
+use self::first_time::first_time;
+pub(super) use self::grid_error::Grid;
+use self::grid_error::{GridError, KnownRates};
+use self::targets::Targets;
+use super::settings::SolveInput;
+use super::solution::LowerBoundAssumption;
+use crate::robot::PerWheel;
+use crate::shooting::StateComponent;
+
+/// A bound with what it rests on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LowerBound {
+    /// No plan is faster, s; infinite where there is none at all.
+    pub(super) time: f64,
+    pub(super) assumption: LowerBoundAssumption,
+    /// The goal component that takes the time.
+    pub(super) component: StateComponent,
+}
+
+/// All bounds for motions of a grid.
+pub(super) fn lower_bounds(input: &SolveInput, grid: Grid) -> Vec<LowerBound> {
+    Bounds::new(input, grid).all()
+}
+
+/// The largest of the bounds; the first one where several are equal.
+pub(super) fn largest(bounds: &[LowerBound]) -> LowerBound {
+    let nothing = LowerBound { time: 0.0, assumption: LowerBoundAssumption::Friction, component: StateComponent::X };
+    bounds.iter().fold(nothing, |best, bound| if bound.time > best.time { *bound } else { best })
+}
+
+struct Bounds<'a> {
+    input: &'a SolveInput,
+    capacity: Capacity,
+    targets: Targets<'a>,
+    rates: KnownRates,
+    grid: Grid,
+}
+
+impl<'a> Bounds<'a> {
+    fn new(input: &'a SolveInput, grid: Grid) -> Self {
+        let capacity = Capacity::new(&input.robot, input.maneuver.torque_limit);
+        let targets = Targets::new(input, &capacity, grid);
+        let (low, high) = targets.component(StateComponent::YawRate);
+        let rates = KnownRates {
+            start_yaw: targets.start.velocity.yaw_rate.abs(),
+            end_yaw: targets.value(StateComponent::YawRate).map(|_| high.max(-low)),
+            start_norm: capacity.drive_norm_at_most(&targets.start_speeds()),
+        };
+        Self { input, capacity, targets, rates, grid }
+    }
+
+    fn all(&self) -> Vec<LowerBound> {
+        let mut bounds = Vec::new();
+        bounds.extend(self.of_center());
+        bounds.extend(self.of_yaw());
+        bounds.extend(self.of_drive_norm());
+        bounds.extend(self.of_wheels());
+        bounds
+    }
+
+    fn error(&self, duration: f64) -> GridError {
+        GridError::new(&self.capacity, &self.rates, duration, self.grid)
+    }
+
+    /// Unit vectors along which the goal is compared with the start. Any of them gives a bound.
+    fn directions(&self) -> Vec<Vector2<f64>> {
+        let is_asked = |component| self.targets.value(component).is_some();
+        if is_asked(StateComponent::X) && is_asked(StateComponent::Y) {
+            self.directions_in_the_plane()
+        } else {
+            // Along an axis a place or a speed alone may be asked for.
+            vec![Vector2::x(), Vector2::y()]
+        }
+    }
+
+    fn directions_in_the_plane(&self) -> Vec<Vector2<f64>> {
+        let middle = |(low, high): (f64, f64)| 0.5 * (low + high);
+        let along = |direction| middle(self.targets.displacement(direction));
+        let displacement = Vector2::new(along(Vector2::x()), along(Vector2::y()));
+        let speed = self.targets.start_velocity();
+        let end = |direction| middle(self.targets.end_velocity(direction));
+        let change = Vector2::new(end(Vector2::x()), end(Vector2::y())) - speed;
+        let mut directions: Vec<_> = displacement.try_normalize(0.0).into_iter().collect();
+        if speed != Vector2::zeros() || change != Vector2::zeros() {
+            let across = Vector2::new(-speed.y, speed.x);
+            let further = [Vector2::x(), Vector2::y(), speed, across, change, Vector2::new(1.0, 1.0)];
+            directions.extend(further.into_iter().filter_map(|vector| vector.try_normalize(0.0)));
+        }
+        directions.retain(|direction| direction.norm().is_finite());
+        directions
+    }
+
+    /// Bounds by the motion of the whole robot's centre of mass, along the direction that promises the largest.
+    fn of_center(&self) -> Vec<LowerBound> {
+        let promise = |direction: &Vector2<f64>| {
+            let axis = self.axis_along(*direction).without_drive();
+            axis.least_time(GridLaw::Exact { drive_scale: 0.0 }, &|duration| self.error(duration)).0
+        };
+        let promises = self.directions().into_iter().map(|direction| (promise(&direction), direction));
+        let Some((_, direction)) = promises.reduce(|best, next| if next.0 > best.0 { next } else { best }) else {
+            return Vec::new();
+        };
+        let name = |demand| match (demand, direction.x.abs() > direction.y.abs()) {
+            (Demand::Displacement, true) => StateComponent::X,
+            (Demand::Displacement, false) => StateComponent::Y,
+            (Demand::Velocity, true) => StateComponent::VelocityX,
+            (Demand::Velocity, false) => StateComponent::VelocityY,
+        };
+        let axis = self.axis_along(direction);
+        self.of_axis(&axis, [GridLaw::CenterOfMass; 2], LowerBoundAssumption::Friction, name)
+    }
+
+    /// The whole robot's centre of mass along a direction.
+    fn axis_along(&self, direction: Vector2<f64>) -> Axis {
+        Axis {
+            acceleration: self.capacity.acceleration,
+            start_speed: direction.dot(&self.targets.start_velocity()),
+            end_speed: self.targets.end_velocity(direction),
+            displacement: self.targets.displacement(direction),
+            drive: self.drive_line(1.0 / self.capacity.mass.sqrt()),
+        }
+    }
+
+    /// Bounds by the yaw about the whole robot's centre of mass.
+    fn of_yaw(&self) -> Vec<LowerBound> {
+        let scale = 1.0 / self.capacity.yaw_inertia.sqrt();
+        let mut axis = Axis {
+            acceleration: self.capacity.yaw_acceleration,
+            start_speed: self.targets.start.velocity.yaw_rate,
+            end_speed: self.targets.component(StateComponent::YawRate),
+            displacement: (f64::NEG_INFINITY, f64::INFINITY),
+            drive: self.drive_line(scale),
+        };
+        let name = |demand| match demand {
+            Demand::Displacement => StateComponent::Heading,
+            Demand::Velocity => StateComponent::YawRate,
+        };
+        let laws =
+            [GridLaw::Exact { drive_scale: 0.0 }, GridLaw::Exact { drive_scale: self.capacity.mass.sqrt() * scale }];
+        // The goal's windings on both sides of the change that takes no time beyond that of the speed.
+        let changes = self.targets.heading_changes(axis.displacement_of_fastest_change());
+        let windings = changes.into_iter().map(|change| {
+            axis.displacement = change;
+            let bounds = self.of_axis(&axis.without_drive(), laws, LowerBoundAssumption::YawFriction, name);
+            bounds.into_iter().next()
+        });
+        let fastest = |a: LowerBound, b: LowerBound| if b.time < a.time { b } else { a };
+        let by_friction = windings.flatten().reduce(fastest);
+        by_friction.into_iter().chain(self.of_driven_yaw(&axis, laws[1])).collect()
+    }
+
+    /// Bound by the smallest winding, which the drive line, blind for the direction, makes the fastest.
+    fn of_driven_yaw(&self, axis: &Axis, law: GridLaw) -> Option<LowerBound> {
+        axis.drive?;
+        let start_speed = axis.start_speed.abs();
+        let end_speed = axis.end_speed.1.max(-axis.end_speed.0);
+        let least = |(low, high): (f64, f64)| low.max(-high);
+        let changes = self.targets.heading_changes(0.0).into_iter();
+        let change = changes.map(least).reduce(f64::min).unwrap_or(f64::NEG_INFINITY);
+        let magnitude = Axis {
+            start_speed,
+            end_speed: (f64::NEG_INFINITY, end_speed),
+            displacement: (change, f64::INFINITY),
+            ..*axis
+        };
+        let (time, _) = magnitude.least_time(law, &|duration| self.error(duration));
+        Some(LowerBound { time, assumption: LowerBoundAssumption::DriveTorque, component: StateComponent::Heading })
+    }
+
+    /// The bound without the torques, then with them.
+    fn of_axis(
+        &self,
+        axis: &Axis,
+        [friction_law, drive_law]: [GridLaw; 2],
+        assumption: LowerBoundAssumption,
+        name: impl Fn(Demand) -> StateComponent,
+    ) -> Vec<LowerBound> {
+        let error = |duration| self.error(duration);
+        let bound = |axis: &Axis, law, assumption| {
+            let (time, demand) = axis.least_time(law, &error);
+            LowerBound { time, assumption, component: name(demand) }
+        };
+        let by_friction = bound(&axis.without_drive(), friction_law, assumption);
+        let mut bounds = vec![by_friction];
+        if axis.drive.is_some() && by_friction.time.is_finite() {
+            bounds.push(bound(axis, drive_law, LowerBoundAssumption::DriveTorque));
+        }
+        bounds
+    }
+
+    /// The drive norm over time, times `scale`.
+    fn drive_line(&self, scale: f64) -> Option<Line> {
+        let rate = self.capacity.drive_rate?;
+        Some(Line { start: scale * self.rates.start_norm, slope: scale * rate })
+    }
+
+    /// Bound by the speeds of the goal, which the torques must build up.
+    fn of_drive_norm(&self) -> Option<LowerBound> {
+        let rate = self.capacity.drive_rate?;
+        let speeds = self.targets.least_end_speeds();
+        let rise = self.capacity.drive_norm_at_least(&speeds) - self.rates.start_norm;
+        // The norms of start and goal round to a few units in the last place.
+        let required = rise - 1e-12 * self.rates.start_norm;
+        let time = first_time(0.0, required, |_, duration| {
+            let error = if duration > 0.0 { self.error(duration).of_drive(duration) } else { 0.0 };
+            rate * duration + self.capacity.mass.sqrt() * error
+        });
+        let weights = [
+            (StateComponent::VelocityX, self.capacity.mass),
+            (StateComponent::VelocityY, self.capacity.mass),
+            (StateComponent::YawRate, self.capacity.yaw_inertia),
+            (StateComponent::WheelRateLeft, self.input.robot.parameters().wheel_spin_inertia),
+            (StateComponent::WheelRateRight, self.input.robot.parameters().wheel_spin_inertia),
+        ];
+        let energy =
+            |(component, weight): (StateComponent, f64)| weight * self.targets.value(component).unwrap_or(0.0).powi(2);
+        let (component, _) = weights.into_iter().max_by(|a, b| energy(*a).total_cmp(&energy(*b)))?;
+        Some(LowerBound { time, assumption: LowerBoundAssumption::DriveTorque, component })
+    }
+
+    /// Bounds by torque and friction at each wheel.
+    fn of_wheels(&self) -> Vec<LowerBound> {
+        let start = &self.targets.start;
+        let PerWheel { left, right } = self.capacity.wheel_acceleration;
+        let (angle, rate) = (start.configuration.wheel_angle, start.velocity.wheel_rate);
+        let wheels = [
+            (left, angle.left, rate.left, StateComponent::WheelAngleLeft, StateComponent::WheelRateLeft),
+            (right, angle.right, rate.right, StateComponent::WheelAngleRight, StateComponent::WheelRateRight),
+        ];
+        let of_wheel = |(acceleration, angle, rate, angle_component, rate_component)| {
+            let (low, high) = self.targets.component(angle_component);
+            let axis = Axis {
+                acceleration,
+                start_speed: rate,
+                end_speed: self.targets.component(rate_component),
+                displacement: (low - angle, high - angle),
+                drive: None,
+            };
+            let (time, demand) = axis.least_time(GridLaw::Exact { drive_scale: 0.0 }, &|duration| self.error(duration));
+            let component = if demand == Demand::Displacement { angle_component } else { rate_component };
+            LowerBound { time, assumption: LowerBoundAssumption::WheelDrive, component }
+        };
+        wheels.into_iter().map(of_wheel).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,169 @@
+//! What a goal asks of the whole robot's centre of mass, of the heading and of the wheels, as intervals.
+//!
+//! Every interval holds all end states that meet the goal within its tolerance.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Vector2;
+
+use super::capacity::{Capacity, Speeds};
+use super::grid_error::Grid;
+use crate::robot::{PerWheel, State};
+use crate::shooting::{Maneuver, StateComponent};
+use crate::solver::settings::SolveInput;
+
+/// Values from the first to the second; infinite where free.
+pub(super) type Interval = (f64, f64);
+
+/// Everywhere.
+const FREE: Interval = (f64::NEG_INFINITY, f64::INFINITY);
+
+/// Start and goal at the whole robot's centre of mass.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Targets<'a> {
+    maneuver: &'a Maneuver,
+    tolerance: f64,
+    rounding: f64,
+    /// From the reference point to the centre of mass in the body frame, m.
+    offset: Vector2<f64>,
+    /// Whether any friction changes the yaw rate.
+    can_turn: bool,
+    /// Start at the centre of mass.
+    pub(super) start: State,
+}
+
+impl<'a> Targets<'a> {
+    pub(super) fn new(input: &'a SolveInput, capacity: &Capacity, grid: Grid) -> Self {
+        let maneuver = &input.maneuver;
+        let offset = capacity.center - maneuver.reference_point.offset(input.robot.parameters());
+        let goal: f64 = maneuver.goal.constrained().map(|(_, value)| value.abs()).sum();
+        // A few units in the last place per step.
+        let size = maneuver.start.to_vector().lp_norm(1) + goal + 1.0;
+        let step_count = match grid {
+            Grid::Steps(count) => count as f64,
+            Grid::Continuous => 0.0,
+        };
+        let rounding = 4.0 * f64::EPSILON * (step_count + 16.0) * size;
+        Self {
+            maneuver,
+            tolerance: input.settings.goal_tolerance,
+            rounding,
+            offset,
+            can_turn: capacity.yaw_acceleration > 0.0,
+            start: maneuver.start.moved_by(offset),
+        }
+    }
+
+    pub(super) fn value(&self, component: StateComponent) -> Option<f64> {
+        self.maneuver.goal.value(component)
+    }
+
+    /// What is asked of one component, at the reference point.
+    pub(super) fn component(&self, component: StateComponent) -> Interval {
+        let slack = self.tolerance + self.rounding;
+        self.value(component).map_or(FREE, |value| (value - slack, value + slack))
+    }
+
+    /// Displacement of the centre of mass along a unit vector, m.
+    pub(super) fn displacement(&self, direction: Vector2<f64>) -> Interval {
+        let from = &self.start.configuration;
+        let start = direction.dot(&Vector2::new(from.x, from.y));
+        let reference = self.along(direction, [StateComponent::X, StateComponent::Y]);
+        let offset = match self.value(StateComponent::Heading) {
+            Some(heading) => around(direction.dot(&rotated(self.offset, heading)), self.offset.norm() * self.tolerance),
+            None => around(0.0, self.offset.norm()),
+        };
+        (reference.0 + offset.0 - start, reference.1 + offset.1 - start)
+    }
+
+    /// Velocity of the centre of mass along a unit vector at the end, m/s.
+    pub(super) fn end_velocity(&self, direction: Vector2<f64>) -> Interval {
+        let reference = self.along(direction, [StateComponent::VelocityX, StateComponent::VelocityY]);
+        let lever = self.offset.norm();
+        let turning = match (self.end_yaw_rate(), self.value(StateComponent::Heading)) {
+            _ if lever == 0.0 => (0.0, 0.0),
+            (None, _) => FREE,
+            (Some(rate), None) => around(0.0, lever * (rate.abs() + self.tolerance)),
+            (Some(rate), Some(heading)) => {
+                let arm = rotated(self.offset, heading);
+                let velocity = rate * Vector2::new(-arm.y, arm.x);
+                let slack = lever * self.tolerance * (1.0 + rate.abs() + self.tolerance);
+                around(direction.dot(&velocity), slack)
+            }
+        };
+        (reference.0 + turning.0, reference.1 + turning.1)
+    }
+
+    /// The yaw rate at the end where it is known: asked for, or unchangeable.
+    fn end_yaw_rate(&self) -> Option<f64> {
+        let unchanged = (!self.can_turn).then_some(self.start.velocity.yaw_rate);
+        self.value(StateComponent::YawRate).or(unchanged)
+    }
+
+    pub(super) fn start_velocity(&self) -> Vector2<f64> {
+        Vector2::new(self.start.velocity.x, self.start.velocity.y)
+    }
+
+    /// Heading changes that meet the goal, in the two windings around `middle`, rad.
+    pub(super) fn heading_changes(&self, middle: f64) -> Vec<Interval> {
+        let (low, high) = self.component(StateComponent::Heading);
+        if low == f64::NEG_INFINITY {
+            return vec![FREE];
+        }
+        let start = self.start.configuration.heading;
+        let center = 0.5 * (low + high) - start;
+        let middle = if middle.is_finite() { middle } else { 0.0 };
+        let below = center + ((middle - center) / TAU).floor() * TAU;
+        // Whole turns round like the angles themselves.
+        let slack = 0.5 * (high - low) + 4.0 * f64::EPSILON * (below.abs() + TAU);
+        [below, below + TAU].map(|change| around(change, slack)).to_vec()
+    }
+
+    /// Magnitudes of the speeds at the start.
+    pub(super) fn start_speeds(&self) -> Speeds {
+        let velocity = &self.start.velocity;
+        Speeds {
+            translation: self.start_velocity().norm(),
+            yaw: velocity.yaw_rate.abs(),
+            wheel: PerWheel::new(velocity.wheel_rate.left.abs(), velocity.wheel_rate.right.abs()),
+        }
+    }
+
+    /// Least magnitudes of the speeds at the goal.
+    pub(super) fn least_end_speeds(&self) -> Speeds {
+        let along = |direction| least_magnitude(self.end_velocity(direction));
+        let of = |component| least_magnitude(self.component(component));
+        Speeds {
+            translation: along(Vector2::x()).hypot(along(Vector2::y())),
+            yaw: of(StateComponent::YawRate),
+            wheel: PerWheel::new(of(StateComponent::WheelRateLeft), of(StateComponent::WheelRateRight)),
+        }
+    }
+
+    /// Interval of two components along a unit vector.
+    fn along(&self, direction: Vector2<f64>, components: [StateComponent; 2]) -> Interval {
+        let (mut low, mut high) = (0.0, 0.0);
+        for (factor, component) in [direction.x, direction.y].into_iter().zip(components) {
+            if factor != 0.0 {
+                let (a, b) = self.component(component);
+                let (a, b) = if factor > 0.0 { (a, b) } else { (b, a) };
+                low += factor * a;
+                high += factor * b;
+            }
+        }
+        (low, high)
+    }
+}
+
+fn around(center: f64, slack: f64) -> Interval {
+    (center - slack, center + slack)
+}
+
+fn least_magnitude((low, high): Interval) -> f64 {
+    low.max(-high).max(0.0)
+}
+
+fn rotated(vector: Vector2<f64>, heading: f64) -> Vector2<f64> {
+    let (sin, cos) = heading.sin_cos();
+    Vector2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
+}
