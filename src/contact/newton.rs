@@ -7,7 +7,7 @@ use super::mode_equations::ModeEquations;
 use super::pattern::ContactPattern;
 
 /// Newton takes 2 to 4 steps from the last time step's impulse; one that takes many is in the wrong pattern.
-const NEWTON_LIMIT: usize = 20;
+pub(super) const NEWTON_LIMIT: usize = 20;
 /// Steps are halved down to this share of themselves: a full one can overshoot where a slip direction turns quickly.
 const SMALLEST_SHARE: f64 = 0.1;
 
@@ -17,6 +17,8 @@ pub(super) struct Newton<'a, const N: usize> {
     pub(super) problem: &'a FrictionProblem<N>,
     pub(super) pattern: ContactPattern,
     pub(super) slip_smoothing: f64,
+    /// Most Newton steps.
+    pub(super) iteration_limit: usize,
 }
 
 impl<const N: usize> Newton<'_, N> {
@@ -33,7 +35,7 @@ impl<const N: usize> Newton<'_, N> {
         let mut impulse = *start;
         let mut equations = self.equations(&impulse)?;
         let mut miss = equations.residual(&impulse);
-        for _ in 0..NEWTON_LIMIT {
+        for _ in 0..self.iteration_limit {
             let update = solved(equations.jacobian(self.system), miss)?;
             let is_small = update.amax() <= small_update;
             let mut share = 1.0;

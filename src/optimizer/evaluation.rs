@@ -98,6 +98,11 @@ impl<'a> Budget<'a> {
         Self { stop, limit, spent: 0 }
     }
 
+    /// Whether the flag is set.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
     /// Rollouts spent.
     pub fn spent(&self) -> u64 {
         self.spent
@@ -108,7 +113,7 @@ impl<'a> Budget<'a> {
     /// # Errors
     /// When the flag is set or none is left.
     pub fn spend(&mut self) -> Result<(), Interruption> {
-        if self.stop.load(Ordering::Relaxed) {
+        if self.is_stopped() {
             return Err(Interruption::Stopped);
         }
         if self.spent >= self.limit {

@@ -7,6 +7,7 @@
 
 pub mod domain;
 mod error;
+mod finishing;
 pub mod limits;
 mod pace;
 mod place;
@@ -18,6 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 pub use error::ServiceError;
+use finishing::FinishingPace;
 pub use limits::{DEFAULT_TIME_LIMIT_S, Limits};
 use pace::Pace;
 pub use place::{Place, RunningSolve, Simulated, SolveClocks, SolveEvent, Solved, StopReason};
@@ -43,6 +45,7 @@ pub struct Service {
     solver: Arc<dyn ManeuverSolver>,
     settings: ServiceSettings,
     pace: Arc<Pace>,
+    finishing: Arc<FinishingPace>,
     /// Whether the end was announced: probes turn away, work is still taken.
     draining: AtomicBool,
     /// Whether the queue was closed, for those who wait for it.
@@ -56,8 +59,9 @@ impl Service {
     /// When the operating system refuses a thread.
     pub fn start(settings: ServiceSettings, solver: Arc<dyn ManeuverSolver>) -> io::Result<Self> {
         let queue = Queue::start(settings.workers, settings.queue_length)?;
-        let (pace, draining, closed) = (Arc::default(), AtomicBool::new(false), watch::Sender::new(false));
-        Ok(Self { queue, solver, settings, pace, draining, closed })
+        let (draining, closed) = (AtomicBool::new(false), watch::Sender::new(false));
+        let (pace, finishing) = (Arc::default(), Arc::default());
+        Ok(Self { queue, solver, settings, pace, finishing, draining, closed })
     }
 
     /// What is accepted at most.
@@ -150,7 +154,7 @@ impl Service {
 
     fn place(&self, reserved: queue::Place) -> Place {
         let (solver, pace) = (Arc::clone(&self.solver), Arc::clone(&self.pace));
-        Place { reserved, solver, pace, workers: self.settings.workers.get() }
+        Place { reserved, solver, pace, finishing: Arc::clone(&self.finishing), workers: self.settings.workers.get() }
     }
 
     fn refused(&self, refusal: Refusal) -> ServiceError {

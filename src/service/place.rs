@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep_until;
 
+use super::finishing::{FinishingPace, SearchEnd};
 use super::pace::Pace;
 use super::{ManeuverSolver, ServiceError};
 use crate::queue::{self, ANSWER_MARGIN, Clocks, JobOutcome, StopCause, StopHandle, Ticket};
@@ -77,6 +78,7 @@ pub struct Place {
     pub(super) reserved: queue::Place,
     pub(super) solver: Arc<dyn ManeuverSolver>,
     pub(super) pace: Arc<Pace>,
+    pub(super) finishing: Arc<FinishingPace>,
     pub(super) workers: usize,
 }
 
@@ -95,7 +97,7 @@ impl Place {
         self.check_reachable(clocks.deadline, jobs_ahead)?;
         let position = (jobs_ahead + 1).saturating_sub(self.workers);
         let (tell, progress) = watch::channel(None);
-        let queued = self.queue_solve(input, clocks, answer, WatchObserver(tell));
+        let queued = self.queue_solve(input, clocks, answer, tell);
         let outcome = Box::pin(queued.outcome());
         Ok(RunningSolve { position, progress, next_report: Instant::now(), outcome })
     }
@@ -121,7 +123,7 @@ impl Place {
     pub fn solve_blocking(self, input: SolveInput, clocks: SolveClocks) -> Result<Solved, ServiceError> {
         self.check_reachable(clocks.deadline, self.reserved.jobs_ahead())?;
         let (tell, _nobody) = watch::channel(None);
-        self.queue_solve(input, clocks, |solved| solved, WatchObserver(tell)).blocking_outcome()
+        self.queue_solve(input, clocks, |solved| solved, tell).blocking_outcome()
     }
 
     /// Queues a simulation at once and answers when it ends. Dropping the future takes it out of the queue.
@@ -164,9 +166,11 @@ impl Place {
         input: SolveInput,
         clocks: SolveClocks,
         answer: impl FnOnce(Solved) -> T + Send + 'static,
-        observer: WatchObserver,
+        tell: watch::Sender<Option<SolveProgress>>,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, workers: _ } = self;
+        let Self { reserved: place, solver, pace, finishing, workers: _ } = self;
+        let observer = WatchObserver { tell, search_end: SearchEnd::default() };
+        let search_time = finishing.search_time(&input.settings, clocks.time_limit);
         let (job_id, recorded) = (place.job_id(), Arc::clone(&pace));
         let work = move |stop: &StopHandle| {
             let start = Instant::now();
@@ -176,9 +180,14 @@ impl Place {
             let solve_time = start.elapsed();
             let stop_reason = stop_reason(job_id, solution.stop_reason, stop.cause())?;
             recorded.record(solve_time);
-            Ok(answer(Solved { solution, solve_time, stop_reason }))
+            let step_count = solution.report.step_count;
+            let answer = answer(Solved { solution, solve_time, stop_reason });
+            if let Some(duration) = observer.search_end.elapsed() {
+                finishing.record(step_count, duration);
+            }
+            Ok(answer)
         };
-        let clocks = Clocks { time_limit: Some(clocks.time_limit), deadline: clocks.deadline };
+        let clocks = Clocks { time_limit: Some(search_time), deadline: clocks.deadline };
         QueuedJob { job_id, ticket: place.fill(clocks, work), pace }
     }
 
@@ -188,7 +197,7 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, workers: _ } = self;
+        let Self { reserved: place, solver, pace, finishing: _, workers: _ } = self;
         let work = move |_: &StopHandle| {
             let start = Instant::now();
             let simulation = solver.simulate(&input);
@@ -268,12 +277,19 @@ fn never_answered(cause: StopCause, pace: &Pace) -> ServiceError {
     }
 }
 
-/// Keeps the latest progress for whoever asks; nothing waits and nothing fails when nobody does.
-struct WatchObserver(watch::Sender<Option<SolveProgress>>);
+/// Keeps the latest progress for whoever asks, and when the search ended; nothing waits and nothing fails when nobody does.
+struct WatchObserver {
+    tell: watch::Sender<Option<SolveProgress>>,
+    search_end: SearchEnd,
+}
 
 impl ProgressObserver for WatchObserver {
     fn progress(&self, progress: &SolveProgress) {
-        self.0.send_replace(Some(*progress));
+        self.tell.send_replace(Some(*progress));
+    }
+
+    fn search_ended(&self) {
+        self.search_end.mark();
     }
 }
 

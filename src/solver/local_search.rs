@@ -43,6 +43,8 @@ const POLISH_SHAKES: usize = 4;
 const POLISH_LIMIT: usize = 4;
 /// A round of polishing that gains less than this share of the final time is the last one.
 const POLISH_GAIN: f64 = 3e-6;
+/// A plan that loses more than this share of its final time on another grid has left its local optimum.
+const ADAPTION_LOSS: f64 = 5e-3;
 /// Least prices of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is for the
 /// rest.
 const LEAST_PRICES: [f64; 2] = [5.0, 50.0];
@@ -162,13 +164,26 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         (self.best, self.iterations, self.budget.spent())
     }
 
-    /// Moves a local optimum of another grid to this one.
+    /// Moves a local optimum of another grid to this one; by longer ways where the near one loses the goal or much time.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
     pub(super) fn adapt(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
         self.aim(candidate.goal_heading, candidate.final_time());
-        self.descend(&candidate.decision, self.prices[0], RADIUS)
+        let tolerance = self.settings.goal_tolerance;
+        let slowest = (1.0 + ADAPTION_LOSS) * candidate.final_time();
+        let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
+        let mut best = self.descend(&candidate.decision, self.prices[0], RADIUS)?;
+        if !arrived(&best) {
+            let next = self.descend(&candidate.decision, self.prices[1], START_RADIUS)?;
+            keep_better(&mut best, next, tolerance);
+        }
+        if !arrived(&best) {
+            let smoothed = self.through_smoothing(&candidate.decision, &POLISH_SMOOTHING, self.prices[0], RADIUS)?;
+            let next = self.descend(&smoothed, self.prices[0], RADIUS)?;
+            keep_better(&mut best, next, tolerance);
+        }
+        Ok(best)
     }
 
     /// Improves a local optimum until a whole round of descents gains nothing more.

@@ -21,7 +21,9 @@ pub use run_control::{NoProgress, ProgressObserver, RunControl, SolveProgress};
 pub(crate) use schedule_check::violations_of_schedule;
 pub use settings::{Method, Refinement, SolveInput, SolverSettings};
 pub use simulate::{SimulateInput, Simulation, simulate};
-pub use solution::{DistinctOptimum, LowerBoundAssumption, Reason, Replay, Report, Solution, Status, StopReason};
+pub use solution::{
+    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
+};
 
 use local_search::Candidate;
 use nalgebra::DVector;
@@ -57,6 +59,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
         // The worker is free one rollout after the flag.
         return certificate::certified_standstill(input, StopReason::Stopped);
     }
+    control.report_search_end();
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
     let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));
     certificate::certified(input, &simulator, &mut problem, &best, result)

@@ -19,6 +19,9 @@ pub struct SolveProgress {
 pub trait ProgressObserver: Sync {
     /// A new best iterate or a new start.
     fn progress(&self, progress: &SolveProgress);
+
+    /// The search is over; what is left is the certificate of its plan.
+    fn search_ended(&self) {}
 }
 
 /// Listens to nothing.
@@ -67,6 +70,11 @@ impl<'a> RunControl<'a> {
     /// Whether the solve was stopped and nobody wants its answer.
     pub fn is_abandoned(&self) -> bool {
         self.is_stopped() && self.is_abandoned.is_some_and(|is_abandoned| is_abandoned())
+    }
+
+    /// Tells the observer that the certificate begins.
+    pub(super) fn report_search_end(&self) {
+        self.observer.search_ended();
     }
 
     /// Tells the observer.

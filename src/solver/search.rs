@@ -3,7 +3,7 @@
 use super::local_search::{Candidate, LocalSearch};
 use super::run_control::RunControl;
 use super::settings::SolveInput;
-use super::solution::{DistinctOptimum, StopReason};
+use super::solution::{DistinctOptimum, RefinementOutcome, Replay, StopReason};
 use super::starts::{Start, Way, starts};
 use crate::optimizer::Interruption;
 use crate::shooting::ShootingProblem;
@@ -27,6 +27,11 @@ pub(super) struct SearchResult {
     pub(super) starts_tried: usize,
     /// Local optima that meet the goal, fastest first.
     pub(super) distinct_optima: Vec<DistinctOptimum>,
+    /// The local optima themselves, fastest first.
+    pub(super) optima: Vec<Candidate>,
+    pub(super) refinement: RefinementOutcome,
+    /// The best decision's replay, where the refinement has made it.
+    pub(super) replay: Option<Replay>,
 }
 
 /// Searches from every start, then polishes the best local optima.
@@ -47,6 +52,9 @@ pub(super) fn search(input: &SolveInput, problem: &mut ShootingProblem, control:
         rollouts,
         starts_tried: outcome.starts_tried,
         distinct_optima: grouped(outcome.optima.iter().map(Candidate::final_time).collect()),
+        optima: outcome.fastest_first(),
+        refinement: RefinementOutcome::Fixed,
+        replay: None,
     }
 }
 
@@ -56,6 +64,13 @@ struct Outcome {
     starts_tried: usize,
     /// Local optima that meet the goal.
     optima: Vec<Candidate>,
+}
+
+impl Outcome {
+    fn fastest_first(mut self) -> Vec<Candidate> {
+        self.optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
+        self.optima
+    }
 }
 
 fn explore(
