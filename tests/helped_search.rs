@@ -101,7 +101,7 @@ fn answer_under_any_rollout_limit_does_not_depend_on_the_helpers() {
     let rollouts = alone(input).report.rollouts;
     // At both ends, where the last polish is cut, and anywhere between.
     let mut limits = vec![1, 2, rollouts - 60, rollouts - 1, rollouts];
-    limits.extend((0..5).map(|_| (cases.between(0.0, 1.0) * rollouts as f64) as u64 + 1));
+    limits.extend((0..5).map(|_| cases.whole(1, rollouts)));
     for limit in limits {
         let mut input = input.clone();
         input.settings.rollout_limit = limit;

@@ -45,10 +45,11 @@ fn share_parts(
     })
 }
 
-fn value_of<T: std::fmt::Debug>(outcome: JobOutcome<T>) -> T {
+fn value_of<T>(outcome: JobOutcome<T>) -> T {
     match outcome {
         JobOutcome::Finished { value, .. } => value,
-        other => panic!("the job did not finish: {other:?}"),
+        JobOutcome::Panicked { message } => panic!("the job panicked: {message}"),
+        JobOutcome::NeverStarted { cause } => panic!("the job was never started: {cause:?}"),
     }
 }
 
