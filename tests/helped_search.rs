@@ -101,7 +101,7 @@ fn answer_under_any_rollout_limit_does_not_depend_on_the_helpers() {
     let rollouts = alone(input).report.rollouts;
     // At both ends, where the last polish is cut, and anywhere between.
     let mut limits = vec![1, 2, rollouts - 60, rollouts - 1, rollouts];
-    limits.extend((0..5).map(|_| cases.whole(1, rollouts)));
+    limits.extend((0..3).map(|_| cases.whole(1, rollouts)));
     for limit in limits {
         let mut input = input.clone();
         input.settings.rollout_limit = limit;
@@ -118,7 +118,7 @@ fn search_that_is_cut_keeps_the_best_of_the_starts_before() {
     let input = &inputs()[0];
     let mut fastest = f64::INFINITY;
     let rollouts = alone(input).report.rollouts;
-    for limit in (1..rollouts).step_by(61) {
+    for limit in (1..rollouts).step_by(151) {
         let mut input = input.clone();
         input.settings.rollout_limit = limit;
         let solution = alone(&input);
