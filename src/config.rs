@@ -67,7 +67,7 @@ pub(crate) struct ServeArguments {
     /// Serves gRPC on the address of REST too, in place of its own.
     #[arg(long, env = "SLIPDRIVE_ONE_PORT")]
     pub(crate) one_port: bool,
-    /// Worker threads, each running one solve at a time [default: cores - 1, at least 1].
+    /// Threads that solve, one request each; idle ones help the others [default: cores - 1, at least 1].
     #[arg(long, env = "SLIPDRIVE_WORKERS")]
     pub(crate) workers: Option<NonZeroUsize>,
     /// Requests that may wait for a worker; more are refused with 429.
@@ -181,8 +181,12 @@ impl AccessArguments {
 
 /// One core is left to the threads that talk to callers.
 fn default_workers() -> NonZeroUsize {
-    let cores = available_parallelism().map_or(1, NonZeroUsize::get);
-    NonZeroUsize::new(cores - 1).unwrap_or(NonZeroUsize::MIN)
+    NonZeroUsize::new(cores().get() - 1).unwrap_or(NonZeroUsize::MIN)
+}
+
+/// The cores that this process may use.
+pub(crate) fn cores() -> NonZeroUsize {
+    available_parallelism().unwrap_or(NonZeroUsize::MIN)
 }
 
 /// A maneuver to solve.
@@ -194,6 +198,9 @@ pub(crate) struct SolveArguments {
     /// Writes the JSON answer of `POST /solve` here; `-` is standard output, in place of the table.
     #[arg(long, value_name = "OUT")]
     pub(crate) json: Option<PathBuf>,
+    /// Threads that search; the plan does not depend on their number [default: cores].
+    #[arg(long)]
+    pub(crate) threads: Option<NonZeroUsize>,
     /// Writes diagrams of the plan here, as an HTML page.
     #[arg(long, value_name = "PAGE")]
     pub(crate) plot: Option<PathBuf>,

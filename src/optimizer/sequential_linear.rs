@@ -207,7 +207,9 @@ struct Trial {
 impl<'a> Search<'a> {
     fn new(problem: &'a mut dyn Problem, start: &DVector<f64>, settings: &'a SequentialLinearSettings) -> Self {
         let x = clamped(start, problem.lower(), problem.upper());
-        let model = Linearisation::new(problem.constraints(), start.len());
+        let mut model = Linearisation::new(problem.constraints(), start.len());
+        // Unknown until the first rollout, which a budget may refuse.
+        model.constraints.residual.fill(f64::NAN);
         Self {
             problem,
             settings,

@@ -2,11 +2,13 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::mem;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
 use tokio::sync::Notify;
 
 use super::job::{self, Clocks, Departure, Job, Ticket};
+use super::lending::{IdleWorkers, Turns};
 use super::lock;
 use super::stop::{StopCause, StopHandle};
 use super::watchdog::Watchdog;
@@ -24,7 +26,7 @@ pub enum Refusal {
 #[derive(Debug)]
 pub(super) struct BoundedQueue {
     state: Mutex<State>,
-    /// Wakes workers: a job came, or the last one ended after closing.
+    /// Wakes workers: a job came, a loan was given back, or the last job ended after closing.
     changed: Condvar,
     /// Wakes those who wait for a place: one was given back, or the queue was closed.
     place_freed: Notify,
@@ -39,18 +41,20 @@ struct State {
     in_flight: usize,
     next_id: u64,
     waiting: VecDeque<Job>,
+    turns: Turns,
     /// Stop handles of all filled places, waiting and running.
     stops: BTreeMap<u64, StopHandle>,
 }
 
 impl BoundedQueue {
-    pub(super) fn new(capacity: usize) -> Self {
+    pub(super) fn new(workers: usize, capacity: usize) -> Self {
         let state = State {
             open: true,
             cancelled: None,
             in_flight: 0,
             next_id: 0,
             waiting: VecDeque::new(),
+            turns: Turns::new(workers),
             stops: BTreeMap::new(),
         };
         Self { state: Mutex::new(state), changed: Condvar::new(), place_freed: Notify::new(), capacity }
@@ -125,11 +129,15 @@ impl BoundedQueue {
         self.place_freed.notify_waiters();
     }
 
-    /// The oldest waiting job; blocks until there is one. `None` once the queue is closed and nothing is in flight.
+    /// The oldest waiting job; blocks until there is one and a worker to run it. `None` once the queue is closed and nothing
+    /// is in flight.
     pub(super) fn next(&self) -> Option<Job> {
         let mut state = lock(&self.state);
         loop {
-            if let Some(job) = state.waiting.pop_front() {
+            if state.turns.has_idle()
+                && let Some(job) = state.waiting.pop_front()
+            {
+                state.turns.begin_job(job.id());
                 return Some(job);
             }
             // A reserved place may yet be filled: workers stay until the last one is given back.
@@ -138,6 +146,21 @@ impl BoundedQueue {
             }
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
+    }
+
+    /// Borrows an idle worker, unless a job waits for one.
+    pub(super) fn lend(&self) -> Option<(u64, Arc<AtomicBool>)> {
+        let mut state = lock(&self.state);
+        (state.waiting.is_empty() && state.turns.has_idle()).then(|| state.turns.lend())
+    }
+
+    pub(super) fn give_back_loan(&self, loan: u64) {
+        lock(&self.state).turns.give_back(loan);
+        self.changed.notify_one();
+    }
+
+    pub(super) fn lent(&self) -> usize {
+        lock(&self.state).turns.lent()
     }
 
     /// Takes a job out of the line, if it still waits there.
@@ -158,6 +181,7 @@ impl BoundedQueue {
         }
         state.stops.insert(job.id(), stop);
         state.waiting.push_back(job);
+        state.turns.recall_for(state.waiting.len());
         drop(state);
         self.changed.notify_one();
     }
@@ -165,6 +189,7 @@ impl BoundedQueue {
     fn give_back(&self, id: u64) {
         let mut state = lock(&self.state);
         state.in_flight -= 1;
+        state.turns.end_job(id);
         // Bound to a name so that it is dropped after the lock.
         let _stop = state.stops.remove(&id);
         let was_last = !state.open && state.in_flight == 0;
@@ -193,6 +218,11 @@ impl Place {
     /// Jobs that wait or run ahead of this place.
     pub fn jobs_ahead(&self) -> usize {
         self.queue.queued()
+    }
+
+    /// The workers that the job of this place may borrow while it runs.
+    pub fn idle_workers(&self) -> IdleWorkers {
+        IdleWorkers::new(Arc::clone(&self.queue))
     }
 
     /// Queues `work`; it hears of its clocks through the stop handle.

@@ -3,6 +3,7 @@
 //! - Admission is counted: at most `workers + queue_length` jobs are in flight, running and waiting together. A
 //!   [`Place`] is reserved first, filled with a job later, and given back when it is dropped.
 //! - Jobs start in the order in which they came. Each runs behind a panic border and answers through its [`Ticket`].
+//! - A running job may borrow [`IdleWorkers`]; they are given back as soon as another job waits.
 //! - A job stops for the first [`StopCause`] that reaches its [`StopHandle`]: its time limit, its deadline, its
 //!   caller's departure (the ticket is dropped), or a shutdown. A job that is stopped while it waits is taken out of
 //!   the line and never started.
@@ -15,6 +16,7 @@
 
 mod bounded_queue;
 mod job;
+mod lending;
 mod stop;
 #[cfg(test)]
 mod tests;
@@ -28,6 +30,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use bounded_queue::BoundedQueue;
 pub use bounded_queue::{Place, Refusal};
 pub use job::{ANSWER_MARGIN, Clocks, JobOutcome, Ticket};
+pub use lending::IdleWorkers;
 pub use stop::{StopCause, StopHandle};
 use watchdog::Watchdog;
 use workers::Workers;
@@ -49,7 +52,7 @@ impl Queue {
     /// When the operating system refuses a thread.
     pub fn start(workers: NonZeroUsize, queue_length: usize) -> io::Result<Self> {
         let capacity = workers.get().saturating_add(queue_length);
-        let waiting_line = Arc::new(BoundedQueue::new(capacity));
+        let waiting_line = Arc::new(BoundedQueue::new(workers.get(), capacity));
         let watchdog = Arc::new(Watchdog::start()?);
         let workers = Workers::start(workers, &waiting_line, &watchdog).inspect_err(|_| waiting_line.close())?;
         Ok(Self { waiting_line, workers, watchdog })
@@ -84,6 +87,11 @@ impl Queue {
     /// Jobs in flight: reserved, waiting and running.
     pub fn in_flight(&self) -> usize {
         self.waiting_line.in_flight()
+    }
+
+    /// Workers that help another's job at present.
+    pub fn helping_workers(&self) -> usize {
+        self.waiting_line.lent()
     }
 
     /// Gives out no more places; jobs in flight go on.

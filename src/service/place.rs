@@ -10,9 +10,9 @@ use tokio::time::sleep_until;
 use super::finishing::{FinishingPace, SearchEnd};
 use super::pace::Pace;
 use super::{ManeuverSolver, ServiceError};
-use crate::queue::{self, ANSWER_MARGIN, Clocks, JobOutcome, StopCause, StopHandle, Ticket};
+use crate::queue::{self, ANSWER_MARGIN, Clocks, IdleWorkers, JobOutcome, StopCause, StopHandle, Ticket};
 use crate::solver::{
-    ProgressObserver, RunControl, SimulateInput, Simulation, Solution, SolveInput, SolveProgress,
+    Helpers, ProgressObserver, RunControl, SharedWork, SimulateInput, Simulation, Solution, SolveInput, SolveProgress,
     StopReason as SolverStop,
 };
 
@@ -172,10 +172,11 @@ impl Place {
         let observer = WatchObserver { tell, search_end: SearchEnd::default() };
         let search_time = finishing.search_time(&input.settings, clocks.time_limit);
         let (job_id, recorded) = (place.job_id(), Arc::clone(&pace));
+        let helpers = BorrowedWorkers(place.idle_workers());
         let work = move |stop: &StopHandle| {
             let start = Instant::now();
             let is_abandoned = || matches!(stop.cause(), Some(StopCause::CallerGone | StopCause::Shutdown));
-            let control = RunControl::new(stop.flag(), &observer).abandoned_when(&is_abandoned);
+            let control = RunControl::new(stop.flag(), &observer).abandoned_when(&is_abandoned).helped_by(&helpers);
             let solution = solver.solve(&input, &control);
             let solve_time = start.elapsed();
             let stop_reason = stop_reason(job_id, solution.stop_reason, stop.cause())?;
@@ -274,6 +275,15 @@ fn never_answered(cause: StopCause, pace: &Pace) -> ServiceError {
         StopCause::Deadline => ServiceError::DeadlineExceeded,
         // Time limits count from the start: they end no wait.
         StopCause::Shutdown | StopCause::TimeLimit => ServiceError::Unavailable { retry_after: pace.retry_after() },
+    }
+}
+
+/// Lets idle workers work on a solve.
+struct BorrowedWorkers(IdleWorkers);
+
+impl Helpers for BorrowedWorkers {
+    fn share(&self, work: &dyn SharedWork) {
+        self.0.share(&|| work.open_parts(), &|is_recalled| work.take_part(is_recalled));
     }
 }
 

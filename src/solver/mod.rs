@@ -3,10 +3,13 @@
 mod certificate;
 pub mod domain;
 mod goal_miss;
+mod helpers;
 mod impossibility;
 mod largest_load;
 mod local_search;
 mod lower_bound;
+mod parts;
+mod progress;
 mod refinement;
 mod run_control;
 mod schedule_check;
@@ -17,6 +20,7 @@ mod simulate;
 mod solution;
 mod starts;
 
+pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, ProgressObserver, RunControl, SolveProgress};
 pub(crate) use schedule_check::violations_of_schedule;
 pub use settings::{Method, Refinement, SolveInput, SolverSettings};
@@ -50,7 +54,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     let settings = &input.settings;
     let problem_on = |step_count| ShootingProblem::new(&simulator, &input.maneuver, step_count, settings.control_count);
     let mut problem = problem_on(settings.step_count);
-    let mut result = search::search(input, &mut problem, control);
+    let mut result = search::search(input, &problem, control);
     if let Refinement::UntilExecutable { step_limit } = settings.refinement {
         refinement::refine(input, &simulator, step_limit, control, &mut result);
         problem = problem_on(result.step_count);
