@@ -9,6 +9,9 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::optimizer::{ElasticProgram, ElasticSolver};
 
+/// One per component of the goal; all of them are equations.
+const ROWS: usize = 8;
+
 struct Data {
     matrix: DMatrix<f64>,
     target: DVector<f64>,
@@ -24,8 +27,8 @@ fn random_program(seed: u64) -> Data {
     let mut cost = DVector::zeros(81);
     cost[80] = 1.0;
     Data {
-        matrix: DMatrix::from_fn(8, 81, |_, _| rng.random_range(-0.1..0.1)),
-        target: DVector::from_fn(8, |_, _| rng.random_range(-0.05..0.05)),
+        matrix: DMatrix::from_fn(ROWS, 81, |_, _| rng.random_range(-0.1..0.1)),
+        target: DVector::from_fn(ROWS, |_, _| rng.random_range(-0.05..0.05)),
         cost,
         lower: DVector::from_fn(81, |_, _| -rng.random_range(0.0..0.3)),
         upper: DVector::from_fn(81, |_, _| rng.random_range(0.0..0.3)),
@@ -37,7 +40,7 @@ fn by_library(data: &Data) -> f64 {
     let mut problem = Problem::new(OptimizationDirection::Minimize);
     let variables: Vec<_> =
         (0..81).map(|index| problem.add_var(data.cost[index], (data.lower[index], data.upper[index]))).collect();
-    for row in 0..8 {
+    for row in 0..ROWS {
         let above = problem.add_var(data.weight, (0.0, f64::INFINITY));
         let below = problem.add_var(data.weight, (0.0, f64::INFINITY));
         let terms = variables.iter().enumerate().map(|(index, &variable)| (variable, data.matrix[(row, index)]));

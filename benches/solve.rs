@@ -1,10 +1,17 @@
-//! Whole solves of the paper's forward drive: sequential linear programs against the paper's Nelder-Mead.
+//! Whole solves of the forward drive: sequential linear programs against the paper's Nelder-Mead from the straight start,
+//! and the default search with one worker against two.
 
 use std::hint::black_box;
+use std::num::NonZeroUsize;
+use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use slipdrive::solver::{Method, RunControl, SolveInput, solve};
+use slipdrive::service::{InProcessSolver, Limits, Service, ServiceSettings, SolveClocks};
+use slipdrive::solver::{Method, RunControl, SolveInput, SolverSettings, solve};
+
+/// Pairs of solves from which the ratio of one and two workers is taken.
+const PAIRED_ROUNDS: usize = 21;
 
 fn forward_drive(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("forward_drive");
@@ -29,5 +36,30 @@ fn forward_drive(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, forward_drive);
+/// The default search, alone and with one idle worker that helps.
+fn helped_search(criterion: &mut Criterion) {
+    let input = SolveInput { settings: SolverSettings::default(), ..SolveInput::forward_drive() };
+    let clocks = SolveClocks { time_limit: Duration::from_secs(60), deadline: None };
+    let mut group = criterion.benchmark_group("default_search");
+    let services = [1, 2].map(|workers| {
+        let workers = NonZeroUsize::new(workers).expect("at least one");
+        let settings = ServiceSettings { workers, queue_length: 0, limits: Limits::default() };
+        Service::start(settings, Arc::new(InProcessSolver)).expect("threads can be started")
+    });
+    let solve = |service: &Service| {
+        let place = service.reserve().expect("nobody else asks");
+        place.solve_blocking(input.clone(), clocks).expect("nobody stops it")
+    };
+    // By turns, so that both meet the same neighbours on the machine.
+    let rounds = (0..PAIRED_ROUNDS).map(|_| services.each_ref().map(|service| solve(service).solve_time));
+    let mut ratios: Vec<f64> = rounds.map(|[alone, helped]| alone.as_secs_f64() / helped.as_secs_f64()).collect();
+    ratios.sort_by(f64::total_cmp);
+    println!("default search       1 worker takes {:.2} times as long as 2 (median)", ratios[ratios.len() / 2]);
+    for (service, name) in services.iter().zip(["one_worker", "two_workers"]) {
+        group.bench_function(name, |bench| bench.iter(|| solve(black_box(service))));
+    }
+    group.finish();
+}
+
+criterion_group!(benches, forward_drive, helped_search);
 criterion_main!(benches);

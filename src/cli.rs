@@ -4,6 +4,7 @@ mod table;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -15,7 +16,7 @@ use slipdrive::service::domain::Status;
 use slipdrive::service::{InProcessSolver, Limits, Service, ServiceSettings, SolveClocks};
 
 use crate::EXIT_BAD_INPUT;
-use crate::config::{SimulateArguments, SolveArguments};
+use crate::config::{SimulateArguments, SolveArguments, cores};
 
 /// For a plan that misses the goal.
 const EXIT_NO_PLAN: u8 = 2;
@@ -33,7 +34,7 @@ pub(crate) fn solve(arguments: &SolveArguments) -> anyhow::Result<ExitCode> {
         Err(problem) => return Ok(refuse(&problem)),
     };
     // Named, because dropping the service stops its jobs.
-    let service = service(limits)?;
+    let service = service(limits, arguments.threads.unwrap_or_else(cores))?;
     let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: None };
     let solved = service.reserve()?.solve_blocking(accepted.input.clone(), clocks)?;
     let table = table::of_solution(&solved, &accepted.input.maneuver.goal);
@@ -56,16 +57,16 @@ pub(crate) fn simulate(arguments: &SimulateArguments) -> anyhow::Result<ExitCode
         Ok(input) => input,
         Err(problem) => return Ok(refuse(&problem)),
     };
-    let service = service(limits)?;
+    let service = service(limits, NonZeroUsize::MIN)?;
     let simulated = service.reserve()?.simulate_blocking(input)?;
     let table = table::of_simulation(&simulated);
     write_answer(arguments.json.as_deref(), || simulate_answer(&simulated), &table)?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// One worker and nobody else in the queue.
-fn service(limits: Limits) -> io::Result<Service> {
-    let settings = ServiceSettings { queue_length: 0, limits, ..ServiceSettings::default() };
+/// Nobody else is in the queue: all workers help with the one job.
+fn service(limits: Limits, workers: NonZeroUsize) -> io::Result<Service> {
+    let settings = ServiceSettings { workers, queue_length: 0, limits, ..ServiceSettings::default() };
     Service::start(settings, Arc::new(InProcessSolver))
 }
 

@@ -88,6 +88,9 @@ pub(crate) struct SolveArguments {
     /// Writes the JSON answer of `POST /solve` here; `-` is standard output, in place of the table.
     #[arg(long, value_name = "OUT")]
     pub(crate) json: Option<PathBuf>,
+    /// Threads that search; the plan does not depend on their number [default: cores].
+    #[arg(long)]
+    pub(crate) threads: Option<NonZeroUsize>,
     /// Writes diagrams of the plan here, as an HTML page.
     #[arg(long, value_name = "PAGE")]
     pub(crate) plot: Option<PathBuf>,
@@ -306,8 +309,12 @@ impl ServeSettings {
 
 /// One core is left to the threads that talk to callers.
 fn default_workers() -> NonZeroUsize {
-    let cores = available_parallelism().map_or(1, NonZeroUsize::get);
-    NonZeroUsize::new(cores - 1).unwrap_or(NonZeroUsize::MIN)
+    NonZeroUsize::new(cores().get() - 1).unwrap_or(NonZeroUsize::MIN)
+}
+
+/// The cores that this process may use.
+pub(crate) fn cores() -> NonZeroUsize {
+    available_parallelism().unwrap_or(NonZeroUsize::MIN)
 }
 
 #[cfg(test)]

@@ -87,6 +87,24 @@ fn solve_prints_a_table_and_writes_the_answer_of_the_service() {
     assert!(table.contains(&final_time), "{final_time} is missing in:\n{table}");
 }
 
+#[test]
+fn plan_does_not_depend_on_the_number_of_threads() {
+    let body = br#"{"maneuver": {"goal": {"x_m": 1, "y_m": 2}}, "grid": {"steps": 60, "control_intervals": 12}}"#;
+    let answer = |threads: &str| {
+        let output = run_with_input(&["solve", "-", "--json", "-", "--threads", threads], body);
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        let answer = String::from_utf8(output.stdout).unwrap();
+        let (head, rest) = answer.split_once("\"solve_time_s\":").unwrap();
+        let (_, tail) = rest.split_once(',').unwrap();
+        format!("{head}{tail}")
+    };
+    let one = answer("1");
+    assert!(one.contains("\"stop_reason\":\"finished\""), "{one}");
+    assert_eq!(one, answer("2"));
+    assert_eq!(one, answer("5"));
+    assert!(refused(&["solve", "-", "--threads", "0"], body).contains("--threads"));
+}
+
 /// Starts a server on a free port; gives its address and the rest of its log.
 fn serve(variable: (&str, &str)) -> (Child, String, BufReader<std::process::ChildStderr>) {
     let mut child = slipdrive()

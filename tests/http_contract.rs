@@ -37,7 +37,7 @@ async fn full_answer_has_every_field_of_the_contract() {
     assert_eq!(keys(&answer), sorted(expected.split_whitespace().collect()));
     let expected = "method steps control_intervals iterations rollouts solve_time_s starts_tried distinct_optima \
                     worst_contact_residual predicted_decrease_s lower_bound_s lower_bound_assumption separations \
-                    indeterminate_steps slip_reversals switching_sign_violations replay";
+                    indeterminate_steps slip_reversals switching_sign_violations replay refinement";
     assert_eq!(keys(&answer["report"]), sorted(expected.split_whitespace().collect()));
     let expected = "x_m y_m heading_rad velocity_x_m_s velocity_y_m_s yaw_rate_rad_s wheel_rate_left_rad_s \
                     wheel_rate_right_rad_s";

@@ -201,3 +201,39 @@ fn indeterminate_problem_is_flagged() {
     let (solution, _) = ExactSolver.solve(&system, &problem, &guess);
     assert!(ExactSolver.is_indeterminate(&system, &problem, &solution));
 }
+
+/// Met by the search, which likes the edge of the friction cones: the left wheel slips by 2 um/s, and its direction turns
+/// too fast for equations in it, while fixed-point sweeps take millions.
+#[test]
+fn a_wheel_that_hardly_slips_is_solved() {
+    let delassus = SMatrix::<f64, 3, 3>::from_row_slice(&[
+        1.9489007724301846,
+        -0.060011883541295344,
+        -0.057040998217468816,
+        -0.060011883541295344,
+        1.9489007724301846,
+        0.057040998217468816,
+        -0.057040998217468816,
+        0.057040998217468816,
+        0.13012477718360071,
+    ]);
+    let normal_response = SMatrix::<f64, 3, 3>::from_column_slice(&[
+        0.04060209942562887,
+        0.03347197464844526,
+        -0.07407407407407413,
+        0.03347197464844526,
+        0.04060209942562887,
+        -0.07407407407407413,
+        0.21061720142602502,
+        -0.21061720142602502,
+        0.0,
+    ]);
+    let system = FrictionSystem::new(delassus, normal_response, [0.9, 0.9, 0.0]);
+    let problem = FrictionProblem {
+        free_slip: SVector::from([-0.07672467857963101, 0.07452807024728687, -5.0950331048765785e-6]),
+        free_normal: SVector::from([0.049559034705347324, 0.04955871900566147, 0.02792738487371197]),
+    };
+    let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+    assert!(solution.residual <= 1e-12, "residual {}", solution.residual);
+    assert_eq!(solution.pattern.wheels, WheelPattern::BothSlip);
+}

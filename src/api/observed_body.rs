@@ -105,9 +105,7 @@ mod tests {
     }
 
     fn requests(metrics: &Metrics) -> Vec<String> {
-        let levels =
-            crate::metrics::QueueLevels { waiting: 0, capacity: 0, cost_s: 0.0, busy_workers: 0, stuck_workers: 0, idle_workers: 1 };
-        let text = String::from_utf8(metrics.render(&levels)).unwrap();
+        let text = String::from_utf8(metrics.render(&crate::metrics::QueueLevels::default())).unwrap();
         text.lines()
             .filter(|line| line.starts_with("slipdrive_http_request_duration_seconds_count"))
             .map(str::to_owned)

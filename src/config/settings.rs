@@ -64,7 +64,7 @@ settings! {
         one_port: bool = "false",
         /// Address of `/livez`, `/readyz` and `/metrics`, in place of the REST server's.
         admin: Option<SocketAddr> = "",
-        /// Worker threads, each running one solve at a time; empty: cores - 1, at least 1.
+        /// Threads that solve, one request each; idle ones help the others; empty: cores - 1, at least 1.
         workers: Option<NonZeroUsize> = "",
         /// Requests that may wait for a worker; more are refused with 429.
         queue_length: usize = "64",

@@ -9,9 +9,10 @@ use nalgebra::SVector;
 use super::fixed_point::{FixedPointSettings, FixedPointSolver};
 use super::friction_system::{FrictionProblem, FrictionSystem};
 use super::mode_equations::ModeEquations;
-use super::natural_map::{residual, split};
-use super::newton::Newton;
+use super::natural_map::{contact_impulses, residual, split};
+use super::newton::{NEWTON_LIMIT, Newton};
 use super::pattern::{ContactPattern, WheelPattern};
+use super::ratio_newton::RatioNewton;
 use super::solution::{ContactMode, ContactSolution};
 
 /// Accepted residual relative to m g dt: well above the rounding of a solved pattern (1e-15), and far below what a
@@ -26,6 +27,9 @@ const FIRST_SWEEPS: usize = 20;
 /// Most sweeps between two looks. Ill-conditioned problems would take millions; a rollout must end in bounded time, and
 /// the residual tells what was not reached.
 const MOST_SWEEPS: usize = 640;
+/// Newton steps of the check for further solutions, from each of its starts: where there is one, 4 are usual, and where
+/// there is none, which is the rule, every step of every plan pays for all of them.
+const CHECK_LIMIT: usize = 8;
 /// Solutions that differ by more than this, relative to m g dt, are different motions.
 const DISTINCT_IMPULSE: f64 = 1e-6;
 
@@ -95,7 +99,7 @@ impl ExactSolver {
         problem: &FrictionProblem<N>,
         solution: &ContactSolution<N>,
     ) -> bool {
-        let search = Search::new(system, problem);
+        let search = Search { iteration_limit: CHECK_LIMIT, ..Search::new(system, problem) };
         let differs = |other: &ContactSolution<N>| {
             (other.impulse - solution.impulse).amax() > DISTINCT_IMPULSE * problem.weight_impulse()
         };
@@ -112,6 +116,8 @@ struct Search<'a, const N: usize> {
     system: &'a FrictionSystem<N>,
     problem: &'a FrictionProblem<N>,
     tolerance: f64,
+    /// Newton steps per pattern and start.
+    iteration_limit: usize,
 }
 
 impl<'a, const N: usize> Search<'a, N> {
@@ -119,7 +125,8 @@ impl<'a, const N: usize> Search<'a, N> {
     fn new(system: &'a FrictionSystem<N>, problem: &'a FrictionProblem<N>) -> Self {
         let [left, right, _] = system.prox_step();
         let rounding = SLIP_ROUNDING * problem.free_slip.amax() * left.max(right);
-        Self { system, problem, tolerance: ACCEPTED_RESIDUAL + rounding / problem.weight_impulse() }
+        let tolerance = ACCEPTED_RESIDUAL + rounding / problem.weight_impulse();
+        Self { system, problem, tolerance, iteration_limit: NEWTON_LIMIT }
     }
 
     #[inline]
@@ -138,7 +145,8 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     fn by_newton(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
-        let newton = Newton { system: self.system, problem: self.problem, pattern, slip_smoothing: 0.0 };
+        let (system, problem, iteration_limit) = (self.system, self.problem, self.iteration_limit);
+        let newton = Newton { system, problem, pattern, slip_smoothing: 0.0, iteration_limit };
         let small_update = NEWTON_UPDATE * self.problem.weight_impulse();
         newton.solve(start, small_update, |impulse| self.accepted(self.candidate(pattern, impulse)))
     }
@@ -166,9 +174,26 @@ impl<'a, const N: usize> Search<'a, N> {
             if let Some(solution) = self.in_pattern(seen.pattern, &seen.impulse) {
                 return solution;
             }
+            if let Some(solution) = self.by_slip_ratios(&seen) {
+                return solution;
+            }
             sweeps *= 2;
         }
         fixed_point.solution(self.system, self.problem)
+    }
+
+    /// In every pattern with spatial slip, from what the fixed point has seen: it may be so little that it looks like
+    /// sticking.
+    #[cold]
+    fn by_slip_ratios(&self, seen: &ContactSolution<N>) -> Option<ContactSolution<N>> {
+        let start = contact_impulses(self.system, seen);
+        let small_update = NEWTON_UPDATE * self.problem.weight_impulse();
+        all_patterns::<N>().filter(|pattern| FrictionSystem::<N>::linear_index(*pattern).is_none()).find_map(
+            |pattern| {
+                let newton = RatioNewton { system: self.system, problem: self.problem, pattern };
+                newton.solve(&start, small_update, |impulse| self.accepted(self.candidate(pattern, impulse)))
+            },
+        )
     }
 
     /// Full friction against the slip that the step would have without friction.

@@ -24,6 +24,7 @@ pub mod natural_map;
 mod newton;
 mod pattern;
 mod prox;
+mod ratio_newton;
 mod smoothed;
 mod solution;
 

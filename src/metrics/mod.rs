@@ -37,7 +37,7 @@ pub struct Metrics {
 }
 
 /// What the queue holds at one moment.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct QueueLevels {
     /// Jobs that wait for a worker.
     pub waiting: usize,
@@ -49,7 +49,9 @@ pub struct QueueLevels {
     pub busy_workers: usize,
     /// Workers that do not heed the stop flag of their job.
     pub stuck_workers: usize,
-    /// Workers that run none.
+    /// Workers that help with the job of another.
+    pub helping_workers: usize,
+    /// Workers that do nothing.
     pub idle_workers: usize,
 }
 
@@ -200,6 +202,7 @@ impl Metrics {
         self.queue_cost.set(levels.cost_s);
         self.workers.with_label_values(&["busy"]).set(as_gauge(levels.busy_workers));
         self.workers.with_label_values(&["stuck"]).set(as_gauge(levels.stuck_workers));
+        self.workers.with_label_values(&["helping"]).set(as_gauge(levels.helping_workers));
         self.workers.with_label_values(&["idle"]).set(as_gauge(levels.idle_workers));
         let mut text = Vec::new();
         if let Err(error) = TextEncoder::new().encode(&self.registry.gather(), &mut text) {
@@ -219,7 +222,15 @@ impl Default for Metrics {
 mod tests {
     use super::*;
 
-    const LEVELS: QueueLevels = QueueLevels { waiting: 3, capacity: 64, cost_s: 1.5, busy_workers: 1, stuck_workers: 0, idle_workers: 0 };
+    const LEVELS: QueueLevels = QueueLevels {
+        waiting: 3,
+        capacity: 64,
+        cost_s: 1.5,
+        busy_workers: 1,
+        stuck_workers: 0,
+        helping_workers: 0,
+        idle_workers: 0,
+    };
 
     fn filled() -> Metrics {
         let metrics = Metrics::new();

@@ -78,16 +78,18 @@ impl Linearisation {
 /// Why an optimiser must stop before it is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interruption {
-    /// The stop flag is set.
+    /// A stop flag is set.
     Stopped,
     /// The rollouts are used up.
     RolloutLimit,
 }
 
-/// Rollouts that may still be spent, and the stop flag, asked before each of them.
+/// Rollouts that may still be spent, and the stop flags, asked before each of them.
 #[derive(Debug)]
 pub struct Budget<'a> {
     stop: &'a AtomicBool,
+    /// More flags, each of which stops it too.
+    interrupts: &'a [&'a AtomicBool],
     limit: u64,
     spent: u64,
 }
@@ -95,7 +97,18 @@ pub struct Budget<'a> {
 impl<'a> Budget<'a> {
     /// At most `limit` rollouts, fewer when `stop` is set.
     pub fn new(stop: &'a AtomicBool, limit: u64) -> Self {
-        Self { stop, limit, spent: 0 }
+        Self { stop, interrupts: &[], limit, spent: 0 }
+    }
+
+    /// Stopped by any of these flags too.
+    #[must_use]
+    pub fn interrupted_by(self, interrupts: &'a [&'a AtomicBool]) -> Self {
+        Self { interrupts, ..self }
+    }
+
+    /// Whether one of the flags is set.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.interrupts.iter().any(|flag| flag.load(Ordering::Relaxed))
     }
 
     /// Rollouts spent.
@@ -106,9 +119,9 @@ impl<'a> Budget<'a> {
     /// Takes one rollout.
     ///
     /// # Errors
-    /// When the flag is set or none is left.
+    /// When a flag is set or none is left.
     pub fn spend(&mut self) -> Result<(), Interruption> {
-        if self.stop.load(Ordering::Relaxed) {
+        if self.is_stopped() {
             return Err(Interruption::Stopped);
         }
         if self.spent >= self.limit {
@@ -138,5 +151,15 @@ mod tests {
         stop.store(true, Ordering::Relaxed);
         assert_eq!(budget.spend(), Err(Interruption::Stopped));
         assert_eq!(budget.spent(), 0);
+    }
+
+    #[test]
+    fn any_flag_ends_the_budget() {
+        let [stop, first, second] = [const { AtomicBool::new(false) }; 3];
+        let flags = [&first, &second];
+        let mut budget = Budget::new(&stop, 10).interrupted_by(&flags);
+        assert_eq!(budget.spend(), Ok(()));
+        second.store(true, Ordering::Relaxed);
+        assert_eq!(budget.spend(), Err(Interruption::Stopped));
     }
 }

@@ -19,6 +19,8 @@ const PRICE_TOLERANCE: f64 = 1e-11;
 const BOUND_TOLERANCE: f64 = 1e-9;
 /// Iterations without progress after which the lowest index is chosen, which cannot cycle.
 const STALL_LIMIT: usize = 50;
+/// Iterations between two questions whether to stop.
+const STOP_PERIOD: usize = 64;
 /// Iterations per variable and row before the program counts as stuck.
 const ITERATION_FACTOR: usize = 50;
 
@@ -96,10 +98,16 @@ impl ElasticSolver {
 
     /// Solves a program; at least as good as x = 0.
     pub fn solve(&mut self, program: &ElasticProgram) -> ElasticSolution {
+        self.solve_until(program, &|| false)
+    }
+
+    /// As [`ElasticSolver::solve`]; asks `is_stopped` now and then and gives up, with x = 0 at worst, when it says so:
+    /// programs of thousands of variables take many milliseconds.
+    pub fn solve_until(&mut self, program: &ElasticProgram, is_stopped: &dyn Fn() -> bool) -> ElasticSolution {
         let staying = program.weight * violation_sum(&-program.target, program.equation_count);
         let mut iterations = 0;
         for care in [Care::Usual, Care::Great] {
-            let mut solution = self.solve_with(program, care);
+            let mut solution = self.solve_with(program, care, is_stopped);
             iterations += solution.iterations;
             solution.iterations = iterations;
             if solution.objective <= staying {
@@ -111,7 +119,7 @@ impl ElasticSolver {
         ElasticSolution { x: DVector::zeros(columns), price: DVector::zeros(rows), objective: staying, iterations }
     }
 
-    fn solve_with(&mut self, program: &ElasticProgram, care: Care) -> ElasticSolution {
+    fn solve_with(&mut self, program: &ElasticProgram, care: Care, is_stopped: &dyn Fn() -> bool) -> ElasticSolution {
         self.care = care;
         self.start(program);
         self.update_prices(program);
@@ -125,13 +133,16 @@ impl ElasticSolver {
                 self.candidates.sort_unstable_by_key(|(_, column)| *column);
                 self.candidates.truncate(1);
             }
-            if self.candidates.is_empty() {
+            if self.candidates.is_empty() || is_stopped() {
                 break;
             }
             for candidate in 0..self.candidates.len() {
                 let column = self.candidates[candidate].1;
                 if let Some((entering, _)) = self.entering(program, column) {
                     iterations += 1;
+                    if iterations % STOP_PERIOD == 0 && is_stopped() {
+                        break;
+                    }
                     let step = self.advance(program, &entering);
                     stalled = if step > 0.0 { 0 } else { stalled + 1 };
                 }

@@ -149,10 +149,11 @@ pub struct ConfirmedDecrease {
 ///
 /// Zero at a smooth stationary point. At a kink between contact modes the model sees one side only and promises what the
 /// other side takes back; there the trust region, and with it the measure, shrinks to nothing. A descent direction that
-/// really helps keeps its region, and the measure tells how much it would help. Takes some ten rollouts.
+/// really helps keeps its region, and the measure tells how much it would help. Takes some ten rollouts;
+/// with fewer the answer is an upper bound of the measure.
 ///
 /// # Errors
-/// When the budget ends it.
+/// When the budget ends before the first region was judged.
 pub fn confirmed_decrease(
     problem: &mut dyn Problem,
     x: &DVector<f64>,
@@ -168,12 +169,15 @@ pub fn confirmed_decrease(
     search.linearise(budget)?;
     let merit = search.merit(&search.x, &search.model.constraints);
     loop {
-        let step = search.linear_step();
+        let step = search.linear_step(budget)?;
         let prediction = merit - search.modelled_merit(&step);
         if prediction <= SMALLEST_PREDICTION || search.radius <= SMALLEST_RADIUS {
             return Ok(ConfirmedDecrease { prediction, better: None });
         }
-        let trial = search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget)?;
+        // Smaller regions promise less: what this one promises is a bound on the measure.
+        let Ok(trial) = search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget) else {
+            return Ok(ConfirmedDecrease { prediction, better: None });
+        };
         if merit - trial.merit >= CONFIRMED_SHARE * prediction {
             return Ok(ConfirmedDecrease { prediction, better: Some(trial.x) });
         }
@@ -203,7 +207,9 @@ struct Trial {
 impl<'a> Search<'a> {
     fn new(problem: &'a mut dyn Problem, start: &DVector<f64>, settings: &'a SequentialLinearSettings) -> Self {
         let x = clamped(start, problem.lower(), problem.upper());
-        let model = Linearisation::new(problem.constraints(), start.len());
+        let mut model = Linearisation::new(problem.constraints(), start.len());
+        // Unknown until the first rollout, which a budget may refuse.
+        model.constraints.residual.fill(f64::NAN);
         Self {
             problem,
             settings,
@@ -225,7 +231,7 @@ impl<'a> Search<'a> {
         for _ in 0..self.settings.iteration_limit {
             self.linearise(budget)?;
             let merit = self.merit(&self.x, &self.model.constraints);
-            let step = self.linear_step();
+            let step = self.linear_step(budget)?;
             self.iterations += 1;
             let prediction = merit - self.modelled_merit(&step);
             if prediction <= SMALLEST_PREDICTION {
@@ -260,7 +266,7 @@ impl<'a> Search<'a> {
     }
 
     /// The minimiser of the linear model in the trust region.
-    fn linear_step(&mut self) -> DVector<f64> {
+    fn linear_step(&mut self, budget: &Budget) -> Result<DVector<f64>, Interruption> {
         let reach = self.problem.reach(&self.x) * self.radius;
         let lower = (self.problem.lower() - &self.x).zip_map(&reach, |bound, reach| bound.max(-reach));
         let upper = (self.problem.upper() - &self.x).zip_map(&reach, f64::min);
@@ -273,7 +279,8 @@ impl<'a> Search<'a> {
             upper: &upper,
             weight: self.settings.weight,
         };
-        self.programs.solve(&program).x
+        let step = self.programs.solve_until(&program, &|| budget.is_stopped()).x;
+        if budget.is_stopped() { Err(Interruption::Stopped) } else { Ok(step) }
     }
 
     fn equation_count(&self) -> usize {

@@ -2,12 +2,14 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::mem;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
 use super::job::{self, Clocks, Departure, Job, Ticket};
+use super::lending::{IdleWorkers, Turns};
 use super::lock;
 use super::stop::{StopCause, StopHandle};
 use super::watchdog::Watchdog;
@@ -44,7 +46,7 @@ pub enum Refusal {
 #[derive(Debug)]
 pub(super) struct BoundedQueue {
     state: Mutex<State>,
-    /// Wakes workers: a job came, or the last one ended after closing.
+    /// Wakes workers: a job came, a loan was given back, or the last job ended after closing.
     changed: Condvar,
     /// Wakes those who wait for a place: one was given back, or the queue was closed.
     place_freed: Notify,
@@ -60,6 +62,7 @@ struct State {
     in_flight: usize,
     next_id: u64,
     waiting: VecDeque<Job>,
+    turns: Turns,
     /// All filled places, waiting and running.
     filled: BTreeMap<u64, Filled>,
 }
@@ -102,6 +105,7 @@ impl BoundedQueue {
             in_flight: 0,
             next_id: 0,
             waiting: VecDeque::new(),
+            turns: Turns::new(workers),
             filled: BTreeMap::new(),
         };
         Self { state: Mutex::new(state), changed: Condvar::new(), place_freed: Notify::new(), workers, room }
@@ -196,11 +200,15 @@ impl BoundedQueue {
         self.place_freed.notify_waiters();
     }
 
-    /// The oldest waiting job; blocks until there is one. `None` once the queue is closed and nothing is in flight.
+    /// The oldest waiting job; blocks until there is one and a worker to run it. `None` once the queue is closed and nothing
+    /// is in flight.
     pub(super) fn next(&self) -> Option<Job> {
         let mut state = lock(&self.state);
         loop {
-            if let Some(job) = state.waiting.pop_front() {
+            if state.turns.has_idle()
+                && let Some(job) = state.waiting.pop_front()
+            {
+                state.turns.begin_job(job.id());
                 if let Some(filled) = state.filled.get_mut(&job.id()) {
                     filled.started = Some(Instant::now());
                 }
@@ -212,6 +220,21 @@ impl BoundedQueue {
             }
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
+    }
+
+    /// Borrows an idle worker, unless a job waits for one.
+    pub(super) fn lend(&self) -> Option<(u64, Arc<AtomicBool>)> {
+        let mut state = lock(&self.state);
+        (state.waiting.is_empty() && state.turns.has_idle()).then(|| state.turns.lend())
+    }
+
+    pub(super) fn give_back_loan(&self, loan: u64) {
+        lock(&self.state).turns.give_back(loan);
+        self.changed.notify_one();
+    }
+
+    pub(super) fn lent(&self) -> usize {
+        lock(&self.state).turns.lent()
     }
 
     /// Takes a job out of the line, if it still waits there.
@@ -232,6 +255,7 @@ impl BoundedQueue {
         }
         state.filled.insert(job.id(), Filled { stop, estimate, started: None });
         state.waiting.push_back(job);
+        state.turns.recall_for(state.waiting.len());
         drop(state);
         self.changed.notify_one();
     }
@@ -239,6 +263,7 @@ impl BoundedQueue {
     fn give_back(&self, id: u64) {
         let mut state = lock(&self.state);
         state.in_flight -= 1;
+        state.turns.end_job(id);
         // Bound to a name so that it is dropped after the lock.
         let _filled = state.filled.remove(&id);
         let was_last = !state.open && state.in_flight == 0;
@@ -267,6 +292,11 @@ impl Place {
     /// What waits or runs ahead of this place.
     pub fn ahead(&self) -> Ahead {
         self.queue.ahead()
+    }
+
+    /// The workers that the job of this place may borrow while it runs.
+    pub fn idle_workers(&self) -> IdleWorkers {
+        IdleWorkers::new(Arc::clone(&self.queue))
     }
 
     /// Queues `work`; it hears of its clocks through the stop handle.

@@ -4,6 +4,7 @@
 //!   [`Place`] is reserved first, filled with a job later, and given back when it is dropped. What the jobs in flight
 //!   are expected to take is bounded too.
 //! - Jobs start in the order in which they came. Each runs behind a panic border and answers through its [`Ticket`].
+//! - A running job may borrow [`IdleWorkers`]; they are given back as soon as another job waits.
 //! - A job stops for the first [`StopCause`] that reaches its [`StopHandle`]: its time limit, its deadline, its
 //!   caller's departure (the ticket is dropped), or a shutdown. A job that is stopped while it waits is taken out of
 //!   the line and never started.
@@ -16,6 +17,7 @@
 
 mod bounded_queue;
 mod job;
+mod lending;
 mod stop;
 #[cfg(test)]
 mod tests;
@@ -30,6 +32,7 @@ use std::time::Duration;
 use bounded_queue::BoundedQueue;
 pub use bounded_queue::{Ahead, Load, Place, Refusal, Room};
 pub use job::{ANSWER_MARGIN, Clocks, JobOutcome, Ticket};
+pub use lending::IdleWorkers;
 pub use stop::{StopCause, StopHandle};
 use watchdog::Watchdog;
 use workers::Workers;
@@ -95,6 +98,11 @@ impl Queue {
     /// Jobs in flight: reserved, waiting and running.
     pub fn in_flight(&self) -> usize {
         self.waiting_line.in_flight()
+    }
+
+    /// Workers that help another's job at present.
+    pub fn helping_workers(&self) -> usize {
+        self.waiting_line.lent()
     }
 
     /// Gives out no more places; jobs in flight go on.

@@ -7,6 +7,6 @@ pub use crate::solver::domain::{
     Trajectory,
 };
 pub use crate::solver::{
-    DistinctOptimum, LowerBoundAssumption, Method, Reason, Refinement, Replay, Report, SimulateInput, Simulation,
-    Solution, SolveInput, SolveProgress, SolverSettings, Status,
+    DistinctOptimum, LowerBoundAssumption, Method, Reason, Refinement, RefinementOutcome, Replay, Report,
+    SimulateInput, Simulation, Solution, SolveInput, SolveProgress, SolverSettings, Status,
 };

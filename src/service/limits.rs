@@ -4,7 +4,7 @@ use super::domain::{SolverSettings, TorqueSchedule};
 use crate::violation::Checks;
 
 /// Most time steps: a full answer of 26 arrays of 10,000 numbers still fits 4 MB, gRPC's default message.
-pub const MAX_STEPS: usize = 10_000;
+pub const MAX_STEPS: usize = SolverSettings::STEP_LIMIT;
 /// Most control intervals per wheel.
 pub const MAX_CONTROL_INTERVALS: usize = 1_000;
 /// Most starts of one search.

@@ -7,6 +7,7 @@
 
 pub mod domain;
 mod error;
+mod finishing;
 pub mod limits;
 mod observation;
 mod pace;
@@ -20,6 +21,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 pub use error::ServiceError;
+use finishing::FinishingPace;
 pub use limits::{DEFAULT_TIME_LIMIT_S, Limits};
 use pace::Pace;
 pub use place::{Place, RunningSolve, Simulated, SolveClocks, SolveEvent, Solved, StopReason};
@@ -85,6 +87,7 @@ pub struct Service {
     settings: ServiceSettings,
     pace: Arc<Pace>,
     metrics: Arc<Metrics>,
+    finishing: Arc<FinishingPace>,
     /// Whether the end was announced: probes turn away, work is still taken.
     draining: AtomicBool,
     /// Whether the queue was closed, for those who wait for it.
@@ -98,9 +101,9 @@ impl Service {
     /// When the operating system refuses a thread.
     pub fn start(settings: ServiceSettings, solver: Arc<dyn ManeuverSolver>) -> io::Result<Self> {
         let queue = Queue::start(settings.workers, settings.room())?;
-        let (pace, metrics) = (Arc::default(), Arc::default());
+        let (pace, finishing, metrics) = (Arc::default(), Arc::default(), Arc::default());
         let (draining, closed) = (AtomicBool::new(false), watch::Sender::new(false));
-        Ok(Self { queue, solver, settings, pace, metrics, draining, closed })
+        Ok(Self { queue, solver, settings, pace, metrics, finishing, draining, closed })
     }
 
     /// What is accepted at most.
@@ -123,13 +126,16 @@ impl Service {
         let (load, workers) = (self.queue.load(), self.settings.workers.get());
         let stuck_workers = self.queue.stuck_workers(self.settings.stuck_after).min(workers);
         let busy_workers = load.running.min(workers).saturating_sub(stuck_workers);
+        // Taken a moment later: a worker may have changed its state in between.
+        let helping_workers = self.queue.helping_workers().min(workers - busy_workers - stuck_workers);
         self.metrics.render(&QueueLevels {
             waiting: load.waiting,
             capacity: self.settings.queue_length,
             cost_s: self.queue.ahead().work.as_secs_f64(),
             busy_workers,
             stuck_workers,
-            idle_workers: workers - busy_workers - stuck_workers,
+            helping_workers,
+            idle_workers: workers - busy_workers - stuck_workers - helping_workers,
         })
     }
 
@@ -229,7 +235,8 @@ impl Service {
 
     fn place(&self, reserved: queue::Place) -> Place {
         let (solver, pace, metrics) = (Arc::clone(&self.solver), Arc::clone(&self.pace), Arc::clone(&self.metrics));
-        Place { reserved, solver, pace, metrics, settings: self.settings }
+        let finishing = Arc::clone(&self.finishing);
+        Place { reserved, solver, pace, metrics, finishing, settings: self.settings }
     }
 
     fn refused(&self, refusal: Refusal) -> ServiceError {

@@ -11,6 +11,7 @@ use tokio::sync::watch;
 use tracing::Span;
 use tracing::span::EnteredSpan;
 
+use super::finishing::SearchEnd;
 use super::{ServiceError, Solved};
 use crate::metrics::{CancelCause, Metrics, SolveRecord};
 use crate::solver::{Phase, ProgressObserver, SolveProgress};
@@ -127,17 +128,18 @@ impl Drop for Awaited {
     }
 }
 
-/// Keeps the latest progress for whoever asks, and a span per running phase.
+/// Keeps the latest progress for whoever asks, when the search ended, and a span per running phase.
 pub(super) struct SolveObserver {
     /// Nothing waits and nothing fails when nobody asks.
     tell: watch::Sender<Option<SolveProgress>>,
+    pub(super) search_end: SearchEnd,
     solve: Span,
     phases: Mutex<Vec<(Phase, Span)>>,
 }
 
 impl SolveObserver {
     pub(super) fn new(tell: watch::Sender<Option<SolveProgress>>, running: &Running) -> Self {
-        Self { tell, solve: Span::clone(&running.span), phases: Mutex::default() }
+        Self { tell, search_end: SearchEnd::default(), solve: Span::clone(&running.span), phases: Mutex::default() }
     }
 
     fn span_of(&self, phase: Phase) -> Span {
@@ -156,6 +158,9 @@ impl ProgressObserver for SolveObserver {
     }
 
     fn begins(&self, phase: Phase) {
+        if phase == Phase::Certificate {
+            self.search_end.mark();
+        }
         let span = self.span_of(phase);
         self.phases.lock().unwrap_or_else(PoisonError::into_inner).push((phase, span));
     }

@@ -7,13 +7,15 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep_until;
 
+use super::finishing::FinishingPace;
 use super::observation::{Awaited, Kind, Queued, SolveObserver};
 use super::pace::{Pace, Work};
 use super::{ManeuverSolver, ServiceError, ServiceSettings};
 use crate::metrics::Metrics;
-use crate::queue::{self, ANSWER_MARGIN, Ahead, Clocks, JobOutcome, StopCause, StopHandle, Ticket};
+use crate::queue::{self, ANSWER_MARGIN, Ahead, Clocks, IdleWorkers, JobOutcome, StopCause, StopHandle, Ticket};
 use crate::solver::{
-    RunControl, SimulateInput, Simulation, Solution, SolveInput, SolveProgress, StopReason as SolverStop,
+    Helpers, RunControl, SharedWork, SimulateInput, Simulation, Solution, SolveInput, SolveProgress,
+    StopReason as SolverStop,
 };
 
 /// Shortest time between two reports of progress: enough for eyes and planners, little for networks.
@@ -83,6 +85,7 @@ pub struct Place {
     pub(super) solver: Arc<dyn ManeuverSolver>,
     pub(super) pace: Arc<Pace>,
     pub(super) metrics: Arc<Metrics>,
+    pub(super) finishing: Arc<FinishingPace>,
     pub(super) settings: ServiceSettings,
 }
 
@@ -174,25 +177,31 @@ impl Place {
         answer: impl FnOnce(Solved) -> T + Send + 'static,
         tell: watch::Sender<Option<SolveProgress>>,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, metrics, settings: _ } = self;
+        let Self { reserved: place, solver, pace, metrics, finishing, settings: _ } = self;
+        let search_time = finishing.search_time(&input.settings, clocks.time_limit);
         let (job_id, recorded, asked) = (place.job_id(), Arc::clone(&pace), Work::of_solve(&input.settings));
-        let queued = Queued::new(&metrics, job_id);
+        let (queued, helpers) = (Queued::new(&metrics, job_id), BorrowedWorkers(place.idle_workers()));
         let work = move |stop: &StopHandle| {
             let running = queued.started(Kind::Solve);
             let observer = SolveObserver::new(tell, &running);
             let start = Instant::now();
             let is_abandoned = || matches!(stop.cause(), Some(StopCause::CallerGone | StopCause::Shutdown));
-            let control = RunControl::new(stop.flag(), &observer).abandoned_when(&is_abandoned);
+            let control = RunControl::new(stop.flag(), &observer).abandoned_when(&is_abandoned).helped_by(&helpers);
             let solution = solver.solve(&input, &control);
             let solve_time = start.elapsed();
             let stop_reason = stop_reason(job_id, solution.stop_reason, stop.cause())?;
             recorded.record(asked, solve_time);
             let solved = Solved { solution, queue_wait: running.queue_wait(), solve_time, stop_reason };
             running.solved(&solved);
-            Ok(answer(solved))
+            let step_count = solved.solution.report.step_count;
+            let answer = answer(solved);
+            if let Some(duration) = observer.search_end.elapsed() {
+                finishing.record(step_count, duration);
+            }
+            Ok(answer)
         };
         let SolveClocks { time_limit, deadline } = clocks;
-        let clocks = Clocks { time_limit: Some(time_limit), deadline, estimate: pace.estimate(asked, time_limit) };
+        let clocks = Clocks { time_limit: Some(search_time), deadline, estimate: pace.estimate(asked, time_limit) };
         QueuedJob { job_id, ticket: place.fill(clocks, work), pace, awaited: Awaited::new(metrics) }
     }
 
@@ -202,7 +211,7 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, metrics, settings } = self;
+        let Self { reserved: place, solver, pace, metrics, finishing: _, settings } = self;
         let longest = Duration::from_secs_f64(settings.limits.max_time_limit_s);
         let estimate = pace.estimate(Work::of_rollout(input.step_count), longest);
         let queued = Queued::new(&metrics, place.job_id());
@@ -286,6 +295,15 @@ fn never_answered(cause: StopCause, pace: &Pace) -> ServiceError {
         StopCause::Deadline => ServiceError::DeadlineExceeded,
         // Time limits count from the start: they end no wait.
         StopCause::Shutdown | StopCause::TimeLimit => ServiceError::Unavailable { retry_after: pace.retry_after() },
+    }
+}
+
+/// Lets idle workers work on a solve.
+struct BorrowedWorkers(IdleWorkers);
+
+impl Helpers for BorrowedWorkers {
+    fn share(&self, work: &dyn SharedWork) {
+        self.0.share(&|| work.open_parts(), &|is_recalled| work.take_part(is_recalled));
     }
 }
 

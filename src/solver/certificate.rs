@@ -8,8 +8,8 @@ use super::goal_miss::goal_missed;
 use super::local_search::{Candidate, prices};
 use super::lower_bound::{Grid, largest, lower_bounds};
 use super::search::SearchResult;
-use super::settings::SolveInput;
-use super::solution::{DistinctOptimum, Reason, Replay, Report, Solution, Status, StopReason};
+use super::settings::{Refinement, SolveInput};
+use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
 use crate::optimizer::{Budget, confirmed_decrease, sign_violations};
 use crate::robot::State;
 use crate::shooting::{LONGEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision};
@@ -21,6 +21,9 @@ const REPLAY_REFINEMENT: usize = 16;
 const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// Largest accepted first-order measure, as a share of the final time.
 pub(super) const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
+
+/// Rollouts that the first-order measure of a stopped solve may take.
+const URGENT_ROLLOUTS: u64 = 12;
 
 /// A stop flag that nobody sets.
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -37,16 +40,19 @@ pub(super) fn certified(
     if let Some(heading) = best.goal_heading {
         problem.aim_at_heading(heading);
     }
-    // The measure belongs to the answer, not to the search: neither its limit nor its stop flag ends it.
-    let mut unlimited = Budget::new(&NEVER, u64::MAX);
+    // The measure belongs to the answer, not to the search: neither its limit nor its stop flag ends it. But an answer
+    // that is waited for must not take long.
+    let is_urgent = result.stop_reason == StopReason::Stopped;
+    let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
     let [_, price] = prices(problem, best.final_time());
-    let confirmed = confirmed_decrease(problem, &best.decision, price, &mut unlimited);
+    let confirmed = confirmed_decrease(problem, &best.decision, price, &mut budget);
     let measure = confirmed.map_or(f64::NAN, |confirmed| confirmed.prediction);
     // Where nothing is known, all of the final time might be gained.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
-    let violations = sign_violations(problem, &best.decision, price, &mut unlimited).unwrap_or(best.decision.len());
-    let evidence = Evidence::collect(input, simulator, schedule, result.step_count);
+    let mut budget = Budget::new(&NEVER, u64::MAX);
+    let violations = sign_violations(problem, &best.decision, price, &mut budget).unwrap_or(best.decision.len());
+    let evidence = Evidence::collect(input, simulator, schedule, &result);
     let mut solution = evidence.solution(input, result, measure, is_stationary);
     solution.report.switching_sign_violations = violations;
     solution
@@ -58,6 +64,9 @@ pub(super) fn certified_impossible(input: &SolveInput, reason: Reason) -> Soluti
     solution.status = Status::Infeasible;
     solution.reason = Some(reason);
     solution.report.distinct_optima = Vec::new();
+    if solution.report.refinement != RefinementOutcome::Fixed {
+        solution.report.refinement = RefinementOutcome::NoPlan;
+    }
     solution
 }
 
@@ -67,6 +76,10 @@ pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) 
     let goal_error = input.maneuver.goal_error(&input.maneuver.start);
     let replay = replay_of_miss(input, &goal_error, 0);
     let evidence = Evidence { goal_error, replay, trajectory, schedule: TorqueSchedule::empty() };
+    let refinement = match input.settings.refinement {
+        Refinement::Fixed => RefinementOutcome::Fixed,
+        Refinement::UntilExecutable { .. } => RefinementOutcome::WithinTolerance,
+    };
     let result = SearchResult {
         best: None,
         stop_reason,
@@ -75,6 +88,9 @@ pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) 
         rollouts: 0,
         starts_tried: 0,
         distinct_optima: vec![DistinctOptimum { final_time: 0.0, count: 1 }],
+        optima: Vec::new(),
+        refinement,
+        replay: None,
     };
     let mut solution = evidence.solution(input, result, 0.0, true);
     solution.report.control_count = 0;
@@ -91,15 +107,15 @@ struct Evidence {
 }
 
 impl Evidence {
-    fn collect(input: &SolveInput, simulator: &Simulator, schedule: TorqueSchedule, step_count: usize) -> Self {
+    fn collect(input: &SolveInput, simulator: &Simulator, schedule: TorqueSchedule, result: &SearchResult) -> Self {
         let parameters = input.robot.parameters();
         let start = input.maneuver.start_at_center_of_mass(parameters);
-        let rollout = Rollout { start: &start, schedule: &schedule, step_count };
+        let rollout = Rollout { start: &start, schedule: &schedule, step_count: result.step_count };
         let mut trajectory = simulator.trajectory(&rollout, ContactMethod::Exact);
         trajectory.move_states_by(input.maneuver.reference_point.offset(parameters));
         let end = trajectory.state[trajectory.state.len() - 1];
         let goal_error = input.maneuver.goal_error(&end);
-        let replay = replay(input, simulator, &rollout);
+        let replay = result.replay.unwrap_or_else(|| replay(input, simulator, &rollout));
         Self { schedule, trajectory, goal_error, replay }
     }
 
@@ -126,6 +142,7 @@ impl Evidence {
             report: Report {
                 method: input.settings.method,
                 step_count: result.step_count,
+                refinement: result.refinement,
                 control_count: input.settings.control_count,
                 iterations: result.iterations,
                 rollouts: result.rollouts,

@@ -8,6 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::Method;
+use super::progress::is_nearer;
 use super::run_control::{Phase, RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use super::starts::{Start, Way};
@@ -43,6 +44,8 @@ const POLISH_SHAKES: usize = 4;
 const POLISH_LIMIT: usize = 4;
 /// A round of polishing that gains less than this share of the final time is the last one.
 const POLISH_GAIN: f64 = 3e-6;
+/// A plan that loses more than this share of its final time on another grid has left its local optimum.
+const ADAPTION_LOSS: f64 = 5e-3;
 /// Least prices of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is for the
 /// rest.
 const LEAST_PRICES: [f64; 2] = [5.0, 50.0];
@@ -86,7 +89,7 @@ impl Candidate {
     }
 
     /// A feasible one before any other, one that meets the goal before one that misses it; then the faster one or the
-    /// one nearer to the goal. A NaN is never better.
+    /// one nearer to the goal. A NaN is the worst.
     pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {
         let rank = |candidate: &Self| match (candidate.goal_error <= goal_tolerance, candidate.lifts_off) {
             (true, false) => 2,
@@ -97,12 +100,12 @@ impl Candidate {
             Ordering::Greater => true,
             Ordering::Less => false,
             Ordering::Equal if rank(self) > 0 => self.final_time() < other.final_time(),
-            Ordering::Equal => self.goal_error < other.goal_error,
+            Ordering::Equal => is_nearer(self.goal_error, other.goal_error),
         }
     }
 }
 
-/// The searches of one solve share problem, budget and the best candidate so far.
+/// The searches of one part of a solve share problem, budget and the best candidate so far.
 pub(super) struct LocalSearch<'a, 'b, 'c> {
     problem: &'a mut ShootingProblem<'b>,
     scales: GoalScales,
@@ -124,7 +127,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         control: &'a RunControl<'c>,
         rollout_limit: u64,
     ) -> Self {
-        let budget = Budget::new(control.stop_flag(), rollout_limit);
+        let budget = control.budget(rollout_limit);
         let scales = problem.goal_scales();
         Self {
             problem,
@@ -163,14 +166,27 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         (self.best, self.iterations, self.budget.spent())
     }
 
-    /// Moves a local optimum of another grid to this one.
+    /// Moves a local optimum of another grid to this one; by longer ways where the near one loses the goal or much time.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
     pub(super) fn adapt(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Refinement);
         self.aim(candidate.goal_heading, candidate.final_time());
-        self.descend(&candidate.decision, self.prices[0], RADIUS)
+        let tolerance = self.settings.goal_tolerance;
+        let slowest = (1.0 + ADAPTION_LOSS) * candidate.final_time();
+        let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
+        let mut best = self.descend(&candidate.decision, self.prices[0], RADIUS)?;
+        if !arrived(&best) {
+            let next = self.descend(&candidate.decision, self.prices[1], START_RADIUS)?;
+            keep_better(&mut best, next, tolerance);
+        }
+        if !arrived(&best) {
+            let smoothed = self.through_smoothing(&candidate.decision, &POLISH_SMOOTHING, self.prices[0], RADIUS)?;
+            let next = self.descend(&smoothed, self.prices[0], RADIUS)?;
+            keep_better(&mut best, next, tolerance);
+        }
+        Ok(best)
     }
 
     /// Improves a local optimum until a whole round of descents gains nothing more.
@@ -333,14 +349,29 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             excess_tolerance: LOAD_TOLERANCE,
             ..SequentialLinearSettings::default()
         };
-        let (control, start, scales) = (self.control, self.start, &self.scales);
+        let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
+        let tolerance = self.settings.goal_tolerance;
+        // The latest feasible point is the fastest one: the merit only falls.
+        let mut passed = None;
         let mut tell = |x: &DVector<f64>, constraints: &Constraints| {
-            report(control, start, x, scales.largest_goal_error(&constraints.residual));
+            let goal_error = scales.largest_goal_error(&constraints.residual);
+            // Within the margin some contact might pull.
+            let lifts_off = constraints.largest_excess() > 0.0;
+            if goal_error > tolerance || !lifts_off {
+                report(control, start, x, goal_error);
+            }
+            if goal_error <= tolerance && !lifts_off {
+                passed = Some(Candidate { decision: x.clone(), goal_error, lifts_off, goal_heading });
+            }
         };
         let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut tell);
         self.iterations += result.iterations;
         let candidate = self.candidate(&result);
         self.note(&candidate);
+        // A descent that ends infeasible, because it was cut or by itself, is worth what it passed.
+        if let Some(passed) = passed.filter(|_| !candidate.is_feasible(tolerance)) {
+            self.note(&passed);
+        }
         match result.ending {
             Ending::Interrupted(interruption) => Err(interruption),
             Ending::Stationary | Ending::SmallGains | Ending::SmallRadius | Ending::IterationLimit => Ok(result),
@@ -363,7 +394,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             value_tolerance: NELDER_MEAD_VALUE_TOLERANCE,
             smallest_gain: NELDER_MEAD_SMALLEST_GAIN,
         };
-        let (control, start, scales) = (self.control, self.start, &self.scales);
+        let (control, start, scales, tolerance) =
+            (self.control, self.start, &self.scales, self.settings.goal_tolerance);
         let last = Cell::new((f64::NAN, true));
         let mut penalty = Penalty::new(self.problem);
         let mut value = |x: &DVector<f64>| {
@@ -374,7 +406,9 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let mut best = last.get();
         let mut tell = |x: &DVector<f64>| {
             best = last.get();
-            report(control, start, x, best.0);
+            if best.0 > tolerance || !best.1 {
+                report(control, start, x, best.0);
+            }
         };
         let result = minimise_by_nelder_mead(&mut value, guess, &settings, &mut self.budget, &mut tell);
         self.iterations += result.iterations;
@@ -397,6 +431,10 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let tolerance = self.settings.goal_tolerance;
         if self.best.as_ref().is_none_or(|best| candidate.is_better_than(best, tolerance)) {
             self.best = Some(candidate.clone());
+            // What meets the goal and lifts off is no plan to be told of.
+            if candidate.goal_error > tolerance || candidate.is_feasible(tolerance) {
+                report(self.control, self.start, &candidate.decision, candidate.goal_error);
+            }
         }
     }
 }

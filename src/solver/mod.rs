@@ -3,10 +3,13 @@
 mod certificate;
 pub mod domain;
 mod goal_miss;
+mod helpers;
 mod impossibility;
 mod largest_load;
 mod local_search;
 mod lower_bound;
+mod parts;
+mod progress;
 mod refinement;
 mod run_control;
 mod schedule_check;
@@ -17,11 +20,14 @@ mod simulate;
 mod solution;
 mod starts;
 
+pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};
 pub(crate) use schedule_check::violations_of_schedule;
 pub use settings::{Method, Refinement, SolveInput, SolverSettings};
 pub use simulate::{SimulateInput, Simulation, simulate};
-pub use solution::{DistinctOptimum, LowerBoundAssumption, Reason, Replay, Report, Solution, Status, StopReason};
+pub use solution::{
+    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
+};
 
 use local_search::Candidate;
 use nalgebra::DVector;
@@ -48,7 +54,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     let settings = &input.settings;
     let problem_on = |step_count| ShootingProblem::new(&simulator, &input.maneuver, step_count, settings.control_count);
     let mut problem = problem_on(settings.step_count);
-    let mut result = search::search(input, &mut problem, control);
+    let mut result = search::search(input, &problem, control);
     if let Refinement::UntilExecutable { step_limit } = settings.refinement {
         refinement::refine(input, &simulator, step_limit, control, &mut result);
         problem = problem_on(result.step_count);
@@ -57,9 +63,9 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
         // The worker is free one rollout after the flag.
         return certificate::certified_standstill(input, StopReason::Stopped);
     }
+    let _phase = control.enter(Phase::Certificate);
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
     let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));
-    let _phase = control.enter(Phase::Certificate);
     certificate::certified(input, &simulator, &mut problem, &best, result)
 }
 

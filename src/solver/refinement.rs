@@ -1,23 +1,38 @@
 //! Automatic steps: a plan on ever finer grids, warm, until its replay is within tolerance.
 //!
 //! The scheme is of first order, so the replay miss shrinks in proportion to the step: the miss itself tells which grid to
-//! try next. An optimum moves little with the grid, and a refined search takes few linear programs.
+//! try next, and whether any accepted grid is fine enough. An optimum moves little with the grid, and a refined search takes
+//! few linear programs. Drifting plans are the fastest and the most sensitive ones: where the fastest local optimum needs
+//! more steps than there may be, the next fastest that does not is refined.
 
 use super::certificate::replay;
 use super::local_search::{Candidate, LocalSearch};
 use super::run_control::RunControl;
 use super::search::SearchResult;
 use super::settings::SolveInput;
-use super::solution::{Replay, StopReason};
+use super::solution::{RefinementOutcome, Replay, StopReason};
+use super::starts::starts;
+use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 use crate::simulation::{Rollout, Simulator};
 
 /// Grids are refined by at least and at most these factors at a time.
-const FACTORS: (f64, f64) = (2.0, 8.0);
+const FACTORS: (usize, usize) = (2, 8);
 /// The next grid aims this far below the tolerance: the miss is only roughly proportional to the step.
 const MARGIN: f64 = 1.5;
+/// A plan that needs up to this many times the allowed steps is still worth trying.
+const HOPE: f64 = 1.3;
+/// Plans that are refined at most after the fastest one, of the search's and of each block of further starts.
+const ATTEMPT_LIMIT: usize = 3;
+/// Further starts are tried in so many blocks of so many, where no plan of the search can be executed.
+const MORE_BLOCKS: usize = 3;
+const BLOCK: usize = 8;
+/// Local optima whose final times differ by less than this share count as one.
+const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
-/// Refines the grid of the best decision; leaves it where the step limit, the budget or a lost goal ends that.
+/// Refines the grid of the best decision, or of a slower one where only that can be executed.
+///
+/// The best decision stays, on the finest grid on which it meets the goal, where no plan can.
 pub(super) fn refine(
     input: &SolveInput,
     simulator: &Simulator,
@@ -25,45 +40,212 @@ pub(super) fn refine(
     control: &RunControl,
     result: &mut SearchResult,
 ) {
-    while result.stop_reason == StopReason::Finished {
-        let Some(best) = result.best.as_ref().filter(|best| best.is_feasible(input.settings.goal_tolerance)) else {
-            return;
-        };
-        let replay = replay_of(input, simulator, best, result.step_count);
-        if replay.within_tolerance || result.step_count >= step_limit {
-            return;
+    let mut refiner = Refiner { input, simulator, step_limit, control, result };
+    let outcome = refiner.run();
+    result.refinement = match result.stop_reason {
+        StopReason::Stopped | StopReason::RolloutLimit if outcome != RefinementOutcome::WithinTolerance => {
+            RefinementOutcome::Interrupted
         }
-        let step_count = next_step_count(input, &replay, result.step_count).min(step_limit);
-        let mut problem = ShootingProblem::new(simulator, &input.maneuver, step_count, input.settings.control_count);
-        let rollout_limit = input.settings.rollout_limit - result.rollouts;
-        let mut search = LocalSearch::new(&mut problem, &input.settings, control, rollout_limit);
-        let refined = search.adapt(best);
-        let (_, iterations, rollouts) = search.into_parts();
-        result.iterations += iterations;
-        result.rollouts += rollouts;
-        match refined {
-            Ok(refined) if refined.is_feasible(input.settings.goal_tolerance) => {
-                result.best = Some(refined);
-                result.step_count = step_count;
+        StopReason::Finished | StopReason::Stopped | StopReason::RolloutLimit => outcome,
+    };
+}
+
+struct Refiner<'a, 'b, 'c> {
+    input: &'a SolveInput,
+    simulator: &'a Simulator,
+    step_limit: usize,
+    control: &'a RunControl<'c>,
+    result: &'b mut SearchResult,
+}
+
+/// A decision that meets the goal on its grid.
+#[derive(Debug, Clone)]
+struct Plan {
+    candidate: Candidate,
+    step_count: usize,
+    replay: Replay,
+}
+
+impl Refiner<'_, '_, '_> {
+    fn run(&mut self) -> RefinementOutcome {
+        let coarse_step_count = self.result.step_count;
+        let plans = self.coarse_plans();
+        let Some(fastest) = plans.first() else { return RefinementOutcome::NoPlan };
+        // The answer where no plan can be executed.
+        let (fastest, outcome) = self.refined(fastest.clone());
+        self.keep(&fastest);
+        if outcome == RefinementOutcome::WithinTolerance || self.is_interrupted() {
+            return outcome;
+        }
+        let is_executable = self.refine_first(plans.into_iter().skip(1).collect())
+            || (0..MORE_BLOCKS).any(|block| {
+                let plans = self.plans_of_more_starts(block, coarse_step_count);
+                !self.is_interrupted() && self.refine_first(plans)
+            });
+        if is_executable { RefinementOutcome::WithinTolerance } else { outcome }
+    }
+
+    fn is_interrupted(&self) -> bool {
+        self.result.stop_reason != StopReason::Finished
+    }
+
+    /// Refines plans, fastest first, of those for which the allowed steps may do; keeps the first that can be executed.
+    fn refine_first(&mut self, plans: Vec<Plan>) -> bool {
+        let hopeful: Vec<Plan> = plans.into_iter().filter(|plan| self.is_hopeful(plan)).take(ATTEMPT_LIMIT).collect();
+        for plan in hopeful {
+            let (plan, outcome) = self.refined(plan);
+            if outcome == RefinementOutcome::WithinTolerance {
+                self.keep(&plan);
+                return true;
             }
-            Ok(_) => return,
-            Err(interruption) => result.stop_reason = interruption.into(),
+            if self.is_interrupted() {
+                return false;
+            }
         }
+        false
+    }
+
+    /// Local optima of starts that the search was not asked for, fastest first.
+    fn plans_of_more_starts(&mut self, block: usize, step_count: usize) -> Vec<Plan> {
+        let settings = &self.input.settings;
+        let first = settings.start_count + block * BLOCK;
+        let mut more = self.input.clone();
+        more.settings.start_count = first + BLOCK;
+        let starts = starts(&more);
+        let mut problem =
+            ShootingProblem::new(self.simulator, &self.input.maneuver, step_count, settings.control_count);
+        let rollout_limit = settings.rollout_limit - self.result.rollouts;
+        let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
+        let mut optima: Vec<Candidate> = Vec::new();
+        let mut interruption = None;
+        for start in starts.iter().skip(first) {
+            match search.run_from(start, (starts.len(), starts.len())) {
+                Ok(candidate) => optima.push(candidate),
+                Err(end) => {
+                    interruption = Some(end);
+                    break;
+                }
+            }
+        }
+        let (_, iterations, rollouts) = search.into_parts();
+        self.result.iterations += iterations;
+        self.result.rollouts += rollouts;
+        if let Some(interruption) = interruption {
+            self.result.stop_reason = interruption.into();
+        }
+        optima.retain(|candidate| candidate.is_feasible(self.input.settings.goal_tolerance));
+        optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
+        optima.into_iter().map(|candidate| self.plan(candidate, step_count)).collect()
+    }
+
+    fn keep(&mut self, plan: &Plan) {
+        self.result.best = Some(plan.candidate.clone());
+        self.result.step_count = plan.step_count;
+        self.result.replay = Some(plan.replay);
+    }
+
+    /// The best decision and the slower local optima, fastest first, with their replays.
+    fn coarse_plans(&self) -> Vec<Plan> {
+        let tolerance = self.input.settings.goal_tolerance;
+        let mut plans: Vec<Plan> = Vec::new();
+        for candidate in self.result.best.iter().chain(&self.result.optima) {
+            let is_new = plans
+                .last()
+                .is_none_or(|last| candidate.final_time() > (1.0 + DISTINCT_FINAL_TIME) * last.candidate.final_time());
+            if candidate.is_feasible(tolerance) && is_new {
+                plans.push(self.plan(candidate.clone(), self.result.step_count));
+            }
+        }
+        plans
+    }
+
+    /// Whether the allowed steps may do for the plan.
+    fn is_hopeful(&self, plan: &Plan) -> bool {
+        plan.needed_steps(self.input) <= HOPE * self.step_limit as f64
+    }
+
+    /// The plan on the finest grid that it needs and reaches.
+    fn refined(&mut self, mut plan: Plan) -> (Plan, RefinementOutcome) {
+        loop {
+            if plan.replay.within_tolerance {
+                return (plan, RefinementOutcome::WithinTolerance);
+            }
+            if plan.step_count >= self.finest() {
+                return (plan, RefinementOutcome::StepLimit);
+            }
+            match self.on_a_finer_grid(&plan) {
+                Ok(Some(finer)) => plan = finer,
+                Ok(None) => return (plan, RefinementOutcome::GoalLost),
+                Err(interruption) => return self.interrupted(plan, interruption),
+            }
+        }
+    }
+
+    fn interrupted(&mut self, plan: Plan, interruption: Interruption) -> (Plan, RefinementOutcome) {
+        self.result.stop_reason = interruption.into();
+        (plan, RefinementOutcome::Interrupted)
+    }
+
+    /// The plan on the grid that its miss asks for, or on the nearest coarser one that still leads to the goal.
+    fn on_a_finer_grid(&mut self, plan: &Plan) -> Result<Option<Plan>, Interruption> {
+        let mut factor = self.next_factor(plan);
+        loop {
+            let step_count = (factor * plan.step_count).min(self.finest());
+            let candidate = self.adapted(&plan.candidate, step_count)?;
+            if candidate.is_feasible(self.input.settings.goal_tolerance) {
+                return Ok(Some(self.plan(candidate, step_count)));
+            }
+            if factor <= FACTORS.0 {
+                return Ok(None);
+            }
+            factor = (factor / 2).max(FACTORS.0);
+        }
+    }
+
+    fn adapted(&mut self, candidate: &Candidate, step_count: usize) -> Result<Candidate, Interruption> {
+        let settings = &self.input.settings;
+        let mut problem =
+            ShootingProblem::new(self.simulator, &self.input.maneuver, step_count, settings.control_count);
+        let rollout_limit = settings.rollout_limit - self.result.rollouts;
+        let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
+        let adapted = search.adapt(candidate);
+        let (_, iterations, rollouts) = search.into_parts();
+        self.result.iterations += iterations;
+        self.result.rollouts += rollouts;
+        adapted
+    }
+
+    fn plan(&self, candidate: Candidate, step_count: usize) -> Plan {
+        let schedule = schedule_from_decision(&candidate.decision);
+        let start = self.input.maneuver.start_at_center_of_mass(self.input.robot.parameters());
+        let rollout = Rollout { start: &start, schedule: &schedule, step_count };
+        Plan { candidate, step_count, replay: replay(self.input, self.simulator, &rollout) }
+    }
+
+    /// The finest allowed grid on which all control intervals are equally long.
+    fn finest(&self) -> usize {
+        let control_count = self.input.settings.control_count;
+        if self.step_limit < control_count { self.step_limit } else { self.step_limit / control_count * control_count }
+    }
+
+    fn next_factor(&self, plan: &Plan) -> usize {
+        let factor = (MARGIN * plan.excess(self.input)).clamp(FACTORS.0 as f64, FACTORS.1 as f64).ceil();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8, and whole")]
+        let factor = factor as usize;
+        factor
     }
 }
 
-fn replay_of(input: &SolveInput, simulator: &Simulator, best: &Candidate, step_count: usize) -> Replay {
-    let schedule = schedule_from_decision(&best.decision);
-    let start = input.maneuver.start_at_center_of_mass(input.robot.parameters());
-    replay(input, simulator, &Rollout { start: &start, schedule: &schedule, step_count })
-}
+impl Plan {
+    /// The replay miss in units of its tolerance.
+    fn excess(&self, input: &SolveInput) -> f64 {
+        let position = self.replay.miss_position / input.settings.replay_tolerance_position;
+        let heading = self.replay.miss_heading / input.settings.replay_tolerance_heading;
+        position.max(heading)
+    }
 
-fn next_step_count(input: &SolveInput, replay: &Replay, step_count: usize) -> usize {
-    let position = replay.miss_position / input.settings.replay_tolerance_position;
-    let heading = replay.miss_heading / input.settings.replay_tolerance_heading;
-    let factor = (MARGIN * position.max(heading)).clamp(FACTORS.0, FACTORS.1).ceil();
-    // A factor of at most 8, and whole.
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8")]
-    let factor = factor as usize;
-    step_count * factor
+    /// The steps that bring the replay within tolerance, if the miss is proportional to the step.
+    fn needed_steps(&self, input: &SolveInput) -> f64 {
+        self.excess(input) * self.step_count as f64
+    }
 }

@@ -2,6 +2,9 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::helpers::{Alone, Helpers, SharedWork};
+use crate::optimizer::Budget;
+
 /// What a solve tells while it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolveProgress {
@@ -27,7 +30,7 @@ pub enum Phase {
     Polish,
     /// The plan on a finer grid.
     Refinement,
-    /// The judgement of the best plan from its torques alone.
+    /// The judgement of the best plan from its torques alone: the search is over.
     Certificate,
 }
 
@@ -50,18 +53,27 @@ impl ProgressObserver for NoProgress {
     fn progress(&self, _progress: &SolveProgress) {}
 }
 
-/// The stop flag, polled once per rollout, and the observer of a solve.
+/// The stop flag, polled once per rollout, the observer of a solve, and who else may work on it.
 #[derive(Clone, Copy)]
 pub struct RunControl<'a> {
     stop: &'a AtomicBool,
+    /// Flags that end one part of the solve.
+    interrupts: &'a [&'a AtomicBool],
     observer: &'a dyn ProgressObserver,
+    helpers: &'a dyn Helpers,
     is_abandoned: Option<&'a (dyn Fn() -> bool + Sync)>,
 }
 
 impl<'a> RunControl<'a> {
     /// Control by a flag that anyone may set, and an observer.
     pub fn new(stop: &'a AtomicBool, observer: &'a dyn ProgressObserver) -> Self {
-        Self { stop, observer, is_abandoned: None }
+        Self { stop, interrupts: &[], observer, helpers: &Alone, is_abandoned: None }
+    }
+
+    /// Also lets these threads work on the solve; its answer does not depend on them.
+    #[must_use]
+    pub fn helped_by(self, helpers: &'a dyn Helpers) -> Self {
+        Self { helpers, ..self }
     }
 
     /// Also asks, once stopped, whether anybody still wants the answer: an unwanted one is not certified.
@@ -73,7 +85,29 @@ impl<'a> RunControl<'a> {
     /// Runs to the end, unobserved.
     pub fn unattended() -> RunControl<'static> {
         static NEVER: AtomicBool = AtomicBool::new(false);
-        RunControl { stop: &NEVER, observer: &NoProgress, is_abandoned: None }
+        RunControl::new(&NEVER, &NoProgress)
+    }
+
+    /// Control of one part of the solve: it has flags and an observer of its own, and no helpers.
+    pub(super) fn of_part<'b>(
+        &self,
+        interrupts: &'b [&'b AtomicBool],
+        observer: &'b dyn ProgressObserver,
+    ) -> RunControl<'b>
+    where
+        'a: 'b,
+    {
+        RunControl { interrupts, observer, helpers: &Alone, ..*self }
+    }
+
+    /// Rollouts that may be spent under this control.
+    pub(super) fn budget(&self, rollout_limit: u64) -> Budget<'a> {
+        Budget::new(self.stop, rollout_limit).interrupted_by(self.interrupts)
+    }
+
+    /// Does the work on the calling thread and on helpers; returns when it is done.
+    pub fn share(&self, work: &dyn SharedWork) {
+        self.helpers.share(work);
     }
 
     /// The stop flag itself.
@@ -96,6 +130,11 @@ impl<'a> RunControl<'a> {
     pub fn enter(&self, phase: Phase) -> RunningPhase<'a> {
         self.observer.begins(phase);
         RunningPhase { observer: self.observer, phase }
+    }
+
+    /// Who hears of the solve.
+    pub(super) fn observer(&self) -> &'a dyn ProgressObserver {
+        self.observer
     }
 
     /// Tells the observer.

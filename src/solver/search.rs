@@ -1,10 +1,12 @@
 //! The search: starts, their local optima, and the best of them.
 
 use super::local_search::{Candidate, LocalSearch};
+use super::parts::{PartOutcome, Parts, RunPart};
+use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::settings::SolveInput;
-use super::solution::{DistinctOptimum, StopReason};
-use super::starts::{Start, Way, starts};
+use super::solution::{DistinctOptimum, RefinementOutcome, Replay, StopReason};
+use super::starts::{Way, starts};
 use crate::optimizer::Interruption;
 use crate::shooting::ShootingProblem;
 
@@ -27,59 +29,70 @@ pub(super) struct SearchResult {
     pub(super) starts_tried: usize,
     /// Local optima that meet the goal, fastest first.
     pub(super) distinct_optima: Vec<DistinctOptimum>,
+    /// The local optima themselves, fastest first.
+    pub(super) optima: Vec<Candidate>,
+    pub(super) refinement: RefinementOutcome,
+    /// The best decision's replay, where the refinement has made it.
+    pub(super) replay: Option<Replay>,
 }
 
-/// Searches from every start, then polishes the best local optima.
-pub(super) fn search(input: &SolveInput, problem: &mut ShootingProblem, control: &RunControl) -> SearchResult {
-    let starts = starts(input);
-    let mut local_search = LocalSearch::new(problem, &input.settings, control, input.settings.rollout_limit);
-    let mut outcome = Outcome::default();
-    let stop_reason = match explore(input, &starts, &mut local_search, &mut outcome) {
-        Ok(()) => StopReason::Finished,
-        Err(interruption) => interruption.into(),
+/// Searches from every start, then polishes the best local optima; the result does not depend on who helps.
+pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &RunControl) -> SearchResult {
+    let (settings, starts) = (&input.settings, starts(input));
+    let progress = BestProgress::new(control, settings.goal_tolerance, starts.len());
+    let parts_of = |rollout_limit: u64, count: usize, run: &RunPart| {
+        Parts::new((control, &progress), settings.goal_tolerance, rollout_limit, (count, run)).total()
     };
-    let (best, iterations, rollouts) = local_search.into_parts();
-    SearchResult {
-        best,
-        stop_reason,
-        step_count: input.settings.step_count,
-        iterations,
-        rollouts,
-        starts_tried: outcome.starts_tried,
-        distinct_optima: grouped(outcome.optima.iter().map(Candidate::final_time).collect()),
-    }
-}
 
-/// What the starts led to so far.
-#[derive(Default)]
-struct Outcome {
-    starts_tried: usize,
-    /// Local optima that meet the goal.
-    optima: Vec<Candidate>,
-}
+    let mut found = parts_of(settings.rollout_limit, starts.len(), &|index, control, rollout_limit| {
+        let number = (index + 1, starts.len());
+        part(input, problem, (control, rollout_limit), |search| search.run_from(&starts[index], number))
+    });
+    let locals = found.locals.iter().map(|(_, local)| local);
+    let mut optima: Vec<_> = locals.filter(|local| local.is_feasible(settings.goal_tolerance)).cloned().collect();
 
-fn explore(
-    input: &SolveInput,
-    starts: &[Start],
-    local_search: &mut LocalSearch,
-    outcome: &mut Outcome,
-) -> Result<(), Interruption> {
-    let tolerance = input.settings.goal_tolerance;
-    for start in starts {
-        outcome.starts_tried += 1;
-        let local = local_search.run_from(start, (outcome.starts_tried, starts.len()))?;
-        if local.is_feasible(tolerance) {
-            outcome.optima.push(local);
+    if found.interruption.is_none() && starts.iter().any(|start| start.way == Way::Smoothed) {
+        optima = fastest_first(optima);
+        let (left, count) = (settings.rollout_limit - found.rollouts, optima.len().min(POLISHED_OPTIMA));
+        let polished = parts_of(left, count, &|index, control, rollout_limit| {
+            part(input, problem, (control, rollout_limit), |search| search.polish(optima[index].clone()))
+        });
+        for (index, local) in &polished.locals {
+            optima[*index] = local.clone();
         }
+        found.follow(polished, settings.goal_tolerance);
     }
-    if starts.iter().all(|start| start.way != Way::Smoothed) {
-        return Ok(());
+    SearchResult {
+        best: found.best,
+        stop_reason: found.interruption.map_or(StopReason::Finished, StopReason::from),
+        step_count: settings.step_count,
+        iterations: found.iterations,
+        rollouts: found.rollouts,
+        starts_tried: found.tried,
+        distinct_optima: grouped(optima.iter().map(Candidate::final_time).collect()),
+        optima: fastest_first(optima),
+        refinement: RefinementOutcome::Fixed,
+        replay: None,
     }
-    outcome.optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
-    for local in outcome.optima.iter_mut().take(POLISHED_OPTIMA) {
-        *local = local_search.polish(local.clone())?;
-    }
-    Ok(())
+}
+
+/// One part of the search, with a problem and a budget of its own.
+fn part(
+    input: &SolveInput,
+    problem: &ShootingProblem,
+    (control, rollout_limit): (&RunControl, u64),
+    run: impl FnOnce(&mut LocalSearch) -> Result<Candidate, Interruption>,
+) -> PartOutcome {
+    let mut problem = problem.clone();
+    let mut local_search = LocalSearch::new(&mut problem, &input.settings, control, rollout_limit);
+    let local = run(&mut local_search);
+    let (best, iterations, rollouts) = local_search.into_parts();
+    PartOutcome { local, best, iterations, rollouts }
+}
+
+fn fastest_first(mut optima: Vec<Candidate>) -> Vec<Candidate> {
+    optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
+    optima
 }
 
 impl From<Interruption> for StopReason {

@@ -27,10 +27,9 @@ impl Method {
 }
 
 /// Whether the time grid may change.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refinement {
     /// The plan is made for the grid asked for.
-    #[default]
     Fixed,
     /// The grid is refined, warm, until the plan's replay is within tolerance, up to this many steps.
     UntilExecutable {
@@ -67,6 +66,14 @@ pub struct SolverSettings {
 impl SolverSettings {
     /// The paper's number of steps.
     pub const PAPER_STEP_COUNT: usize = 200;
+    /// Most steps of automatic grids, unless a caller says otherwise.
+    pub const STEP_LIMIT: usize = 10_000;
+
+    /// The grid that automatic steps start from: the paper's, or the next one on which all control intervals are equally
+    /// long. On other grids the steps' midpoints favour some intervals, and finer grids would see other torques.
+    pub fn first_step_count(control_count: usize) -> usize {
+        Self::PAPER_STEP_COUNT.checked_next_multiple_of(control_count).unwrap_or(Self::PAPER_STEP_COUNT)
+    }
 }
 
 impl Default for SolverSettings {
@@ -74,7 +81,7 @@ impl Default for SolverSettings {
         Self {
             method: Method::SequentialLinear,
             step_count: Self::PAPER_STEP_COUNT,
-            refinement: Refinement::Fixed,
+            refinement: Refinement::UntilExecutable { step_limit: Self::STEP_LIMIT },
             control_count: 40,
             start_count: 8,
             seed: 0,
@@ -126,14 +133,14 @@ impl SolveInput {
         Ok(Self { robot: Robot::new(robot)?, maneuver, settings, initial_guess })
     }
 
-    /// The paper's forward drive on the reference robot: from the straight start alone, which leads to the paper's family
+    /// The paper's forward drive on the reference robot and the paper's grid: from the straight start alone, which leads to the paper's family
     /// of plans. The default search finds faster ones that drift.
     ///
     /// # Panics
     /// Never: the case is valid.
     pub fn forward_drive() -> Self {
         let robot = Robot::new(RobotParameters::default()).expect("the reference robot is valid");
-        let settings = SolverSettings { start_count: 1, ..SolverSettings::default() };
+        let settings = SolverSettings { start_count: 1, refinement: Refinement::Fixed, ..SolverSettings::default() };
         Self { robot, maneuver: Maneuver::forward_drive(), settings, initial_guess: None }
     }
 }

@@ -93,6 +93,37 @@ impl LowerBoundAssumption {
     }
 }
 
+/// How the steps of the plan's grid came about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RefinementOutcome {
+    /// The caller chose them.
+    Fixed,
+    /// Automatic: the replay is within tolerance.
+    WithinTolerance,
+    /// Automatic: the replay is above tolerance on the finest allowed grid.
+    StepLimit,
+    /// Automatic: the goal was lost on finer grids.
+    GoalLost,
+    /// Automatic: a limit of time or rollouts ended the refinement.
+    Interrupted,
+    /// Automatic: no plan met the goal, so there was nothing to refine.
+    NoPlan,
+}
+
+impl RefinementOutcome {
+    /// The name in the public contract.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Fixed => "fixed",
+            Self::WithinTolerance => "within_tolerance",
+            Self::StepLimit => "step_limit",
+            Self::GoalLost => "goal_lost",
+            Self::Interrupted => "interrupted",
+            Self::NoPlan => "no_plan",
+        }
+    }
+}
+
 /// The plan's torques on a finer grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Replay {
@@ -115,6 +146,8 @@ pub struct Report {
     pub method: Method,
     /// Steps of the plan's grid.
     pub step_count: usize,
+    /// How the grid was chosen.
+    pub refinement: RefinementOutcome,
     /// Torques per wheel.
     pub control_count: usize,
     /// Iterations of the optimiser, over all starts.

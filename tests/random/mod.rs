@@ -22,6 +22,10 @@ impl RandomCases {
         self.rng.random_range(lower..upper)
     }
 
+    pub(crate) fn whole(&mut self, lower: u64, upper: u64) -> u64 {
+        self.rng.random_range(lower..upper)
+    }
+
     pub(crate) fn chance(&mut self, probability: f64) -> bool {
         self.rng.random_bool(probability)
     }

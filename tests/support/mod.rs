@@ -17,8 +17,8 @@ use slipdrive::api::grpc::{self, Health};
 use slipdrive::api::server::{self, ServerSettings};
 use slipdrive::api::{ApiSettings, rest};
 use slipdrive::service::domain::{
-    LowerBoundAssumption, Method, Replay, Report, SimulateInput, Simulation, Solution, SolveInput, State, Status,
-    TorqueSchedule, Trajectory,
+    LowerBoundAssumption, Method, RefinementOutcome, Replay, Report, SimulateInput, Simulation, Solution, SolveInput,
+    State, Status, TorqueSchedule, Trajectory,
 };
 use slipdrive::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings};
 use slipdrive::solver::{RunControl, StopReason};
@@ -48,6 +48,7 @@ fn small_report() -> Report {
     Report {
         method: Method::SequentialLinear,
         step_count: 200,
+        refinement: RefinementOutcome::Fixed,
         control_count: 2,
         iterations: 1,
         rollouts: 2,

@@ -30,7 +30,7 @@ pub(super) fn solve(given: pb::SolveRequest) -> Result<SolveRequest, Problem> {
     Ok(SolveRequest {
         robot: robot(given_robot),
         maneuver: maneuver(given_maneuver.unwrap_or_default())?,
-        grid: completed!(grid, SolveGrid => SolveGridWire { steps, control_intervals }),
+        grid: time_grid(grid.unwrap_or_default()),
         solver: search(solver.unwrap_or_default())?,
         initial_guess: initial_guess.map(guess).transpose()?,
         view: match named(view, "#/view", pb::View::try_from)? {
@@ -54,6 +54,15 @@ pub(super) fn simulate(given: pb::SimulateRequest) -> Result<SimulateRequest, Pr
         grid: SimulateGridWire { steps: steps.map(u64::from) },
         contact_solver: contact_method(contact_solver)?,
     })
+}
+
+fn time_grid(given: pb::SolveGrid) -> SolveGridWire {
+    let pb::SolveGrid { steps, control_intervals } = given;
+    let default = SolveGridWire::default();
+    SolveGridWire {
+        steps: steps.map(u64::from),
+        control_intervals: control_intervals.map_or(default.control_intervals, Into::into),
+    }
 }
 
 fn robot(given: Option<pb::Robot>) -> RobotWire {

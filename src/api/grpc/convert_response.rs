@@ -16,7 +16,9 @@ use crate::api::message::response::{
     ReasonWire, ReplayWire, ReportWire, SeparationWire, SimulateAnswer, SolveAnswer, TrajectoryWire,
 };
 use crate::service::StopReason;
-use crate::service::domain::{ContactMode, ContactName, LowerBoundAssumption, Method, ReferencePoint, Status};
+use crate::service::domain::{
+    ContactMode, ContactName, LowerBoundAssumption, Method, ReferencePoint, RefinementOutcome, Status,
+};
 
 /// The protobuf message with the same fields.
 macro_rules! same_fields {
@@ -100,7 +102,7 @@ pub(super) fn validated(accepted: AcceptedSolve) -> pb::ValidateResponse {
         robot: Some(robot(given_robot)),
         maneuver: Some(maneuver(given_maneuver)),
         grid: Some(pb::SolveGrid {
-            steps: Some(accepted_count(steps)),
+            steps: steps.map(accepted_count),
             control_intervals: Some(accepted_count(control_intervals)),
         }),
         solver: Some(search(solver)),
@@ -332,6 +334,7 @@ fn report(given: ReportWire) -> pb::Report {
         slip_reversals,
         switching_sign_violations,
         replay: given_replay,
+        refinement,
     } = given;
     pb::Report {
         method: method_number(method).into(),
@@ -357,6 +360,15 @@ fn report(given: ReportWire) -> pb::Report {
         slip_reversals: count(slip_reversals),
         switching_sign_violations: count(switching_sign_violations),
         replay: Some(replay(given_replay)),
+        refinement: match refinement {
+            RefinementOutcome::Fixed => pb::Refinement::Fixed,
+            RefinementOutcome::WithinTolerance => pb::Refinement::WithinTolerance,
+            RefinementOutcome::StepLimit => pb::Refinement::StepLimit,
+            RefinementOutcome::GoalLost => pb::Refinement::GoalLost,
+            RefinementOutcome::Interrupted => pb::Refinement::Interrupted,
+            RefinementOutcome::NoPlan => pb::Refinement::NoPlan,
+        }
+        .into(),
     }
 }
 

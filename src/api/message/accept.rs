@@ -63,6 +63,7 @@ pub fn forward_drive_body() -> Vec<u8> {
     request.maneuver.goal = goal_to_wire(&Maneuver::forward_drive().goal);
     // The straight start alone leads to the paper's plan; the default search finds faster ones that drift.
     request.solver.starts = 1;
+    request.grid.steps = Some(SolverSettings::PAPER_STEP_COUNT as u64);
     canonical_bytes(&request)
 }
 
@@ -70,7 +71,7 @@ pub(in crate::api) fn accept_solve(request: SolveRequest, limits: &Limits) -> Re
     let mut checks = Checks::new();
     let SolveRequest { robot, maneuver, grid, solver, initial_guess, view } = request.clone();
     let maneuver = maneuver_from_wire(&maneuver, &mut checks);
-    let (settings, time_limit_s) = settings_from_wire(&grid, &solver);
+    let (settings, time_limit_s) = settings_from_wire(&grid, &solver, limits);
     let guess = initial_guess.map(guess_from_wire);
     limits.check_solve(&settings, guess.as_ref(), time_limit_s, &mut checks);
     // A guess above the limit is refused already: judging each of its numbers would only grow the answer.
@@ -248,8 +249,17 @@ fn state_from_wire(wire: &StateWire) -> State {
 }
 
 /// The settings, and the time limit in s, which belongs to the service.
-fn settings_from_wire(grid: &SolveGridWire, solver: &SolverWire) -> (SolverSettings, f64) {
+fn settings_from_wire(grid: &SolveGridWire, solver: &SolverWire, limits: &Limits) -> (SolverSettings, f64) {
     let SolveGridWire { steps, control_intervals } = *grid;
+    let control_count = count(control_intervals);
+    let (step_count, refinement) = match steps {
+        Some(steps) => (count(steps), Refinement::Fixed),
+        None => {
+            // More intervals than the server takes are refused whatever the grid.
+            let first = SolverSettings::first_step_count(control_count.min(limits.max_control_intervals));
+            (first.min(limits.max_steps), Refinement::UntilExecutable { step_limit: limits.max_steps })
+        }
+    };
     let SolverWire {
         method,
         starts,
@@ -262,9 +272,9 @@ fn settings_from_wire(grid: &SolveGridWire, solver: &SolverWire) -> (SolverSetti
     } = *solver;
     let settings = SolverSettings {
         method,
-        step_count: count(steps),
-        refinement: Refinement::Fixed,
-        control_count: count(control_intervals),
+        step_count,
+        refinement,
+        control_count,
         start_count: count(starts),
         seed,
         rollout_limit,
@@ -277,8 +287,8 @@ fn settings_from_wire(grid: &SolveGridWire, solver: &SolverWire) -> (SolverSetti
 
 impl Default for SolveGridWire {
     fn default() -> Self {
-        let SolverSettings { step_count, control_count, .. } = SolverSettings::default();
-        Self { steps: step_count as u64, control_intervals: control_count as u64 }
+        let SolverSettings { control_count, .. } = SolverSettings::default();
+        Self { steps: None, control_intervals: control_count as u64 }
     }
 }
 
@@ -335,7 +345,28 @@ mod tests {
     fn forward_drive_is_the_case_of_the_domain() {
         let accepted = read_solve(&forward_drive_body(), &Limits::default()).unwrap();
         assert_eq!(accepted.input.maneuver, Maneuver::forward_drive());
-        assert_eq!(accepted.input.settings.step_count, SolverSettings::PAPER_STEP_COUNT);
+        assert_eq!(accepted.input.settings, SolveInput::forward_drive().settings);
+    }
+
+    #[test]
+    fn automatic_steps_start_on_a_grid_that_fits_the_intervals() {
+        let grid_for = |control_intervals: usize| {
+            let body = format!(r#"{{"grid": {{"control_intervals": {control_intervals}}}}}"#);
+            let settings = read_solve(body.as_bytes(), &Limits::default()).unwrap().input.settings;
+            assert_eq!(settings.refinement, Refinement::UntilExecutable { step_limit: 10_000 });
+            settings.step_count
+        };
+        assert_eq!([1, 37, 40, 200, 201, 1000].map(grid_for), [200, 222, 200, 200, 201, 1000]);
+    }
+
+    #[test]
+    fn completed_body_of_automatic_steps_means_the_same() {
+        let accepted = read_solve(b"{}", &Limits::default()).unwrap();
+        let again = read_solve(&canonical_bytes(&accepted.completed), &Limits::default()).unwrap();
+        assert_eq!(again.input_hash, accepted.input_hash);
+        assert_eq!(again.input.settings, accepted.input.settings);
+        let fixed = read_solve(br#"{"grid": {"steps": 200}}"#, &Limits::default()).unwrap();
+        assert_ne!(fixed.input_hash, accepted.input_hash);
     }
 
     #[test]

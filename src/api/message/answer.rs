@@ -178,6 +178,7 @@ fn report_to_wire(report: &Report, solve_time_s: f64) -> ReportWire {
     let Report {
         method,
         step_count,
+        refinement,
         control_count,
         iterations,
         rollouts,
@@ -211,6 +212,7 @@ fn report_to_wire(report: &Report, solve_time_s: f64) -> ReportWire {
         slip_reversals: *slip_reversals,
         switching_sign_violations: *switching_sign_violations,
         replay: replay_to_wire(replay),
+        refinement: *refinement,
     }
 }
 

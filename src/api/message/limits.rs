@@ -123,7 +123,7 @@ fn spoiled() -> SolveRequest {
             torque_limit_right_n_m: none,
             ..default.maneuver
         },
-        grid: SolveGridWire { steps: 0, control_intervals: 0 },
+        grid: SolveGridWire { steps: Some(0), control_intervals: 0 },
         solver: SolverWire {
             starts: 0,
             time_limit_s: none,

@@ -110,12 +110,13 @@ pub(in crate::api) struct GoalWire {
     pub(in crate::api) free: Vec<String>,
 }
 
-/// The time grid of a solve.
+/// The time grid of a solve. Absent steps are automatic: refined until the plan's replay is within tolerance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[schema(as = SolveGrid)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::api) struct SolveGridWire {
-    pub(in crate::api) steps: u64,
+    #[serde(deserialize_with = "some_value", skip_serializing_if = "Option::is_none")]
+    pub(in crate::api) steps: Option<u64>,
     pub(in crate::api) control_intervals: u64,
 }
 

@@ -8,7 +8,9 @@ use utoipa::ToSchema;
 use super::request::{SolveRequest, TorqueScheduleWire};
 use super::strict::{Named, write_name};
 use crate::service::StopReason;
-use crate::service::domain::{ContactMode, ContactName, LowerBoundAssumption, Method, SolveProgress, Status};
+use crate::service::domain::{
+    ContactMode, ContactName, LowerBoundAssumption, Method, RefinementOutcome, SolveProgress, Status,
+};
 
 /// Answer of `POST /solve`.
 #[derive(Debug, Serialize, ToSchema)]
@@ -148,6 +150,9 @@ pub(in crate::api) struct ReportWire {
     /// Torques that contradict the sign of the switching function.
     pub(in crate::api) switching_sign_violations: usize,
     pub(in crate::api) replay: ReplayWire,
+    /// How the steps were chosen, and why no finer ones.
+    #[serde(serialize_with = "write_name")]
+    pub(in crate::api) refinement: RefinementOutcome,
 }
 
 #[derive(Debug, Serialize, ToSchema)]
@@ -255,6 +260,15 @@ impl Named for ContactMode {
 
 impl Named for ContactName {
     const ALL: &'static [Self] = &[Self::Left, Self::Right, Self::Front];
+
+    fn name(self) -> &'static str {
+        self.as_str()
+    }
+}
+
+impl Named for RefinementOutcome {
+    const ALL: &'static [Self] =
+        &[Self::Fixed, Self::WithinTolerance, Self::StepLimit, Self::GoalLost, Self::Interrupted, Self::NoPlan];
 
     fn name(self) -> &'static str {
         self.as_str()

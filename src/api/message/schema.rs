@@ -9,7 +9,7 @@ use super::request::View;
 use super::strict::{Named, write_name};
 use crate::service::StopReason;
 use crate::service::domain::{
-    ContactMethod, ContactMode, ContactName, LowerBoundAssumption, Method, ReferencePoint, Status,
+    ContactMethod, ContactMode, ContactName, LowerBoundAssumption, Method, ReferencePoint, RefinementOutcome, Status,
 };
 
 fn names<T: Named>() -> RefOr<Schema> {
@@ -48,5 +48,6 @@ named_schemas!(
     StopReason,
     ContactMode,
     ContactName,
+    RefinementOutcome,
     LowerBoundAssumption
 );

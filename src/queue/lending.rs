@@ -1,0 +1,148 @@
+//! Workers without a job help those that have one.
+//!
+//! Never more threads work than there are workers. A job that finds idle workers borrows them: each loan keeps one worker
+//! from taking a job, and a thread of the borrowing job does the work in its place. A loan is recalled as soon as a job
+//! waits for which no other worker is idle. The helper then leaves what it does to the borrower, and the waiting job
+//! starts.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Sender, channel};
+use std::thread::{Builder, Result as Ended, Scope, scope};
+
+use super::bounded_queue::BoundedQueue;
+
+#[cfg(test)]
+mod tests;
+
+/// Who has a turn: at most as many jobs and loans as there are workers.
+#[derive(Debug)]
+pub(super) struct Turns {
+    workers: usize,
+    /// The jobs that were taken and have not given their place back.
+    running: BTreeSet<u64>,
+    /// The recall flags of all loans, the latest last.
+    lent: BTreeMap<u64, Arc<AtomicBool>>,
+    next_loan: u64,
+}
+
+impl Turns {
+    pub(super) fn new(workers: usize) -> Self {
+        Self { workers, running: BTreeSet::new(), lent: BTreeMap::new(), next_loan: 0 }
+    }
+
+    pub(super) fn has_idle(&self) -> bool {
+        self.running.len() + self.lent.len() < self.workers
+    }
+
+    pub(super) fn lent(&self) -> usize {
+        self.lent.len()
+    }
+
+    pub(super) fn begin_job(&mut self, id: u64) {
+        self.running.insert(id);
+    }
+
+    /// Nothing for a job that was never begun.
+    pub(super) fn end_job(&mut self, id: u64) {
+        self.running.remove(&id);
+    }
+
+    pub(super) fn lend(&mut self) -> (u64, Arc<AtomicBool>) {
+        let (loan, is_recalled) = (self.next_loan, Arc::new(AtomicBool::new(false)));
+        self.next_loan += 1;
+        self.lent.insert(loan, Arc::clone(&is_recalled));
+        (loan, is_recalled)
+    }
+
+    pub(super) fn give_back(&mut self, loan: u64) {
+        self.lent.remove(&loan);
+    }
+
+    /// Recalls as many loans as the waiting jobs need, the latest first: they have done least.
+    pub(super) fn recall_for(&self, waiting: usize) {
+        let idle = self.workers - self.running.len() - self.lent.len();
+        for is_recalled in self.lent.values().rev().take(waiting.saturating_sub(idle)) {
+            is_recalled.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The workers that may be idle while a job runs.
+#[derive(Debug)]
+pub struct IdleWorkers {
+    queue: Arc<BoundedQueue>,
+}
+
+/// One worker that is kept from taking a job; given back on drop.
+struct Loan {
+    queue: Arc<BoundedQueue>,
+    number: u64,
+    is_recalled: Arc<AtomicBool>,
+}
+
+impl Drop for Loan {
+    fn drop(&mut self) {
+        self.queue.give_back_loan(self.number);
+    }
+}
+
+impl IdleWorkers {
+    pub(super) fn new(queue: Arc<BoundedQueue>) -> Self {
+        Self { queue }
+    }
+
+    /// Does work in parts on the calling thread and on idle workers, which are asked anew before each part.
+    ///
+    /// `take_part` begins and ends one open part, false when there is none; with its flag set it leaves the part open
+    /// soon. `open_parts` counts them. Returns when none is open or under way.
+    ///
+    /// # Panics
+    /// When a part panics, on whatever thread.
+    pub fn share(&self, open_parts: &(dyn Fn() -> usize + Sync), take_part: &(dyn Fn(&AtomicBool) -> bool + Sync)) {
+        static NEVER: AtomicBool = AtomicBool::new(false);
+        let (leave, has_left) = channel();
+        scope(|threads| {
+            let mut helpers = 0_usize;
+            loop {
+                // One part is the calling thread's own.
+                helpers += (1..open_parts()).take_while(|_| self.invite(threads, take_part, &leave)).count();
+                if take_part(&NEVER) {
+                    continue;
+                }
+                if helpers == 0 {
+                    return;
+                }
+                // Whoever leaves may have left a part open.
+                match has_left.recv() {
+                    Ok(Err(panic)) => resume_unwind(panic),
+                    Ok(Ok(())) | Err(_) => helpers -= 1,
+                }
+            }
+        });
+    }
+
+    /// Borrows an idle worker until no part is open; false when there is none.
+    fn invite<'scope>(
+        &self,
+        threads: &'scope Scope<'scope, '_>,
+        take_part: &'scope (dyn Fn(&AtomicBool) -> bool + Sync),
+        leave: &Sender<Ended<()>>,
+    ) -> bool {
+        let Some((number, is_recalled)) = self.queue.lend() else { return false };
+        let loan = Loan { queue: Arc::clone(&self.queue), number, is_recalled };
+        let leave = leave.clone();
+        let help = move || {
+            // What a panic leaves half done goes down with the borrower, who panics too.
+            let ended = catch_unwind(AssertUnwindSafe(|| while take_part(&loan.is_recalled) {}));
+            // Before the word, so that no loan outlives its borrower.
+            drop(loan);
+            // The borrower may have panicked itself.
+            let _ = leave.send(ended);
+        };
+        // Without another thread the calling one works on alone.
+        Builder::new().name("slipdrive-helper".to_owned()).spawn_scoped(threads, help).is_ok()
+    }
+}

@@ -1,0 +1,251 @@
+//! Independent parts of a search, done by any number of threads with the outcome of one.
+//!
+//! One thread does the parts in order, and each may spend what the parts before it have left of the rollout limit.
+//! Several threads cannot know what that will be, so a part runs under an upper bound: the limit less what is known to be
+//! spent. Afterwards the parts are taken in order. One that ended by itself within its true share is what one thread
+//! would have got; the first that did not is done again with exactly its share, and what lies behind it is forgotten.
+
+use std::iter;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use super::helpers::SharedWork;
+use super::local_search::Candidate;
+use super::progress::BestProgress;
+use super::run_control::RunControl;
+use crate::optimizer::Interruption;
+
+/// What one part came to.
+#[derive(Debug)]
+pub(super) struct PartOutcome {
+    /// Its local optimum, or why there is none.
+    pub(super) local: Result<Candidate, Interruption>,
+    /// The best decision on its way.
+    pub(super) best: Option<Candidate>,
+    pub(super) iterations: u64,
+    pub(super) rollouts: u64,
+}
+
+impl PartOutcome {
+    /// Whether a part with this outcome under `limit` has the same one under `share`, which is at most as large.
+    fn holds_under(&self, share: u64, limit: u64) -> bool {
+        match self.local {
+            Ok(_) => self.rollouts <= share,
+            Err(Interruption::RolloutLimit) => limit == share,
+            Err(Interruption::Stopped) => false,
+        }
+    }
+}
+
+/// Does the part with this number under a control and a rollout limit.
+pub(super) type RunPart<'a> = dyn Fn(usize, &RunControl, u64) -> PartOutcome + Sync + 'a;
+
+/// The parts of one search.
+pub(super) struct Parts<'a> {
+    control: &'a RunControl<'a>,
+    progress: &'a BestProgress<'a>,
+    goal_tolerance: f64,
+    rollout_limit: u64,
+    run: &'a RunPart<'a>,
+    state: Mutex<State>,
+    /// Set when the parts under way are of no use any more.
+    is_moot: AtomicBool,
+}
+
+struct State {
+    slots: Vec<Slot>,
+    /// The best decision of the parts that were given back: of use only when the search is stopped.
+    given_back: Option<Candidate>,
+}
+
+enum Slot {
+    Open,
+    UnderWay,
+    Done { outcome: PartOutcome, limit: u64 },
+}
+
+/// What all parts came to.
+#[derive(Debug, Default)]
+pub(super) struct Total {
+    /// The local optima with the numbers of their parts, in order.
+    pub(super) locals: Vec<(usize, Candidate)>,
+    /// Why some are missing.
+    pub(super) interruption: Option<Interruption>,
+    /// Parts that were begun.
+    pub(super) tried: usize,
+    pub(super) best: Option<Candidate>,
+    pub(super) iterations: u64,
+    pub(super) rollouts: u64,
+}
+
+impl Total {
+    /// Keeps the better of two best decisions, the earlier one of equals.
+    pub(super) fn note(&mut self, best: Option<Candidate>, goal_tolerance: f64) {
+        if let Some(best) = best
+            && self.best.as_ref().is_none_or(|known| best.is_better_than(known, goal_tolerance))
+        {
+            self.best = Some(best);
+        }
+    }
+
+    /// Adds what was spent and found by a later search, which has the last word on the ending.
+    pub(super) fn follow(&mut self, later: Self, goal_tolerance: f64) {
+        self.iterations += later.iterations;
+        self.rollouts += later.rollouts;
+        self.interruption = later.interruption;
+        self.note(later.best, goal_tolerance);
+    }
+
+    fn add(&mut self, (index, outcome): (usize, PartOutcome), goal_tolerance: f64) {
+        self.tried += 1;
+        self.iterations += outcome.iterations;
+        self.rollouts += outcome.rollouts;
+        self.note(outcome.best, goal_tolerance);
+        match outcome.local {
+            Ok(local) => self.locals.push((index, local)),
+            Err(interruption) => self.interruption = Some(interruption),
+        }
+    }
+
+    fn add_all(&mut self, slots: impl Iterator<Item = (usize, Slot)>, goal_tolerance: f64) {
+        for (index, slot) in slots {
+            if let Slot::Done { outcome, .. } = slot {
+                self.add((index, outcome), goal_tolerance);
+            }
+        }
+    }
+}
+
+impl<'a> Parts<'a> {
+    pub(super) fn new(
+        (control, progress): (&'a RunControl<'a>, &'a BestProgress<'a>),
+        goal_tolerance: f64,
+        rollout_limit: u64,
+        (count, run): (usize, &'a RunPart<'a>),
+    ) -> Self {
+        let state = State { slots: (0..count).map(|_| Slot::Open).collect(), given_back: None };
+        Self {
+            control,
+            progress,
+            goal_tolerance,
+            rollout_limit,
+            run,
+            state: Mutex::new(state),
+            is_moot: AtomicBool::new(false),
+        }
+    }
+
+    /// Does all parts, with the helpers of the control.
+    pub(super) fn total(self) -> Total {
+        self.control.share(&self);
+        let Self { control, progress, goal_tolerance, rollout_limit, run, state, .. } = self;
+        let State { slots, given_back } = state.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let mut total = Total::default();
+        let mut slots = slots.into_iter().enumerate();
+        while let Some((index, slot)) = slots.next() {
+            let share = rollout_limit - total.rollouts;
+            let outcome = match slot {
+                Slot::Done { outcome, limit } if outcome.holds_under(share, limit) => outcome,
+                slot if control.is_stopped() => {
+                    total.note(given_back, goal_tolerance);
+                    total.add_all(iter::once((index, slot)).chain(slots), goal_tolerance);
+                    total.interruption = Some(Interruption::Stopped);
+                    return total;
+                }
+                Slot::Open | Slot::UnderWay | Slot::Done { .. } => run(index, &control.of_part(&[], progress), share),
+            };
+            total.add((index, outcome), goal_tolerance);
+            if total.interruption.is_some() {
+                break;
+            }
+        }
+        total
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn is_over(&self) -> bool {
+        self.is_moot.load(Ordering::Relaxed) || self.control.is_stopped()
+    }
+
+    /// The first open part, and the most that it may spend.
+    fn begin(&self) -> Option<(usize, u64)> {
+        let mut state = self.state();
+        let index = state.slots.iter().position(|slot| matches!(slot, Slot::Open))?;
+        state.slots[index] = Slot::UnderWay;
+        let known = state.slots[..index].iter().map(|slot| match slot {
+            Slot::Done { outcome, .. } => outcome.rollouts,
+            Slot::Open | Slot::UnderWay => 0,
+        });
+        Some((index, self.rollout_limit.saturating_sub(known.sum())))
+    }
+
+    fn end(&self, index: usize, limit: u64, outcome: PartOutcome) {
+        let mut state = self.state();
+        if matches!(outcome.local, Err(Interruption::Stopped)) && !self.control.is_stopped() {
+            state.slots[index] = Slot::Open;
+            state.give_back(outcome.best, self.goal_tolerance);
+            return;
+        }
+        state.slots[index] = Slot::Done { outcome, limit };
+        if state.is_used_up(self.rollout_limit) {
+            self.is_moot.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+impl State {
+    fn give_back(&mut self, best: Option<Candidate>, goal_tolerance: f64) {
+        let mut kept = Total { best: self.given_back.take(), ..Total::default() };
+        kept.note(best, goal_tolerance);
+        self.given_back = kept.best;
+    }
+
+    /// Whether the first parts without a gap have used up the rollout limit, so that the rest is of no use.
+    fn is_used_up(&self, rollout_limit: u64) -> bool {
+        let mut rollouts = 0;
+        for slot in &self.slots {
+            let Slot::Done { outcome, .. } = slot else { return false };
+            rollouts += outcome.rollouts;
+            if rollouts > rollout_limit || matches!(outcome.local, Err(Interruption::RolloutLimit)) {
+                return true;
+            }
+        }
+        false
+    }
+}
+
+impl SharedWork for Parts<'_> {
+    fn open_parts(&self) -> usize {
+        if self.is_over() {
+            return 0;
+        }
+        self.state().slots.iter().filter(|slot| matches!(slot, Slot::Open)).count()
+    }
+
+    fn take_part(&self, recalled: &AtomicBool) -> bool {
+        if self.is_over() || recalled.load(Ordering::Relaxed) {
+            return false;
+        }
+        let Some((index, limit)) = self.begin() else { return false };
+        let mut alarm = MootAfterPanic(Some(&self.is_moot));
+        let interrupts = [&self.is_moot, recalled];
+        let outcome = (self.run)(index, &self.control.of_part(&interrupts, self.progress), limit);
+        alarm.0 = None;
+        self.end(index, limit, outcome);
+        true
+    }
+}
+
+/// Ends the other parts when one panics.
+struct MootAfterPanic<'a>(Option<&'a AtomicBool>);
+
+impl Drop for MootAfterPanic<'_> {
+    fn drop(&mut self) {
+        if let Some(is_moot) = self.0 {
+            is_moot.store(true, Ordering::Relaxed);
+        }
+    }
+}

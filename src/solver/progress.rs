@@ -1,0 +1,102 @@
+//! What is told of several searches at once: the best of all of them.
+
+use std::sync::{Mutex, PoisonError};
+
+use super::run_control::{Phase, ProgressObserver, RunControl, SolveProgress};
+
+/// Whether the first goal error is the smaller one; one that is no number is the largest.
+pub(super) fn is_nearer(first: f64, second: f64) -> bool {
+    first < second || (second.is_nan() && !first.is_nan())
+}
+
+/// Whether the first of two points is to be told in place of the second: the faster among those that meet the goal, else
+/// the one nearer to the goal.
+fn is_better(first: &SolveProgress, second: &SolveProgress, goal_tolerance: f64) -> bool {
+    match (first.best_goal_error <= goal_tolerance, second.best_goal_error <= goal_tolerance) {
+        (true, true) => first.best_final_time < second.best_final_time,
+        (true, false) => true,
+        (false, true) => false,
+        (false, false) => is_nearer(first.best_goal_error, second.best_goal_error),
+    }
+}
+
+/// Passes on what is better than all that was told before, and the latest start that has begun.
+pub(super) struct BestProgress<'a> {
+    control: &'a RunControl<'a>,
+    goal_tolerance: f64,
+    start_count: usize,
+    told: Mutex<Option<SolveProgress>>,
+}
+
+impl<'a> BestProgress<'a> {
+    pub(super) fn new(control: &'a RunControl<'a>, goal_tolerance: f64, start_count: usize) -> Self {
+        Self { control, goal_tolerance, start_count, told: Mutex::new(None) }
+    }
+
+    /// What is to be told next, if anything.
+    fn next(&self, told: Option<SolveProgress>, progress: &SolveProgress) -> Option<SolveProgress> {
+        let progress = SolveProgress { start_count: self.start_count, ..*progress };
+        let Some(best) = told else { return Some(progress) };
+        let start = best.start.max(progress.start);
+        if is_better(&progress, &best, self.goal_tolerance) {
+            return Some(SolveProgress { start, ..progress });
+        }
+        (start > best.start).then_some(SolveProgress { start, ..best })
+    }
+}
+
+impl ProgressObserver for BestProgress<'_> {
+    fn progress(&self, progress: &SolveProgress) {
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(next) = self.next(*told, progress) {
+            *told = Some(next);
+            // Under the lock, so that the best is told last.
+            self.control.report(&next);
+        }
+    }
+
+    fn begins(&self, phase: Phase) {
+        self.control.observer().begins(phase);
+    }
+
+    fn ends(&self, phase: Phase) {
+        self.control.observer().ends(phase);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+
+    struct Record(Mutex<Vec<(f64, f64, usize)>>);
+
+    impl ProgressObserver for Record {
+        fn progress(&self, progress: &SolveProgress) {
+            let told = (progress.best_final_time, progress.best_goal_error, progress.start);
+            self.0.lock().unwrap().push(told);
+        }
+    }
+
+    #[test]
+    fn only_what_is_better_is_told_and_starts_only_count_up() {
+        let (record, flag) = (Record(Mutex::new(Vec::new())), AtomicBool::new(false));
+        let control = RunControl::new(&flag, &record);
+        let best = BestProgress::new(&control, 1e-6, 3);
+        for (best_final_time, best_goal_error, start) in [
+            (2.0, 0.5, 1),
+            (1.0, f64::NAN, 1),
+            (3.0, 0.1, 2),
+            (2.5, 0.3, 1),
+            (2.6, 0.4, 3),
+            (4.0, 0.0, 2),
+            (3.0, 0.01, 3),
+            (3.5, 1e-7, 1),
+        ] {
+            best.progress(&SolveProgress { best_final_time, best_goal_error, start, start_count: 0 });
+        }
+        let told = record.0.into_inner().unwrap();
+        assert_eq!(told, [(2.0, 0.5, 1), (3.0, 0.1, 2), (3.0, 0.1, 3), (4.0, 0.0, 3), (3.5, 1e-7, 3)]);
+    }
+}
