@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use slipdrive::service::{InProcessSolver, Limits, Service, ServiceSettings, SolveClocks};
+use slipdrive::service::{InProcessSolver, Service, ServiceSettings, SolveClocks};
 use slipdrive::solver::{Method, RunControl, SolveInput, SolverSettings, solve};
 
 /// Pairs of solves from which the ratio of one and two workers is taken.
@@ -43,7 +43,7 @@ fn helped_search(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("default_search");
     let services = [1, 2].map(|workers| {
         let workers = NonZeroUsize::new(workers).expect("at least one");
-        let settings = ServiceSettings { workers, queue_length: 0, limits: Limits::default() };
+        let settings = ServiceSettings { workers, queue_length: 0, ..ServiceSettings::default() };
         Service::start(settings, Arc::new(InProcessSolver)).expect("threads can be started")
     });
     let solve = |service: &Service| {
