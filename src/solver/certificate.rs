@@ -4,8 +4,9 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::SVector;
 
+use super::candidate::Candidate;
 use super::goal_miss::goal_missed;
-use super::local_search::{Candidate, prices};
+use super::local_search::prices;
 use super::lower_bound::{Grid, largest, lower_bounds};
 use super::search::SearchResult;
 use super::settings::{Refinement, SolveInput};

@@ -5,8 +5,9 @@
 //! few linear programs. Drifting plans are the fastest and the most sensitive ones: where the fastest local optimum needs
 //! more steps than there may be, the next fastest that does not is refined.
 
+use super::candidate::Candidate;
 use super::certificate::replay;
-use super::local_search::{Candidate, LocalSearch};
+use super::local_search::LocalSearch;
 use super::run_control::RunControl;
 use super::search::SearchResult;
 use super::settings::SolveInput;

@@ -1,6 +1,7 @@
 //! The search: starts, their local optima, and the best of them.
 
-use super::local_search::{Candidate, LocalSearch};
+use super::candidate::Candidate;
+use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
