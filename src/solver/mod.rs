@@ -73,7 +73,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
 
 /// The first start, as the answer of a solve that was stopped before its first rollout; none when its motion diverges.
 fn fallback(input: &SolveInput, problem: &mut ShootingProblem) -> Option<Candidate> {
-    let start = &starts::starts(input)[0];
+    let start = &starts::starts(input, 1)[0];
     let decision = decision_from_schedule(&start.schedule);
     let mut constraints = problem.constraints();
     problem.evaluate(&decision, &mut constraints);

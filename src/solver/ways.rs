@@ -162,10 +162,9 @@ impl LocalSearch<'_, '_, '_> {
     /// Goes on from the very step that would refute the certificate of the plan, while there is one.
     fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
         for _ in 0..FINISH_LIMIT {
-            let price = self.prices[1];
-            let confirmed = confirmed_decrease(self.problem, &best.decision, price, &mut self.budget)?;
-            let is_stationary = confirmed.prediction <= FINISHED_SHARE * best.final_time();
-            let Some(better) = confirmed.better.filter(|_| !is_stationary) else { return Ok(()) };
+            let (price, enough) = (self.prices[1], FINISHED_SHARE * best.final_time());
+            let confirmed = confirmed_decrease(self.problem, &best.decision, (price, enough), &mut self.budget)?;
+            let Some(better) = confirmed.better else { return Ok(()) };
             let next = self.descend(&better, price, RADIUS)?;
             keep_better(best, next, self.settings.goal_tolerance);
         }
