@@ -29,6 +29,8 @@ const NEWTON_LIMIT: usize = 30;
 const SMALLEST_SHARE: f64 = 0.05;
 
 type Unknowns = SVector<f64, SIZE>;
+/// An impulse as a sum of unknowns with signs.
+type ImpulseSum<'a> = &'a [(usize, f64)];
 
 /// The equations of one pattern in one friction problem.
 pub(super) struct RatioNewton<'a, const N: usize> {
@@ -144,7 +146,7 @@ impl<const N: usize> RatioNewton<'_, N> {
         normal: &Vector3<f64>,
     ) {
         // The lateral impulse of the right wheel is what the left one leaves.
-        let lateral: [&[(usize, f64)]; 2] = [&[(LEFT_LATERAL, 1.0)], &[(AXLE, 1.0), (LEFT_LATERAL, -1.0)]];
+        let lateral: [ImpulseSum; 2] = [&[(LEFT_LATERAL, 1.0)], &[(AXLE, 1.0), (LEFT_LATERAL, -1.0)]];
         for (wheel, lateral_row) in [(LEFT, AXLE), (RIGHT, LEFT_LATERAL)] {
             let ratio = (RATIO[wheel], self.step(wheel));
             self.set_slip(equations, wheel, wheel, slip);
@@ -176,7 +178,7 @@ impl<const N: usize> RatioNewton<'_, N> {
         equation: usize,
         (ratio, step): (usize, f64),
         unknowns: &Unknowns,
-        impulse: &[(usize, f64)],
+        impulse: ImpulseSum,
     ) {
         let total: f64 = impulse.iter().map(|(index, sign)| sign * unknowns[*index]).sum();
         equations.value[equation] += step * unknowns[ratio] * total;
@@ -210,7 +212,7 @@ impl<const N: usize> RatioNewton<'_, N> {
         contact: usize,
         unknowns: &Unknowns,
         normal: &Vector3<f64>,
-        (longitudinal, lateral): (&[(usize, f64)], &[(usize, f64)]),
+        (longitudinal, lateral): (ImpulseSum, ImpulseSum),
     ) {
         let weight = self.problem.weight_impulse();
         let radius = friction_radius(self.system, contact, normal);

@@ -157,7 +157,7 @@ pub struct ConfirmedDecrease {
 pub fn confirmed_decrease(
     problem: &mut dyn Problem,
     x: &DVector<f64>,
-    weight: f64,
+    (weight, enough): (f64, f64),
     budget: &mut Budget,
 ) -> Result<ConfirmedDecrease, Interruption> {
     let settings = SequentialLinearSettings {
@@ -171,7 +171,7 @@ pub fn confirmed_decrease(
     loop {
         let step = search.linear_step(budget)?;
         let prediction = merit - search.modelled_merit(&step);
-        if prediction <= SMALLEST_PREDICTION || search.radius <= SMALLEST_RADIUS {
+        if prediction <= enough.max(SMALLEST_PREDICTION) || search.radius <= SMALLEST_RADIUS {
             return Ok(ConfirmedDecrease { prediction, better: None });
         }
         // Smaller regions promise less: what this one promises is a bound on the measure.

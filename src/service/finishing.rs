@@ -51,7 +51,7 @@ impl FinishingPace {
             Refinement::UntilExecutable { step_limit } => (step_limit, LARGEST_AUTOMATIC_SHARE),
         };
         let finishing = Duration::from_secs_f64(pace * step_count as f64).min(time_limit.mul_f64(share));
-        time_limit - finishing
+        time_limit.saturating_sub(finishing)
     }
 }
 

@@ -8,6 +8,7 @@ use crate::contact::ImpulseDerivative;
 use crate::robot::{BodyVector, PerWheel};
 
 /// Derivatives of `K` results of one step by what it starts from.
+#[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
 pub(super) struct StepDerivative<const K: usize> {
     /// By the body velocity at the start of the step.
     pub(super) by_velocity: SMatrix<f64, K, 5>,
@@ -16,6 +17,7 @@ pub(super) struct StepDerivative<const K: usize> {
 }
 
 /// How `K` results follow from what a friction problem is made of.
+#[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
 struct Chain<const K: usize, const N: usize> {
     by_free_motion: SMatrix<f64, K, 5>,
     by_free_slip: SMatrix<f64, K, N>,
@@ -62,7 +64,7 @@ impl StepDerivative<3> {
 }
 
 impl<const K: usize> StepDerivative<K> {
-    /// With free_slip = (1 + e) W' u_A + W' dt a and free_normal = dt n.
+    /// With `free_slip = (1 + e) W' u_A + W' dt a` and `free_normal = dt n`.
     #[inline]
     fn along<const N: usize>(
         chain: &Chain<K, N>,

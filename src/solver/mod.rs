@@ -1,5 +1,6 @@
 //! The solver: a validated maneuver in, a plan with its certificate out.
 
+mod candidate;
 mod certificate;
 pub mod domain;
 mod goal_miss;
@@ -19,6 +20,7 @@ mod settings;
 mod simulate;
 mod solution;
 mod starts;
+mod ways;
 
 pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};
@@ -29,7 +31,7 @@ pub use solution::{
     DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
 };
 
-use local_search::Candidate;
+use candidate::Candidate;
 use nalgebra::DVector;
 
 use crate::optimizer::Problem as _;
@@ -71,7 +73,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
 
 /// The first start, as the answer of a solve that was stopped before its first rollout; none when its motion diverges.
 fn fallback(input: &SolveInput, problem: &mut ShootingProblem) -> Option<Candidate> {
-    let start = &starts::starts(input)[0];
+    let start = &starts::starts(input, 1)[0];
     let decision = decision_from_schedule(&start.schedule);
     let mut constraints = problem.constraints();
     problem.evaluate(&decision, &mut constraints);

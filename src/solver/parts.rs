@@ -9,8 +9,8 @@ use std::iter;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use super::candidate::Candidate;
 use super::helpers::SharedWork;
-use super::local_search::Candidate;
 use super::progress::BestProgress;
 use super::run_control::RunControl;
 use crate::optimizer::Interruption;

@@ -5,8 +5,9 @@
 //! few linear programs. Drifting plans are the fastest and the most sensitive ones: where the fastest local optimum needs
 //! more steps than there may be, the next fastest that does not is refined.
 
+use super::candidate::Candidate;
 use super::certificate::replay;
-use super::local_search::{Candidate, LocalSearch};
+use super::local_search::LocalSearch;
 use super::run_control::RunControl;
 use super::search::SearchResult;
 use super::settings::SolveInput;
@@ -108,10 +109,8 @@ impl Refiner<'_, '_, '_> {
     /// Local optima of starts that the search was not asked for, fastest first.
     fn plans_of_more_starts(&mut self, block: usize, step_count: usize) -> Vec<Plan> {
         let settings = &self.input.settings;
-        let first = settings.start_count + block * BLOCK;
-        let mut more = self.input.clone();
-        more.settings.start_count = first + BLOCK;
-        let starts = starts(&more);
+        let first = self.result.starts_tried + block * BLOCK;
+        let starts = starts(self.input, first + BLOCK);
         let mut problem =
             ShootingProblem::new(self.simulator, &self.input.maneuver, step_count, settings.control_count);
         let rollout_limit = settings.rollout_limit - self.result.rollouts;

@@ -1,7 +1,8 @@
 //! The search: starts, their local optima, and the best of them.
 
-use super::local_search::{Candidate, LocalSearch};
-use super::parts::{PartOutcome, Parts, RunPart};
+use super::candidate::Candidate;
+use super::local_search::LocalSearch;
+use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::settings::SolveInput;
@@ -12,6 +13,9 @@ use crate::shooting::ShootingProblem;
 
 /// Local optima whose final times differ by less than this share count as one.
 const DISTINCT_FINAL_TIME: f64 = 1e-3;
+
+/// Where fewer than half of the starts lead to a plan, more are tried: up to this many times as many as were asked for.
+const MORE_STARTS: usize = 4;
 
 /// Local optima that are polished, fastest first.
 const POLISHED_OPTIMA: usize = 2;
@@ -38,20 +42,31 @@ pub(super) struct SearchResult {
 
 /// Searches from every start, then polishes the best local optima; the result does not depend on who helps.
 pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &RunControl) -> SearchResult {
-    let (settings, starts) = (&input.settings, starts(input));
-    let progress = BestProgress::new(control, settings.goal_tolerance, starts.len());
+    let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
+    let progress = BestProgress::new(control, settings.goal_tolerance, settings.start_count);
     let parts_of = |rollout_limit: u64, count: usize, run: &RunPart| {
         Parts::new((control, &progress), settings.goal_tolerance, rollout_limit, (count, run)).total()
     };
 
-    let mut found = parts_of(settings.rollout_limit, starts.len(), &|index, control, rollout_limit| {
-        let number = (index + 1, starts.len());
-        part(input, problem, (control, rollout_limit), |search| search.run_from(&starts[index], number))
-    });
-    let locals = found.locals.iter().map(|(_, local)| local);
-    let mut optima: Vec<_> = locals.filter(|local| local.is_feasible(settings.goal_tolerance)).cloned().collect();
+    let mut found = Total::default();
+    let mut optima: Vec<Candidate> = Vec::new();
+    for block in starts.chunks(settings.start_count) {
+        let tried = found.tried;
+        let left = settings.rollout_limit - found.rollouts;
+        let more = parts_of(left, block.len(), &|index, control, rollout_limit| {
+            let number = (tried + index + 1, starts.len());
+            part(input, problem, (control, rollout_limit), |search| search.run_from(&block[index], number))
+        });
+        let locals = more.locals.iter().map(|(_, local)| local);
+        optima.extend(locals.filter(|local| local.is_feasible(settings.goal_tolerance)).cloned());
+        found.tried += more.tried;
+        found.follow(more, settings.goal_tolerance);
+        if found.interruption.is_some() || 2 * optima.len() >= found.tried {
+            break;
+        }
+    }
 
-    if found.interruption.is_none() && starts.iter().any(|start| start.way == Way::Smoothed) {
+    if found.interruption.is_none() && starts[..found.tried].iter().any(|start| start.way == Way::Smoothed) {
         optima = fastest_first(optima);
         let (left, count) = (settings.rollout_limit - found.rollouts, optima.len().min(POLISHED_OPTIMA));
         let polished = parts_of(left, count, &|index, control, rollout_limit| {

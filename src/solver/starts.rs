@@ -76,10 +76,9 @@ struct Rolling {
     yaw_inertia: f64,
 }
 
-/// The starts of a search, in the order in which they are tried: the caller's guess, the fastest plan directly, the
-/// plans through smoothing with spins of their middle, then perturbed copies.
-pub(super) fn starts(input: &SolveInput) -> Vec<Start> {
-    let count = input.settings.start_count;
+/// The first starts of a search, at most `count`, in the order in which they are tried: the caller's guess, the fastest
+/// plan directly, the plans through smoothing with spins of their middle, then perturbed copies.
+pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
     let guess = input.initial_guess.iter().map(|guess| Start {
         schedule: resampled(guess, input.settings.control_count),
         goal_heading: input.maneuver.nearest_goal_heading(),

@@ -252,13 +252,12 @@ fn state_from_wire(wire: &StateWire) -> State {
 fn settings_from_wire(grid: &SolveGridWire, solver: &SolverWire, limits: &Limits) -> (SolverSettings, f64) {
     let SolveGridWire { steps, control_intervals } = *grid;
     let control_count = count(control_intervals);
-    let (step_count, refinement) = match steps {
-        Some(steps) => (count(steps), Refinement::Fixed),
-        None => {
-            // More intervals than the server takes are refused whatever the grid.
-            let first = SolverSettings::first_step_count(control_count.min(limits.max_control_intervals));
-            (first.min(limits.max_steps), Refinement::UntilExecutable { step_limit: limits.max_steps })
-        }
+    let (step_count, refinement) = if let Some(steps) = steps {
+        (count(steps), Refinement::Fixed)
+    } else {
+        // More intervals than the server takes are refused whatever the grid.
+        let first = SolverSettings::first_step_count(control_count.min(limits.max_control_intervals));
+        (first.min(limits.max_steps), Refinement::UntilExecutable { step_limit: limits.max_steps })
     };
     let SolverWire {
         method,

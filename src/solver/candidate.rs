@@ -1,0 +1,52 @@
+//! Decisions and their ranking.
+
+use std::cmp::Ordering;
+
+use nalgebra::DVector;
+
+use super::progress::is_nearer;
+
+/// A decision with what the search needs to rank it.
+#[derive(Debug, Clone)]
+pub(super) struct Candidate {
+    pub(super) decision: DVector<f64>,
+    /// Largest magnitude of its goal errors.
+    pub(super) goal_error: f64,
+    /// Whether some contact would have to pull.
+    pub(super) lifts_off: bool,
+    /// The winding of the goal heading that it meets.
+    pub(super) goal_heading: Option<f64>,
+}
+
+impl Candidate {
+    pub(super) fn final_time(&self) -> f64 {
+        self.decision[self.decision.len() - 1]
+    }
+
+    /// Whether it meets the goal, with every contact on the floor.
+    pub(super) fn is_feasible(&self, goal_tolerance: f64) -> bool {
+        self.goal_error <= goal_tolerance && !self.lifts_off
+    }
+
+    /// A feasible one before any other, one that meets the goal before one that misses it; then the faster one or the
+    /// one nearer to the goal. A NaN is the worst.
+    pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {
+        let rank = |candidate: &Self| match (candidate.goal_error <= goal_tolerance, candidate.lifts_off) {
+            (true, false) => 2,
+            (true, true) => 1,
+            (false, _) => 0,
+        };
+        match rank(self).cmp(&rank(other)) {
+            Ordering::Greater => true,
+            Ordering::Less => false,
+            Ordering::Equal if rank(self) > 0 => self.final_time() < other.final_time(),
+            Ordering::Equal => is_nearer(self.goal_error, other.goal_error),
+        }
+    }
+}
+
+pub(super) fn keep_better(best: &mut Candidate, next: Candidate, goal_tolerance: f64) {
+    if next.is_better_than(best, goal_tolerance) {
+        *best = next;
+    }
+}
