@@ -145,8 +145,8 @@ impl Caller {
         match answer.await {
             Ok((status, _)) if expected.contains(&status) => Outcome::Answered,
             Ok((429, _)) => Outcome::RefusedForWantOfRoom,
-            Ok((status, body)) => self.unexpected(kind, format!("{status} {}", String::from_utf8_lossy(&body))),
-            Err(error) => self.unexpected(kind, format!("{error:?}")),
+            Ok((status, body)) => self.unexpected(kind, &format!("{status} {}", String::from_utf8_lossy(&body))),
+            Err(error) => self.unexpected(kind, &format!("{error:?}")),
         }
     }
 
@@ -155,11 +155,11 @@ impl Caller {
             None if expected == Code::Ok => Outcome::Answered,
             Some(status) if status.code() == expected => Outcome::Answered,
             Some(status) if status.code() == Code::ResourceExhausted => Outcome::RefusedForWantOfRoom,
-            other => self.unexpected(kind, format!("{other:?}")),
+            other => self.unexpected(kind, &format!("{other:?}")),
         }
     }
 
-    fn unexpected(&self, kind: Kind, what: String) -> Outcome {
+    fn unexpected(&self, kind: Kind, what: &str) -> Outcome {
         let mut faults = self.faults.lock().unwrap();
         if faults.len() < 10 {
             faults.push(format!("{kind:?}: {}", what.chars().take(300).collect::<String>()));

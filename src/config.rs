@@ -212,11 +212,8 @@ impl Arguments {
 impl ServerConfig {
     /// The settings as TOML that `--config` takes, each with its source; of secrets only how many there are.
     pub(crate) fn to_toml(&self) -> String {
-        let mut text: String = self.shown.iter().map(ToString::to_string).collect();
-        if let Some(count) = self.keys.count() {
-            text += &format!("# {count} API keys, which are not shown\n");
-        }
-        text
+        let secrets = self.keys.count().map(|count| format!("# {count} API keys, which are not shown\n"));
+        self.shown.iter().map(ToString::to_string).chain(secrets).collect()
     }
 
     pub(crate) fn service_settings(&self) -> ServiceSettings {

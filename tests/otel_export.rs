@@ -6,6 +6,7 @@
 mod support;
 
 use std::collections::HashMap;
+use std::fmt::Write as _;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::mpsc::{Receiver, channel};
@@ -35,6 +36,7 @@ struct ScopeSpans {
 }
 
 #[derive(Clone, PartialEq, Message)]
+#[expect(clippy::struct_field_names, reason = "the names of the protocol")]
 struct Span {
     #[prost(bytes = "vec", tag = "1")]
     trace_id: Vec<u8>,
@@ -91,7 +93,10 @@ fn read_request(reader: &mut BufReader<std::net::TcpStream>) -> Option<Vec<u8>> 
 }
 
 fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        write!(text, "{byte:02x}").unwrap();
+        text
+    })
 }
 
 #[tokio::test]
@@ -112,7 +117,7 @@ async fn spans_of_a_solve_hang_below_its_request_in_the_callers_trace() {
     assert_eq!(server.wait().code(), Some(0), "the exporter does not hold the process");
 
     let mut spans: HashMap<String, Vec<Span>> = HashMap::new();
-    while spans.get("request").is_none() || spans.get("certificate").is_none() {
+    while !(spans.contains_key("request") && spans.contains_key("certificate")) {
         let span = exported.recv_timeout(HANG_BOUND).expect("the spans come");
         if hex(&span.trace_id) == TRACE {
             spans.entry(span.name.clone()).or_default().push(span);
