@@ -4,7 +4,6 @@ mod table;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
-use std::num::NonZeroUsize;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -66,7 +65,7 @@ pub(crate) fn simulate(arguments: &SimulateArguments) -> anyhow::Result<ExitCode
 
 /// Nobody else is in the queue: all workers help with the one job.
 fn service(limits: Limits, workers: NonZeroUsize) -> io::Result<Service> {
-    let settings = ServiceSettings { workers, queue_length: 0, limits };
+    let settings = ServiceSettings { workers, queue_length: 0, limits, ..ServiceSettings::default() };
     Service::start(settings, Arc::new(InProcessSolver))
 }
 

@@ -1,5 +1,7 @@
 //! Flags and environment variables.
 
+mod tls;
+
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -12,7 +14,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use slipdrive::api::ApiSettings;
 use slipdrive::api::auth::ApiKeys;
 use slipdrive::api::server::ServerSettings;
-use slipdrive::service::{Limits, ServiceSettings};
+use slipdrive::service::{DEFAULT_QUEUE_WORK, ServiceSettings};
+use tls::TlsArguments;
 
 /// Time-optimal maneuvers of a differential-drive robot whose wheels may slip.
 #[derive(Debug, Parser)]
@@ -73,6 +76,9 @@ pub(crate) struct ServeArguments {
     /// Requests that may wait for a worker; more are refused with 429.
     #[arg(long, env = "SLIPDRIVE_QUEUE_LENGTH", default_value_t = 64)]
     pub(crate) queue_length: usize,
+    /// Seconds of expected work per worker that may be in flight; more is refused with 429.
+    #[arg(long, env = "SLIPDRIVE_QUEUE_WORK_S", default_value_t = DEFAULT_QUEUE_WORK.as_secs())]
+    pub(crate) queue_work_s: u64,
     /// Items of one gRPC batch that may be unanswered at once; the server reads no further meanwhile.
     #[arg(long, env = "SLIPDRIVE_BATCH_WINDOW", default_value = "16")]
     pub(crate) batch_window: NonZeroUsize,
@@ -86,6 +92,8 @@ pub(crate) struct ServeArguments {
     pub(crate) access: AccessArguments,
     #[command(flatten)]
     pub(crate) connections: ConnectionArguments,
+    #[command(flatten)]
+    pub(crate) tls: TlsArguments,
 }
 
 /// Who may call. Keys come from the variable `SLIPDRIVE_API_KEYS`, separated by commas, or from a file.
@@ -125,7 +133,8 @@ const API_KEYS_VARIABLE: &str = "SLIPDRIVE_API_KEYS";
 impl ServeArguments {
     pub(crate) fn service_settings(&self) -> ServiceSettings {
         let workers = self.workers.unwrap_or_else(default_workers);
-        ServiceSettings { workers, queue_length: self.queue_length, limits: Limits::default() }
+        let queue_work = Duration::from_secs(self.queue_work_s);
+        ServiceSettings { workers, queue_length: self.queue_length, queue_work, ..ServiceSettings::default() }
     }
 
     /// Who may call.
@@ -146,17 +155,21 @@ impl ServeArguments {
         Ok(ApiSettings { keys, batch_window: self.batch_window, ..ApiSettings::default() })
     }
 
-    pub(crate) fn server_settings(&self) -> ServerSettings {
+    /// Patience with connections, and who the server is to them.
+    ///
+    /// # Errors
+    /// When TLS is asked for and cannot be set up.
+    pub(crate) fn server_settings(&self) -> anyhow::Result<ServerSettings> {
         let ConnectionArguments { max_connections, max_streams, head_timeout_s, idle_timeout_s, max_connection_age_s } =
             self.connections;
-        ServerSettings {
+        self.tls.applied_to(ServerSettings {
             max_connections: max_connections.get(),
             max_streams,
             head_timeout: Duration::from_secs(head_timeout_s),
             idle_timeout: Duration::from_secs(idle_timeout_s.max(1)),
             max_age: Duration::from_secs(max_connection_age_s),
             ..ServerSettings::default()
-        }
+        })
     }
 }
 

@@ -41,6 +41,7 @@ pub(crate) fn serve_until_stopped(arguments: &ServeArguments) -> anyhow::Result<
 async fn serve(arguments: &ServeArguments) -> anyhow::Result<()> {
     let mut signals = Signals::listen()?;
     let api_settings = arguments.api_settings()?;
+    let server_settings = arguments.server_settings()?;
     let http = bind(arguments.http).await?;
     let grpc = if arguments.one_port { None } else { Some(bind(arguments.grpc).await?) };
     let settings = arguments.service_settings();
@@ -53,7 +54,7 @@ async fn serve(arguments: &ServeArguments) -> anyhow::Result<()> {
         "listening"
     );
 
-    let (mut servers, health) = start_servers(&service, (http, grpc), &api_settings, arguments).await;
+    let (mut servers, health) = start_servers(&service, (http, grpc), &api_settings, &server_settings).await;
     tokio::select! {
         _ = servers.tasks.join_next() => anyhow::bail!("a server ended by itself"),
         () = signals.next() => {}
@@ -97,18 +98,18 @@ async fn start_servers(
     service: &Arc<Service>,
     (http, grpc): (TcpListener, Option<TcpListener>),
     api_settings: &ApiSettings,
-    arguments: &ServeArguments,
+    server_settings: &ServerSettings,
 ) -> (Servers, Health) {
     let mut servers = Servers { tasks: JoinSet::new(), closing: watch::Sender::new(false) };
     let rest_router = rest::router(Arc::clone(service), api_settings.clone());
     let (grpc_router, health) = grpc::router(Arc::clone(service), api_settings.clone()).await;
     match grpc {
         Some(grpc) => {
-            servers.spawn(http, rest_router, arguments.server_settings());
-            servers.spawn(grpc, grpc_router, arguments.server_settings());
+            servers.spawn(http, rest_router, server_settings.clone());
+            servers.spawn(grpc, grpc_router, server_settings.clone());
         }
         // Both routers have a fallback; that of REST stays.
-        None => servers.spawn(http, rest_router.merge(grpc_router.reset_fallback()), arguments.server_settings()),
+        None => servers.spawn(http, rest_router.merge(grpc_router.reset_fallback()), server_settings.clone()),
     }
     (servers, health)
 }

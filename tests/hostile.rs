@@ -14,10 +14,12 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::api::ApiSettings;
 use slipdrive::api::grpc::pb;
 use slipdrive::api::server::ServerSettings;
+use slipdrive::service::ManeuverSolver;
 use slipdrive::service::domain::{SolveInput, State, Trajectory};
 use slipdrive::solver::{RunControl, StopReason};
+use support::http2::{Connection, GOAWAY, HEADERS};
 use support::protobuf::code_of;
-use support::{FakeSolver, HANG_BOUND, TestServer, instant_solver, small_solution};
+use support::{FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
@@ -97,6 +99,97 @@ async fn caller_who_does_not_read_is_dropped() {
     };
     timeout(HANG_BOUND, closed).await.expect("the server gives up");
     assert_eq!(server.get("/livez").await.status, 200);
+}
+
+const SOLVE: [&str; 2] = ["/solve", "/slipdrive.v1.ManeuverService/Solve"];
+
+/// A server with these settings, and its two doors with the path of a solve.
+async fn with_patience(
+    solver: Arc<dyn ManeuverSolver>,
+    settings: ServerSettings,
+) -> (TestServer, [(SocketAddr, &'static str); 2]) {
+    let server = TestServer::start_with(4, solver, ApiSettings::default(), settings).await;
+    let doors = [(server.address, SOLVE[0]), (server.grpc_address, SOLVE[1])];
+    (server, doors)
+}
+
+#[tokio::test]
+async fn answer_that_waits_for_a_window_is_dropped_with_its_connection() {
+    let settings = ServerSettings { write_timeout: Duration::from_millis(100), ..ServerSettings::default() };
+    let (server, doors) = with_patience(instant_solver(), settings).await;
+    for (address, path) in doors {
+        // Room for nothing, and room for the beginning.
+        for window_bytes in [0, 10] {
+            let mut connection = Connection::open(address, window_bytes).await;
+            connection.whole_request(1, path).await;
+            assert!(connection.reads_up_to(GOAWAY).await, "callers are told to go elsewhere first");
+            connection.reads_to_the_end().await;
+        }
+    }
+    assert_eq!(server.get("/livez").await.status, 200);
+}
+
+#[tokio::test]
+async fn stream_that_never_sends_its_body_is_answered_with_a_refusal() {
+    let api = ApiSettings { body_timeout: Duration::from_millis(50), ..ApiSettings::default() };
+    let server = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
+    for (address, path) in [(server.address, SOLVE[0]), (server.grpc_address, SOLVE[1])] {
+        let mut connection = Connection::open(address, 65_535).await;
+        for stream in [1, 3, 5] {
+            connection.request(stream, path, 0).await;
+        }
+        for _ in 0..3 {
+            assert!(connection.reads_up_to(HEADERS).await);
+        }
+    }
+    assert_eq!(server.service.jobs_in_flight(), 0, "none of them holds a place");
+}
+
+#[tokio::test]
+async fn aged_connection_says_so_and_finishes_what_it_has() {
+    let settings = ServerSettings { max_age: Duration::from_millis(100), ..ServerSettings::default() };
+    let gate = Arc::new(Gate::default());
+    let held = Arc::clone(&gate);
+    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
+        held.wait();
+        small_solution(StopReason::Finished)
+    });
+    let (_server, doors) = with_patience(Arc::new(solver), settings).await;
+    let mut connections = Vec::new();
+    for (address, path) in doors {
+        let mut connection = Connection::open(address, 65_535).await;
+        connection.whole_request(1, path).await;
+        assert!(connection.reads_up_to(GOAWAY).await);
+        connections.push(connection);
+    }
+    gate.open();
+    for mut connection in connections {
+        assert!(connection.reads_up_to(HEADERS).await, "its grace has not passed");
+    }
+}
+
+#[tokio::test]
+async fn aged_connection_is_cut_when_its_grace_has_passed() {
+    let soon = Duration::from_millis(100);
+    let settings = ServerSettings { max_age: soon, age_grace: soon, ..ServerSettings::default() };
+    let solver = FakeSolver(|_: &SolveInput, control: &RunControl<'_>| {
+        while !control.is_stopped() {
+            std::thread::yield_now();
+        }
+        small_solution(StopReason::Stopped)
+    });
+    let (server, doors) = with_patience(Arc::new(solver), settings).await;
+    for (address, path) in doors {
+        let mut connection = Connection::open(address, 65_535).await;
+        connection.whole_request(1, path).await;
+        connection.reads_to_the_end().await;
+    }
+    let empty = async {
+        while server.service.jobs_in_flight() > 0 {
+            tokio::task::yield_now().await;
+        }
+    };
+    timeout(HANG_BOUND, empty).await.expect("their solves are stopped");
 }
 
 #[tokio::test]

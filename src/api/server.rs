@@ -10,11 +10,11 @@ use std::time::Duration;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::Request;
-use http_body_util::BodyExt as _;
 use hyper::body::Incoming;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
@@ -22,9 +22,13 @@ use tokio::time::{Instant, interval_at, sleep};
 use tower::ServiceExt as _;
 
 mod activity;
+mod answer_body;
 mod patient_stream;
+#[cfg(feature = "tls")]
+pub mod tls;
 
 use activity::Activity;
+use answer_body::AnswerBody;
 use patient_stream::PatientStream;
 
 /// The patience of a server with its connections.
@@ -34,9 +38,11 @@ pub struct ServerSettings {
     pub max_connections: usize,
     /// Requests of one HTTP/2 connection that may be open at once.
     pub max_streams: u32,
-    /// How long a caller may take to send the head of a request, also the first and between two (HTTP/1).
+    /// How long a caller may take to send the head of a request, also the first and between two (HTTP/1), and to shake
+    /// hands before that (TLS).
     pub head_timeout: Duration,
-    /// How long a caller may leave what was sent to it unread.
+    /// How long a caller may leave what was sent to it unread; an HTTP/2 connection then gets no new requests, and as
+    /// long again until it is cut.
     pub write_timeout: Duration,
     /// How often a quiet HTTP/2 connection is asked whether it lives, and how long it may take to say so.
     pub ping_interval: Duration,
@@ -46,6 +52,9 @@ pub struct ServerSettings {
     pub max_age: Duration,
     /// How long the requests of an aged connection may take to end.
     pub age_grace: Duration,
+    /// Who the server is to callers that speak TLS; none: they must not.
+    #[cfg(feature = "tls")]
+    pub identity: Option<tls::Identity>,
 }
 
 impl Default for ServerSettings {
@@ -59,6 +68,8 @@ impl Default for ServerSettings {
             idle_timeout: Duration::from_secs(5 * 60),
             max_age: Duration::from_secs(30 * 60),
             age_grace: Duration::from_secs(2 * 60),
+            #[cfg(feature = "tls")]
+            identity: None,
         }
     }
 }
@@ -98,7 +109,7 @@ pub async fn serve(
                     let (router, settings, is_closing) = (router.clone(), settings.clone(), is_closing.clone());
                     connections.spawn(async move {
                         let _place = place;
-                        drive(stream, router, &settings, is_closing).await;
+                        receive(stream, router, &settings, is_closing).await;
                     });
                 }
                 Err(error) => pause_after(&error).await,
@@ -121,12 +132,29 @@ async fn pause_after(error: &io::Error) {
     }
 }
 
-/// Drives one connection to its end.
-async fn drive(stream: TcpStream, router: Router, settings: &ServerSettings, mut is_closing: watch::Receiver<bool>) {
+/// Receives one connection, plain or under TLS.
+async fn receive(stream: TcpStream, router: Router, settings: &ServerSettings, is_closing: watch::Receiver<bool>) {
     // Answers are written in one piece: waiting for more to send only adds delay.
     if let Err(error) = stream.set_nodelay(true) {
         tracing::debug!(error = %error, "a connection keeps its send delay");
     }
+    #[cfg(feature = "tls")]
+    if let Some(identity) = &settings.identity {
+        if let Some(stream) = identity.shake_hands(stream, settings.head_timeout, is_closing.clone()).await {
+            drive(stream, router, settings, is_closing).await;
+        }
+        return;
+    }
+    drive(stream, router, settings, is_closing).await;
+}
+
+/// Drives one connection to its end.
+async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
+    stream: S,
+    router: Router,
+    settings: &ServerSettings,
+    mut is_closing: watch::Receiver<bool>,
+) {
     let activity = Arc::new(Activity::default());
     let io = TokioIo::new(PatientStream::new(stream, settings.write_timeout, Arc::clone(&activity)));
     let builder = builder(settings);
@@ -138,6 +166,8 @@ async fn drive(stream: TcpStream, router: Router, settings: &ServerSettings, mut
     let expired = sleep(settings.max_age + settings.age_grace);
     tokio::pin!(silent, aged, expired);
     let mut idle = interval_at(Instant::now() + settings.idle_timeout, settings.idle_timeout);
+    // Beside the stream's own patience: what waits for one request of many (HTTP/2) never gets as far as the stream.
+    let mut unread = interval_at(Instant::now() + settings.write_timeout, settings.write_timeout);
     let (mut is_watched, mut is_ending, mut seen) = (true, false, 0);
     loop {
         let must_end = tokio::select! {
@@ -159,6 +189,12 @@ async fn drive(stream: TcpStream, router: Router, settings: &ServerSettings, mut
             () = &mut aged, if !is_ending => true,
             () = &mut expired => return,
             _ = idle.tick() => activity.is_idle_since(&mut seen),
+            _ = unread.tick() => {
+                if activity.is_unread_for(2 * settings.write_timeout) {
+                    return;
+                }
+                activity.is_unread_for(settings.write_timeout)
+            }
         };
         if must_end && !is_ending {
             is_ending = true;
@@ -195,12 +231,7 @@ fn service(
         async move {
             let response = router.oneshot(request.map(Body::new)).await?;
             // The request is under way until its answer is written or dropped.
-            Ok(response.map(|body| {
-                Body::new(body.map_frame(move |frame| {
-                    let _ = &under_way;
-                    frame
-                }))
-            }))
+            Ok(response.map(|body| Body::new(AnswerBody::new(body, under_way))))
         }
     })
 }

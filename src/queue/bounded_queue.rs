@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::mem;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
@@ -12,6 +13,25 @@ use super::lending::{IdleWorkers, Turns};
 use super::lock;
 use super::stop::{StopCause, StopHandle};
 use super::watchdog::Watchdog;
+
+/// How much may be in flight at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Room {
+    /// Places that may be taken.
+    pub places: usize,
+    /// What the jobs in flight may still be expected to take, all together; does not bind while fewer jobs are in flight
+    /// than there are workers, so that a job of any length finds its worker.
+    pub work: Duration,
+}
+
+/// What is in flight before a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ahead {
+    /// Jobs that wait or run.
+    pub jobs: usize,
+    /// What they are expected to take until they have ended, one after the other.
+    pub work: Duration,
+}
 
 /// Why no place was given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,7 +50,8 @@ pub(super) struct BoundedQueue {
     changed: Condvar,
     /// Wakes those who wait for a place: one was given back, or the queue was closed.
     place_freed: Notify,
-    capacity: usize,
+    workers: usize,
+    room: Room,
 }
 
 #[derive(Debug)]
@@ -42,12 +63,33 @@ struct State {
     next_id: u64,
     waiting: VecDeque<Job>,
     turns: Turns,
-    /// Stop handles of all filled places, waiting and running.
-    stops: BTreeMap<u64, StopHandle>,
+    /// All filled places, waiting and running.
+    filled: BTreeMap<u64, Filled>,
+}
+
+/// A place with its job.
+#[derive(Debug)]
+struct Filled {
+    stop: StopHandle,
+    estimate: Duration,
+    /// When a worker took the job.
+    started: Option<Instant>,
+}
+
+impl State {
+    /// What the filled places are expected to take.
+    fn ahead(&self) -> Ahead {
+        let rest = |filled: &Filled| match filled.started {
+            Some(started) => filled.estimate.saturating_sub(started.elapsed()),
+            None => filled.estimate,
+        };
+        let work = self.filled.values().map(rest).fold(Duration::ZERO, Duration::saturating_add);
+        Ahead { jobs: self.filled.len(), work }
+    }
 }
 
 impl BoundedQueue {
-    pub(super) fn new(workers: usize, capacity: usize) -> Self {
+    pub(super) fn new(workers: usize, room: Room) -> Self {
         let state = State {
             open: true,
             cancelled: None,
@@ -55,22 +97,23 @@ impl BoundedQueue {
             next_id: 0,
             waiting: VecDeque::new(),
             turns: Turns::new(workers),
-            stops: BTreeMap::new(),
+            filled: BTreeMap::new(),
         };
-        Self { state: Mutex::new(state), changed: Condvar::new(), place_freed: Notify::new(), capacity }
+        Self { state: Mutex::new(state), changed: Condvar::new(), place_freed: Notify::new(), workers, room }
     }
 
     pub(super) fn reserve(self: &Arc<Self>, watchdog: &Arc<Watchdog>) -> Result<Place, Refusal> {
-        self.reserve_below(self.capacity, watchdog)
+        self.reserve_within(self.room, watchdog)
     }
 
-    /// Reserves a place while fewer than `bound` are taken.
-    fn reserve_below(self: &Arc<Self>, bound: usize, watchdog: &Arc<Watchdog>) -> Result<Place, Refusal> {
+    /// Reserves a place while less is in flight than `room`.
+    fn reserve_within(self: &Arc<Self>, room: Room, watchdog: &Arc<Watchdog>) -> Result<Place, Refusal> {
         let mut state = lock(&self.state);
         if !state.open {
             return Err(Refusal::Closed);
         }
-        if state.in_flight >= bound.min(self.capacity) {
+        let has_work = || state.in_flight >= self.workers && state.ahead().work >= room.work;
+        if state.in_flight >= room.places.min(self.room.places) || has_work() {
             return Err(Refusal::Full);
         }
         state.in_flight += 1;
@@ -79,24 +122,38 @@ impl BoundedQueue {
         Ok(Place { queue: Arc::clone(self), watchdog: Arc::clone(watchdog), id })
     }
 
-    /// Waits until fewer than `bound` places are taken and reserves one; fails only when the queue is closed.
+    /// Waits until less is in flight than `room` and reserves a place; fails only when the queue is closed.
     pub(super) async fn wait_for_place(
         self: &Arc<Self>,
-        bound: usize,
+        room: Room,
         watchdog: &Arc<Watchdog>,
     ) -> Result<Place, Refusal> {
         loop {
             let freed = self.place_freed.notified();
-            match self.reserve_below(bound, watchdog) {
+            match self.reserve_within(room, watchdog) {
                 Err(Refusal::Full) => freed.await,
-                decided => return decided,
+                decided => {
+                    // One long job that ended may leave room for several short ones.
+                    self.place_freed.notify_one();
+                    return decided;
+                }
             }
         }
     }
 
-    /// Jobs that wait or run.
-    pub(super) fn queued(&self) -> usize {
-        lock(&self.state).stops.len()
+    /// What waits or runs.
+    pub(super) fn ahead(&self) -> Ahead {
+        lock(&self.state).ahead()
+    }
+
+    /// Workers whose job still runs although it was told to stop longer than `patience` ago.
+    pub(super) fn stuck(&self, patience: Duration) -> usize {
+        let state = lock(&self.state);
+        let is_stuck = |filled: &Filled| filled.stop.stopped_at().is_some_and(|time| time.elapsed() > patience);
+        let running = || state.filled.values().filter(|filled| filled.started.is_some());
+        let stuck = running().filter(|filled| is_stuck(filled)).count();
+        // Where all jobs are stuck, so are the workers that they have borrowed.
+        if stuck > 0 && stuck == running().count() { stuck + state.turns.lent() } else { stuck }
     }
 
     pub(super) fn is_open(&self) -> bool {
@@ -118,7 +175,7 @@ impl BoundedQueue {
             let mut state = lock(&self.state);
             state.open = false;
             state.cancelled = Some(cause);
-            (mem::take(&mut state.waiting), state.stops.values().cloned().collect::<Vec<_>>())
+            (mem::take(&mut state.waiting), state.filled.values().map(|filled| filled.stop.clone()).collect::<Vec<_>>())
         };
         for stop in stops {
             stop.stop(cause);
@@ -138,6 +195,9 @@ impl BoundedQueue {
                 && let Some(job) = state.waiting.pop_front()
             {
                 state.turns.begin_job(job.id());
+                if let Some(filled) = state.filled.get_mut(&job.id()) {
+                    filled.started = Some(Instant::now());
+                }
                 return Some(job);
             }
             // A reserved place may yet be filled: workers stay until the last one is given back.
@@ -174,12 +234,12 @@ impl BoundedQueue {
         drop(removed);
     }
 
-    fn push(&self, job: Job, stop: StopHandle) {
+    fn push(&self, job: Job, stop: StopHandle, estimate: Duration) {
         let mut state = lock(&self.state);
         if let Some(cause) = state.cancelled {
             stop.stop(cause);
         }
-        state.stops.insert(job.id(), stop);
+        state.filled.insert(job.id(), Filled { stop, estimate, started: None });
         state.waiting.push_back(job);
         state.turns.recall_for(state.waiting.len());
         drop(state);
@@ -191,7 +251,7 @@ impl BoundedQueue {
         state.in_flight -= 1;
         state.turns.end_job(id);
         // Bound to a name so that it is dropped after the lock.
-        let _stop = state.stops.remove(&id);
+        let _filled = state.filled.remove(&id);
         let was_last = !state.open && state.in_flight == 0;
         drop(state);
         if was_last {
@@ -215,9 +275,9 @@ impl Place {
         self.id
     }
 
-    /// Jobs that wait or run ahead of this place.
-    pub fn jobs_ahead(&self) -> usize {
-        self.queue.queued()
+    /// What waits or runs ahead of this place.
+    pub fn ahead(&self) -> Ahead {
+        self.queue.ahead()
     }
 
     /// The workers that the job of this place may borrow while it runs.
@@ -235,7 +295,7 @@ impl Place {
         let (id, stop) = (self.id, StopHandle::new());
         let departure = Departure::new(stop.clone(), Arc::downgrade(&queue), id);
         let (job, ticket) = job::pair(self, id, (stop.clone(), departure), clocks, work);
-        queue.push(job, stop.clone());
+        queue.push(job, stop.clone(), clocks.estimate);
         // After the job is in the line, so that a time that has passed already finds it there.
         let watch = clocks.stop_time().map(|time| {
             let line = (Arc::downgrade(&queue), id);

@@ -15,7 +15,7 @@ use super::watchdog::{Watch, Watchdog};
 /// How long before a deadline a job is told to stop: time to write the answer and send it.
 pub const ANSWER_MARGIN: Duration = Duration::from_millis(20);
 
-/// The two clocks of a job.
+/// The two clocks of a job, and how long it is expected to run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Clocks {
     /// How long the job may run, counted from its start on the worker.
@@ -23,6 +23,8 @@ pub struct Clocks {
     /// When its caller needs the answer, waiting included; the job is told to stop [`ANSWER_MARGIN`] earlier, and is
     /// never started after that.
     pub deadline: Option<Instant>,
+    /// How long it is expected to run, for the sake of those who come after it.
+    pub estimate: Duration,
 }
 
 impl Clocks {

@@ -1,7 +1,8 @@
 //! A bounded queue that feeds a fixed number of blocking worker threads. It knows no domain.
 //!
 //! - Admission is counted: at most `workers + queue_length` jobs are in flight, running and waiting together. A
-//!   [`Place`] is reserved first, filled with a job later, and given back when it is dropped.
+//!   [`Place`] is reserved first, filled with a job later, and given back when it is dropped. What the jobs in flight
+//!   are expected to take is bounded too.
 //! - Jobs start in the order in which they came. Each runs behind a panic border and answers through its [`Ticket`].
 //! - A running job may borrow [`IdleWorkers`]; they are given back as soon as another job waits.
 //! - A job stops for the first [`StopCause`] that reaches its [`StopHandle`]: its time limit, its deadline, its
@@ -26,9 +27,10 @@ mod workers;
 use std::io;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use bounded_queue::BoundedQueue;
-pub use bounded_queue::{Place, Refusal};
+pub use bounded_queue::{Ahead, Place, Refusal, Room};
 pub use job::{ANSWER_MARGIN, Clocks, JobOutcome, Ticket};
 pub use lending::IdleWorkers;
 pub use stop::{StopCause, StopHandle};
@@ -46,13 +48,12 @@ pub struct Queue {
 }
 
 impl Queue {
-    /// Starts the threads: `workers` of them may run a job each while `queue_length` more jobs wait.
+    /// Starts the threads: `workers` of them run a job each while others wait within the room.
     ///
     /// # Errors
     /// When the operating system refuses a thread.
-    pub fn start(workers: NonZeroUsize, queue_length: usize) -> io::Result<Self> {
-        let capacity = workers.get().saturating_add(queue_length);
-        let waiting_line = Arc::new(BoundedQueue::new(workers.get(), capacity));
+    pub fn start(workers: NonZeroUsize, room: Room) -> io::Result<Self> {
+        let waiting_line = Arc::new(BoundedQueue::new(workers.get(), room));
         let watchdog = Arc::new(Watchdog::start()?);
         let workers = Workers::start(workers, &waiting_line, &watchdog).inspect_err(|_| waiting_line.close())?;
         Ok(Self { waiting_line, workers, watchdog })
@@ -66,12 +67,12 @@ impl Queue {
         self.waiting_line.reserve(&self.watchdog)
     }
 
-    /// Waits until fewer than `bound` places are taken, then reserves one.
+    /// Waits until less is in flight than `room`, then reserves a place.
     ///
     /// # Errors
     /// Only when the queue is closed.
-    pub async fn wait_for_place(&self, bound: usize) -> Result<Place, Refusal> {
-        self.waiting_line.wait_for_place(bound, &self.watchdog).await
+    pub async fn wait_for_place(&self, room: Room) -> Result<Place, Refusal> {
+        self.waiting_line.wait_for_place(room, &self.watchdog).await
     }
 
     /// Whether places are still given out.
@@ -79,9 +80,14 @@ impl Queue {
         self.waiting_line.is_open()
     }
 
-    /// Jobs that wait or run.
-    pub fn queued(&self) -> usize {
-        self.waiting_line.queued()
+    /// What waits or runs.
+    pub fn ahead(&self) -> Ahead {
+        self.waiting_line.ahead()
+    }
+
+    /// Workers whose job was told to stop longer than `patience` ago and still runs.
+    pub fn stuck_workers(&self, patience: Duration) -> usize {
+        self.waiting_line.stuck(patience)
     }
 
     /// Jobs in flight: reserved, waiting and running.

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
+use std::time::Instant;
 
 /// What told a job to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,7 +26,7 @@ pub struct StopHandle {
 #[derive(Debug, Default)]
 struct StopState {
     flag: AtomicBool,
-    cause: OnceLock<StopCause>,
+    cause: OnceLock<(StopCause, Instant)>,
 }
 
 impl StopHandle {
@@ -36,7 +37,7 @@ impl StopHandle {
 
     /// Tells the job to stop; only the first cause is kept.
     pub fn stop(&self, cause: StopCause) {
-        let first = self.state.cause.set(cause).is_ok();
+        let first = self.state.cause.set((cause, Instant::now())).is_ok();
         if first {
             self.state.flag.store(true, Ordering::Release);
         }
@@ -44,7 +45,12 @@ impl StopHandle {
 
     /// What stopped the job, if anything did.
     pub fn cause(&self) -> Option<StopCause> {
-        self.state.cause.get().copied()
+        self.state.cause.get().map(|&(cause, _)| cause)
+    }
+
+    /// When the job was told to stop, if it was.
+    pub fn stopped_at(&self) -> Option<Instant> {
+        self.state.cause.get().map(|&(_, time)| time)
     }
 
     /// The flag itself, for work that polls.

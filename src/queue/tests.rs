@@ -8,7 +8,16 @@ use std::time::{Duration, Instant};
 use super::*;
 
 fn one_worker(queue_length: usize) -> Queue {
-    Queue::start(NonZeroUsize::MIN, queue_length).unwrap()
+    with_room(1 + queue_length, Duration::MAX)
+}
+
+fn with_room(places: usize, work: Duration) -> Queue {
+    Queue::start(NonZeroUsize::MIN, Room { places, work }).unwrap()
+}
+
+/// Room for so many places, however much work is in them.
+fn places(places: usize) -> Room {
+    Room { places, work: Duration::MAX }
 }
 
 /// Occupies the only worker until the returned sender is dropped.
@@ -84,7 +93,7 @@ fn panicking_job_leaves_the_worker_alive() {
 fn time_limit_counts_from_the_start_and_sets_the_flag() {
     let queue = one_worker(1);
     let (_held, release) = hold_worker(&queue);
-    let clocks = Clocks { time_limit: Some(Duration::ZERO), deadline: None };
+    let clocks = Clocks { time_limit: Some(Duration::ZERO), ..Clocks::default() };
     let ticket = queue.reserve().unwrap().fill(clocks, |stop| {
         // Even a limit of nothing does not pass while the job waits.
         spin_until_stopped(stop);
@@ -166,7 +175,7 @@ fn cancelling_stops_running_waiting_and_reserved_jobs() {
 }
 
 fn until(deadline: Instant) -> Clocks {
-    Clocks { time_limit: None, deadline: Some(deadline) }
+    Clocks { deadline: Some(deadline), ..Clocks::default() }
 }
 
 #[test]
@@ -200,19 +209,19 @@ fn deadline_in_the_past_is_never_started_on_an_idle_worker() {
     let queue = one_worker(0);
     let ticket = queue.reserve().unwrap().fill(until(Instant::now()), |_| ());
     assert_eq!(ticket.blocking_outcome(), JobOutcome::NeverStarted { cause: StopCause::Deadline });
-    assert_eq!(queue.queued(), 0);
+    assert_eq!(queue.ahead(), Ahead { jobs: 0, work: Duration::ZERO });
 }
 
 #[tokio::test]
 async fn place_below_a_bound_is_given_once_enough_are_given_back() {
     let queue = one_worker(3);
-    let mut places: Vec<_> = (0..3).map(|_| queue.reserve().unwrap()).collect();
-    let waiting = queue.wait_for_place(2);
+    let mut taken: Vec<_> = (0..3).map(|_| queue.reserve().unwrap()).collect();
+    let waiting = queue.wait_for_place(places(2));
     let free_two = async {
         tokio::task::yield_now().await;
-        places.pop();
+        taken.pop();
         tokio::task::yield_now().await;
-        places.pop();
+        taken.pop();
     };
     let (place, ()) = tokio::join!(waiting, free_two);
     assert!(place.is_ok());
@@ -227,6 +236,84 @@ async fn closing_ends_the_wait_for_a_place() {
         tokio::task::yield_now().await;
         queue.close();
     };
-    let (refused, ()) = tokio::join!(queue.wait_for_place(1), close);
+    let (refused, ()) = tokio::join!(queue.wait_for_place(places(1)), close);
     assert_eq!(refused.unwrap_err(), Refusal::Closed);
+}
+
+/// An hour of expected work.
+fn hour() -> Clocks {
+    Clocks { estimate: Duration::from_secs(3600), ..Clocks::default() }
+}
+
+#[test]
+fn expected_work_is_bounded_beside_the_places_but_never_keeps_a_worker_idle() {
+    let queue = with_room(10, Duration::from_secs(3600));
+    let (release, released): (Sender<()>, Receiver<()>) = channel();
+    let (started, has_started) = channel();
+    // Nothing is in flight: a job of any length is taken.
+    let running = queue.reserve().unwrap().fill(Clocks { estimate: Duration::MAX, ..hour() }, move |_| {
+        started.send(()).unwrap();
+        let _ = released.recv();
+    });
+    has_started.recv().unwrap();
+    assert_eq!(queue.reserve().unwrap_err(), Refusal::Full, "its work fills the room");
+    drop(release);
+    value_of(running.blocking_outcome());
+
+    let (_held, release) = hold_worker(&queue);
+    let place = queue.reserve().expect("nothing is expected of the running job");
+    let waiting = place.fill(hour(), |_| ());
+    assert_eq!(queue.ahead(), Ahead { jobs: 2, work: Duration::from_secs(3600) });
+    assert_eq!(queue.reserve().unwrap_err(), Refusal::Full);
+    drop(waiting);
+    assert!(queue.reserve().is_ok(), "the work of a caller who left is forgotten");
+    drop(release);
+}
+
+#[test]
+fn work_of_a_running_job_shrinks_with_time() {
+    let queue = one_worker(1);
+    let (started, has_started) = channel();
+    let running = queue.reserve().unwrap().fill(hour(), move |stop| {
+        started.send(()).unwrap();
+        spin_until_stopped(stop);
+    });
+    has_started.recv().unwrap();
+    let first = queue.ahead().work;
+    while queue.ahead().work >= first {
+        std::thread::yield_now();
+    }
+    drop(running);
+}
+
+#[tokio::test]
+async fn wait_for_room_ends_when_the_work_does() {
+    let queue = with_room(10, Duration::from_secs(3600));
+    let (held, release) = hold_worker(&queue);
+    let waiting = queue.reserve().unwrap().fill(hour(), |_| ());
+    let room = Room { places: 10, work: Duration::from_secs(1) };
+    let end = async {
+        tokio::task::yield_now().await;
+        drop((waiting, release));
+        held.outcome().await
+    };
+    let (place, _) = tokio::join!(queue.wait_for_place(room), end);
+    assert!(place.is_ok());
+}
+
+#[test]
+fn worker_that_does_not_heed_its_stop_flag_is_stuck_until_its_job_ends() {
+    let queue = one_worker(1);
+    let (held, release) = hold_worker(&queue);
+    assert_eq!(queue.stuck_workers(Duration::ZERO), 0, "it was not told to stop");
+    drop(held);
+    while queue.stuck_workers(Duration::ZERO) == 0 {
+        std::thread::yield_now();
+    }
+    assert_eq!(queue.stuck_workers(Duration::from_secs(3600)), 0, "it has time to end");
+    drop(release);
+    while queue.in_flight() > 0 {
+        std::thread::yield_now();
+    }
+    assert_eq!(queue.stuck_workers(Duration::ZERO), 0);
 }

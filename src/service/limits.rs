@@ -15,9 +15,11 @@ pub const MAX_TIME_LIMIT_S: f64 = 60.0;
 pub const MAX_ROLLOUT_LIMIT: u64 = 100_000_000;
 /// Time limit when the caller names none, s.
 pub const DEFAULT_TIME_LIMIT_S: f64 = 10.0;
-/// Largest request body, bytes: two torque arrays of 1,000 numbers of at most 25 characters (50 kB), as much again
-/// for white space, and the rest of the request, rounded up to a power of two.
-pub const MAX_BODY_BYTES: usize = 256 * 1024;
+/// Longest number in JSON with the comma after it, characters: 17 digits, signs, point and exponent.
+const NUMBER_BYTES: usize = 25;
+/// Largest request body, bytes: two torque arrays with the most intervals, as much again for white space, and 32 KiB for
+/// the rest of the request, rounded up to a power of two.
+pub const MAX_BODY_BYTES: usize = (2 * 2 * MAX_CONTROL_INTERVALS * NUMBER_BYTES + 32 * 1024).next_power_of_two();
 
 /// The limits of one server.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -136,6 +138,14 @@ mod tests {
         let expected = ["grid.steps", "grid.control_intervals", "solver.starts", "solver.rollout_limit"];
         assert_eq!(fields[..4], expected);
         assert_eq!(fields[4], "solver.time_limit_s");
+    }
+
+    #[test]
+    fn longest_torque_arrays_fit_the_largest_body() {
+        // As serde writes it, with a comma.
+        let longest = format!("{:e},", -f64::MIN_POSITIVE.next_up());
+        assert!(longest.len() <= NUMBER_BYTES, "{longest}");
+        const { assert!(2 * 2 * MAX_CONTROL_INTERVALS * NUMBER_BYTES < MAX_BODY_BYTES) };
     }
 
     #[test]

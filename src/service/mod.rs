@@ -17,6 +17,7 @@ use std::io;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 pub use error::ServiceError;
 use finishing::FinishingPace;
@@ -26,7 +27,14 @@ pub use place::{Place, RunningSolve, Simulated, SolveClocks, SolveEvent, Solved,
 pub use solver::{InProcessSolver, ManeuverSolver};
 use tokio::sync::watch;
 
-use crate::queue::{self, Queue, Refusal, StopCause};
+use crate::queue::{self, Queue, Refusal, Room, StopCause};
+
+/// How much expected work per worker may be in flight unless configured: the longest time limit. Who would wait longer
+/// is better told to come back.
+pub const DEFAULT_QUEUE_WORK: Duration = Duration::from_secs(60);
+/// How long after its stop flag a worker counts as stuck: a rollout of the largest grid takes some ms, the certificate
+/// of a plan on that grid some seconds.
+const STUCK_AFTER: Duration = Duration::from_secs(30);
 
 /// Size of the service.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,8 +43,39 @@ pub struct ServiceSettings {
     pub workers: NonZeroUsize,
     /// Jobs that may wait for a worker.
     pub queue_length: usize,
+    /// What the jobs in flight may be expected to take, per worker, before more are refused.
+    pub queue_work: Duration,
     /// What is accepted at most.
     pub limits: Limits,
+    /// How long after its stop flag a worker counts as stuck.
+    pub stuck_after: Duration,
+}
+
+impl Default for ServiceSettings {
+    fn default() -> Self {
+        Self {
+            workers: NonZeroUsize::MIN,
+            queue_length: 64,
+            queue_work: DEFAULT_QUEUE_WORK,
+            limits: Limits::default(),
+            stuck_after: STUCK_AFTER,
+        }
+    }
+}
+
+impl ServiceSettings {
+    /// What may run and wait at once.
+    fn room(&self) -> Room {
+        let (workers, queue_length) = (self.workers.get(), self.queue_length);
+        let work = self.queue_work.saturating_mul(u32::try_from(workers).unwrap_or(u32::MAX));
+        Room { places: workers.saturating_add(queue_length), work }
+    }
+
+    /// The room of batches: the last quarter of the queue is left to single callers.
+    fn room_of_batches(&self) -> Room {
+        let Room { places, work } = self.room();
+        Room { places: places - self.queue_length.div_ceil(4), work: work.mul_f64(0.75) }
+    }
 }
 
 /// The service with its queue and worker threads.
@@ -58,7 +97,7 @@ impl Service {
     /// # Errors
     /// When the operating system refuses a thread.
     pub fn start(settings: ServiceSettings, solver: Arc<dyn ManeuverSolver>) -> io::Result<Self> {
-        let queue = Queue::start(settings.workers, settings.queue_length)?;
+        let queue = Queue::start(settings.workers, settings.room())?;
         let (draining, closed) = (AtomicBool::new(false), watch::Sender::new(false));
         let (pace, finishing) = (Arc::default(), Arc::default());
         Ok(Self { queue, solver, settings, pace, finishing, draining, closed })
@@ -76,7 +115,21 @@ impl Service {
 
     /// Whether new callers are welcome; a full queue is ready too.
     pub fn is_ready(&self) -> bool {
-        self.queue.is_open() && !self.draining.load(Ordering::Relaxed)
+        self.is_open() && !self.draining.load(Ordering::Relaxed)
+    }
+
+    /// Whether any worker is not stuck: none will ever end its job otherwise.
+    pub fn is_alive(&self) -> bool {
+        self.stuck_workers() < self.settings.workers.get()
+    }
+
+    /// Workers that do not heed the stop flag of their job.
+    pub fn stuck_workers(&self) -> usize {
+        self.queue.stuck_workers(self.settings.stuck_after)
+    }
+
+    fn is_open(&self) -> bool {
+        self.queue.is_open() && self.is_alive()
     }
 
     /// Jobs in flight: reserved, waiting and running.
@@ -87,9 +140,17 @@ impl Service {
     /// Refuses when the service takes no work.
     ///
     /// # Errors
-    /// [`ServiceError::Unavailable`] once the service is closed.
+    /// [`ServiceError::Unavailable`] once the service is closed or has lost its workers.
     pub fn check_open(&self) -> Result<(), ServiceError> {
-        if self.queue.is_open() { Ok(()) } else { Err(self.unavailable()) }
+        if self.is_open() { Ok(()) } else { Err(self.unavailable()) }
+    }
+
+    /// Fails when only a restart helps.
+    ///
+    /// # Errors
+    /// [`ServiceError::Unavailable`] while all workers are stuck.
+    pub fn check_alive(&self) -> Result<(), ServiceError> {
+        if self.is_alive() { Ok(()) } else { Err(self.unavailable()) }
     }
 
     /// Refuses when new callers are not welcome.
@@ -113,8 +174,7 @@ impl Service {
     /// # Errors
     /// Only when the queue is closed.
     pub async fn reserve_for_batch(&self) -> Result<Place, ServiceError> {
-        let left_to_others = self.settings.queue_length.div_ceil(4);
-        let place = self.queue.wait_for_place(self.capacity() - left_to_others).await;
+        let place = self.queue.wait_for_place(self.settings.room_of_batches()).await;
         place.map(|place| self.place(place)).map_err(|refusal| self.refused(refusal))
     }
 
@@ -147,20 +207,15 @@ impl Service {
         self.queue.join();
     }
 
-    /// Jobs that may run and wait at once.
-    fn capacity(&self) -> usize {
-        self.settings.workers.get().saturating_add(self.settings.queue_length)
-    }
-
     fn place(&self, reserved: queue::Place) -> Place {
         let (solver, pace) = (Arc::clone(&self.solver), Arc::clone(&self.pace));
-        Place { reserved, solver, pace, finishing: Arc::clone(&self.finishing), workers: self.settings.workers.get() }
+        Place { reserved, solver, pace, finishing: Arc::clone(&self.finishing), settings: self.settings }
     }
 
     fn refused(&self, refusal: Refusal) -> ServiceError {
         match refusal {
             Refusal::Full => {
-                ServiceError::QueueFull { retry_after: self.pace.retry_after(), capacity: self.capacity() }
+                ServiceError::QueueFull { retry_after: self.pace.retry_after(), capacity: self.settings.room().places }
             }
             Refusal::Closed => self.unavailable(),
         }

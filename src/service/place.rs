@@ -8,9 +8,9 @@ use tokio::sync::watch;
 use tokio::time::sleep_until;
 
 use super::finishing::{FinishingPace, SearchEnd};
-use super::pace::Pace;
-use super::{ManeuverSolver, ServiceError};
-use crate::queue::{self, ANSWER_MARGIN, Clocks, IdleWorkers, JobOutcome, StopCause, StopHandle, Ticket};
+use super::pace::{Pace, Work};
+use super::{ManeuverSolver, ServiceError, ServiceSettings};
+use crate::queue::{self, ANSWER_MARGIN, Ahead, Clocks, IdleWorkers, JobOutcome, StopCause, StopHandle, Ticket};
 use crate::solver::{
     Helpers, ProgressObserver, RunControl, SharedWork, SimulateInput, Simulation, Solution, SolveInput, SolveProgress,
     StopReason as SolverStop,
@@ -79,7 +79,7 @@ pub struct Place {
     pub(super) solver: Arc<dyn ManeuverSolver>,
     pub(super) pace: Arc<Pace>,
     pub(super) finishing: Arc<FinishingPace>,
-    pub(super) workers: usize,
+    pub(super) settings: ServiceSettings,
 }
 
 impl Place {
@@ -93,9 +93,9 @@ impl Place {
         clocks: SolveClocks,
         answer: impl FnOnce(Solved) -> T + Send + 'static,
     ) -> Result<RunningSolve<T>, ServiceError> {
-        let jobs_ahead = self.reserved.jobs_ahead();
-        self.check_reachable(clocks.deadline, jobs_ahead)?;
-        let position = (jobs_ahead + 1).saturating_sub(self.workers);
+        let ahead = self.reserved.ahead();
+        self.check_reachable(clocks.deadline, ahead)?;
+        let position = (ahead.jobs + 1).saturating_sub(self.settings.workers.get());
         let (tell, progress) = watch::channel(None);
         let queued = self.queue_solve(input, clocks, answer, tell);
         let outcome = Box::pin(queued.outcome());
@@ -121,7 +121,7 @@ impl Place {
     /// # Errors
     /// As [`Place::solve`].
     pub fn solve_blocking(self, input: SolveInput, clocks: SolveClocks) -> Result<Solved, ServiceError> {
-        self.check_reachable(clocks.deadline, self.reserved.jobs_ahead())?;
+        self.check_reachable(clocks.deadline, self.reserved.ahead())?;
         let (tell, _nobody) = watch::channel(None);
         self.queue_solve(input, clocks, |solved| solved, tell).blocking_outcome()
     }
@@ -136,7 +136,7 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> impl Future<Output = Result<T, ServiceError>> + Send {
-        let reachable = self.check_reachable(deadline, self.reserved.jobs_ahead());
+        let reachable = self.check_reachable(deadline, self.reserved.ahead());
         let queued = reachable.map(|()| self.queue_simulation(input, deadline, answer));
         async move { queued?.outcome().await }
     }
@@ -151,10 +151,12 @@ impl Place {
 
     /// Refuses when the jobs ahead would keep the workers busy beyond the deadline. One that has passed already is no
     /// matter of waiting: its job is queued, and never started.
-    fn check_reachable(&self, deadline: Option<Instant>, jobs_ahead: usize) -> Result<(), ServiceError> {
+    fn check_reachable(&self, deadline: Option<Instant>, ahead: Ahead) -> Result<(), ServiceError> {
         let Some(deadline) = deadline else { return Ok(()) };
         let remaining = deadline.saturating_duration_since(Instant::now());
-        let estimated_wait = self.pace.estimated_wait(jobs_ahead, self.workers);
+        let workers = self.settings.workers.get();
+        let is_idle = ahead.jobs < workers;
+        let estimated_wait = if is_idle { Duration::ZERO } else { ahead.work.div_f64(workers as f64) };
         if remaining <= ANSWER_MARGIN || estimated_wait <= remaining {
             return Ok(());
         }
@@ -168,10 +170,10 @@ impl Place {
         answer: impl FnOnce(Solved) -> T + Send + 'static,
         tell: watch::Sender<Option<SolveProgress>>,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, finishing, workers: _ } = self;
+        let Self { reserved: place, solver, pace, finishing, settings: _ } = self;
         let observer = WatchObserver { tell, search_end: SearchEnd::default() };
         let search_time = finishing.search_time(&input.settings, clocks.time_limit);
-        let (job_id, recorded) = (place.job_id(), Arc::clone(&pace));
+        let (job_id, recorded, asked) = (place.job_id(), Arc::clone(&pace), Work::of_solve(&input.settings));
         let helpers = BorrowedWorkers(place.idle_workers());
         let work = move |stop: &StopHandle| {
             let start = Instant::now();
@@ -180,7 +182,7 @@ impl Place {
             let solution = solver.solve(&input, &control);
             let solve_time = start.elapsed();
             let stop_reason = stop_reason(job_id, solution.stop_reason, stop.cause())?;
-            recorded.record(solve_time);
+            recorded.record(asked, solve_time);
             let step_count = solution.report.step_count;
             let answer = answer(Solved { solution, solve_time, stop_reason });
             if let Some(duration) = observer.search_end.elapsed() {
@@ -188,7 +190,8 @@ impl Place {
             }
             Ok(answer)
         };
-        let clocks = Clocks { time_limit: Some(search_time), deadline: clocks.deadline };
+        let SolveClocks { time_limit, deadline } = clocks;
+        let clocks = Clocks { time_limit: Some(search_time), deadline, estimate: pace.estimate(asked, time_limit) };
         QueuedJob { job_id, ticket: place.fill(clocks, work), pace }
     }
 
@@ -198,14 +201,16 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> QueuedJob<T> {
-        let Self { reserved: place, solver, pace, finishing: _, workers: _ } = self;
+        let Self { reserved: place, solver, pace, finishing: _, settings } = self;
+        let longest = Duration::from_secs_f64(settings.limits.max_time_limit_s);
+        let estimate = pace.estimate(Work::of_rollout(input.step_count), longest);
         let work = move |_: &StopHandle| {
             let start = Instant::now();
             let simulation = solver.simulate(&input);
             Ok(answer(Simulated { simulation, duration: start.elapsed() }))
         };
         // One rollout needs no time limit: its length is bounded by the grid limit.
-        let clocks = Clocks { time_limit: None, deadline };
+        let clocks = Clocks { time_limit: None, deadline, estimate };
         QueuedJob { job_id: place.job_id(), ticket: place.fill(clocks, work), pace }
     }
 }

@@ -2,10 +2,10 @@
 
 #![allow(dead_code, unreachable_pub, reason = "each test binary uses its own part of the support")]
 
+pub mod http2;
 pub mod protobuf;
 
 use std::net::SocketAddr;
-use std::num::NonZeroUsize;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ use slipdrive::service::domain::{
     LowerBoundAssumption, Method, RefinementOutcome, Replay, Report, SimulateInput, Simulation, Solution, SolveInput,
     State, Status, TorqueSchedule, Trajectory,
 };
-use slipdrive::service::{InProcessSolver, Limits, ManeuverSolver, Service, ServiceSettings};
+use slipdrive::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings};
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
@@ -138,7 +138,17 @@ impl TestServer {
         api: ApiSettings,
         server: ServerSettings,
     ) -> Self {
-        let settings = ServiceSettings { workers: NonZeroUsize::MIN, queue_length, limits: Limits::default() };
+        let settings = ServiceSettings { queue_length, ..ServiceSettings::default() };
+        Self::start_sized(settings, solver, api, server).await
+    }
+
+    /// Starts a server of any size.
+    pub async fn start_sized(
+        settings: ServiceSettings,
+        solver: Arc<dyn ManeuverSolver>,
+        api: ApiSettings,
+        server: ServerSettings,
+    ) -> Self {
         let service = Arc::new(Service::start(settings, solver).unwrap());
         let (grpc_router, health) = grpc::router(Arc::clone(&service), api.clone()).await;
         let (mut addresses, mut tasks) = (Vec::new(), Vec::new());

@@ -129,6 +129,7 @@ pub(super) fn limits(message: LimitsMessage) -> pb::GetLimitsResponse {
         max_body_bytes,
         workers,
         queue_length,
+        queue_work_s,
         batch_window,
         rules,
     } = message;
@@ -142,6 +143,7 @@ pub(super) fn limits(message: LimitsMessage) -> pb::GetLimitsResponse {
         max_body_bytes: max_body_bytes as u64,
         workers: count(workers),
         queue_length: count(queue_length),
+        queue_work_s,
         batch_window: count(batch_window),
         rules: rules.into_iter().map(|rule| same_fields!(rule, RuleMessage => FieldRule { field, rule })).collect(),
     }

@@ -6,6 +6,7 @@ mod border;
 mod convert_request;
 mod convert_response;
 mod handlers;
+mod health;
 pub mod pb;
 mod status;
 
@@ -15,12 +16,11 @@ use std::sync::Arc;
 use axum::Router;
 use axum::middleware::from_fn_with_state;
 use axum::response::Response;
+pub use health::Health;
 use tonic::service::Routes;
-use tonic_health::ServingStatus;
-use tonic_health::server::HealthReporter;
 use tower_http::catch_panic::CatchPanicLayer;
 
-use self::pb::maneuver_service_server::{ManeuverServiceServer, SERVICE_NAME};
+use self::pb::maneuver_service_server::ManeuverServiceServer;
 use super::error_table::ErrorCode;
 use super::problem::Problem;
 use super::{ApiSettings, Door};
@@ -32,8 +32,7 @@ pub async fn router(service: Arc<Service>, settings: ApiSettings) -> (Router, He
     let limit = door.service.limits().max_body_bytes;
     let maneuvers = ManeuverServiceServer::new(handlers::Handlers(door.clone())).max_decoding_message_size(limit);
     let (reporter, health_service) = tonic_health::server::health_reporter();
-    let health = Health { reporter };
-    health.report(ServingStatus::Serving).await;
+    let health = Health::begin(reporter, &door.service).await;
     let mut routes = Routes::builder();
     routes.add_service(maneuvers).add_service(health_service);
     add_reflection(&mut routes);
@@ -44,25 +43,6 @@ pub async fn router(service: Arc<Service>, settings: ApiSettings) -> (Router, He
         .layer(CatchPanicLayer::custom(|panic: Box<dyn Any + Send>| status_of_panic(panic.as_ref())))
         .layer(from_fn_with_state(door, border::pass));
     (router, health)
-}
-
-/// The health that probes are told, for the whole server and for the service.
-#[derive(Clone)]
-pub struct Health {
-    reporter: HealthReporter,
-}
-
-impl Health {
-    /// Tells probes to send nobody here any more.
-    pub async fn announce_end(&self) {
-        self.report(ServingStatus::NotServing).await;
-    }
-
-    async fn report(&self, status: ServingStatus) {
-        for name in ["", SERVICE_NAME] {
-            self.reporter.set_service_status(name, status).await;
-        }
-    }
 }
 
 /// Both versions: many tools still ask for the older one.

@@ -30,6 +30,8 @@ pub(in crate::api) struct LimitsMessage {
     pub(in crate::api) workers: usize,
     /// Solves that may wait for a worker.
     pub(in crate::api) queue_length: usize,
+    /// Expected work per worker that may be in flight before more is refused, s.
+    pub(in crate::api) queue_work_s: f64,
     /// Items of a gRPC batch that may be unanswered at once.
     pub(in crate::api) batch_window: usize,
     /// The rules that single fields must keep.
@@ -49,7 +51,8 @@ pub(in crate::api) struct RuleMessage {
 impl LimitsMessage {
     /// The limits of a server.
     pub(in crate::api) fn new(settings: &ServiceSettings, batch_window: usize) -> Self {
-        let ServiceSettings { workers, queue_length, limits } = settings;
+        // How long a worker may take to stop is no matter of callers.
+        let ServiceSettings { workers, queue_length, queue_work, limits, stuck_after: _ } = settings;
         let Limits {
             max_steps,
             max_control_intervals,
@@ -68,6 +71,7 @@ impl LimitsMessage {
             max_body_bytes,
             workers: workers.get(),
             queue_length: *queue_length,
+            queue_work_s: queue_work.as_secs_f64(),
             batch_window,
             rules: rules(limits),
         }

@@ -100,9 +100,10 @@ pub(super) async fn docs() -> Response {
     (headers, include_str!("docs.html")).into_response()
 }
 
-/// `GET /livez`: the process answers.
-pub(super) async fn livez() -> Response {
-    json(br#"{"status":"live"}"#.to_vec())
+/// `GET /livez`: the process answers, and a worker is there to end its job.
+pub(super) async fn livez(State(door): State<Door>) -> Result<Response, Problem> {
+    door.service.check_alive()?;
+    Ok(json(br#"{"status":"live"}"#.to_vec()))
 }
 
 /// `GET /readyz`: the service takes work; a full queue is ready too.

@@ -1,0 +1,213 @@
+//! Callers who leave long solves in every way there is, and answers that must reach their own callers.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use slipdrive::api::grpc::pb::{self, View};
+use slipdrive::api::server::{ServerSettings, serve};
+use slipdrive::api::{ApiSettings, grpc, rest};
+use slipdrive::service::domain::{SimulateInput, Simulation, Solution, SolveInput};
+use slipdrive::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings};
+use slipdrive::solver::RunControl;
+use tokio::io::AsyncWriteExt as _;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::JoinSet;
+use tokio::time::{sleep, sleep_until, timeout};
+
+use crate::callers::{Addresses, Callers, Question};
+use crate::tally::Latencies;
+use crate::verdict::Verdict;
+
+const SEED: u64 = 21;
+const DEPARTURES: u32 = 200;
+/// Callers come so often, and stay for at most three times as long.
+const ARRIVAL_INTERVAL: Duration = Duration::from_millis(100);
+const CALLERS: u32 = 64;
+const SOLVES: u32 = 1000;
+/// Steps of the long solves: a rollout of them is long enough to be told from the noise of the clock.
+const LONG_STEPS: u32 = 2000;
+
+/// The solver of the crate, and how long it goes on after its stop flag.
+#[derive(Default)]
+struct WatchedSolver {
+    /// Where nobody wants the answer any more, and where the deadline asks for the best plan.
+    after_departure: Mutex<Latencies>,
+    after_deadline: Mutex<Latencies>,
+}
+
+impl ManeuverSolver for WatchedSolver {
+    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Solution {
+        let (has_ended, flag) = (AtomicBool::new(false), control.stop_flag());
+        thread::scope(|scope| {
+            let watch = scope.spawn(|| {
+                while !flag.load(Ordering::Relaxed) && !has_ended.load(Ordering::Relaxed) {
+                    thread::sleep(Duration::from_micros(50));
+                }
+                Instant::now()
+            });
+            let solution = InProcessSolver.solve(input, control);
+            has_ended.store(true, Ordering::Relaxed);
+            let stopped = watch.join().unwrap();
+            if control.is_stopped() {
+                let latencies = if control.is_abandoned() { &self.after_departure } else { &self.after_deadline };
+                latencies.lock().unwrap().record(stopped.elapsed());
+            }
+            solution
+        })
+    }
+
+    fn simulate(&self, input: &SimulateInput) -> Simulation {
+        InProcessSolver.simulate(input)
+    }
+}
+
+pub async fn run() -> Verdict {
+    let solver = Arc::new(WatchedSolver::default());
+    let watched: Arc<dyn ManeuverSolver> = Arc::<WatchedSolver>::clone(&solver);
+    // Nobody is refused for the length of the solves before.
+    let settings = ServiceSettings { queue_work: Duration::MAX, ..ServiceSettings::default() };
+    let service = Arc::new(Service::start(settings, watched).unwrap());
+    let rest = listen(rest::router(Arc::clone(&service), ApiSettings::default())).await;
+    let (grpc_router, _health) = grpc::router(Arc::clone(&service), ApiSettings::default()).await;
+    let callers = Callers::connect(&Addresses { rest, grpc: listen(grpc_router).await }).await;
+    let mut verdict = Verdict::default();
+    leave(&callers, &service, &solver, &mut verdict).await;
+    ask_all_at_once(&callers, &service, &mut verdict).await;
+    verdict
+}
+
+async fn listen(router: axum::Router) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    tokio::spawn(serve(listener, router, ServerSettings::default(), std::future::pending()));
+    format!("http://{address}")
+}
+
+/// A solve that goes on until it is stopped.
+fn long_solve() -> (String, pb::SolveRequest) {
+    let json = serde_json::json!({
+        "maneuver": {"goal": {"y_m": 5}}, "grid": {"steps": LONG_STEPS},
+        "solver": {"starts": 64, "time_limit_s": 60},
+    });
+    let goal = pb::Goal { y_m: Some(5.0), ..pb::Goal::default() };
+    let message = pb::SolveRequest {
+        maneuver: Some(pb::Maneuver { goal: Some(goal), ..pb::Maneuver::default() }),
+        grid: Some(pb::SolveGrid { steps: Some(LONG_STEPS), ..pb::SolveGrid::default() }),
+        solver: Some(pb::Solver { starts: Some(64), time_limit_s: Some(60.0), ..pb::Solver::default() }),
+        ..pb::SolveRequest::default()
+    };
+    (json.to_string(), message)
+}
+
+async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, verdict: &mut Verdict) {
+    println!("departures: {DEPARTURES} callers leave by close, reset, dropped stream and deadline");
+    let alone = Instant::now();
+    let solution = callers.grpc(0).solve(long_solve().1).await.unwrap().into_inner().solution.unwrap();
+    let alone = alone.elapsed();
+    verdict.require("a solve alone takes over 2 s", alone.as_secs_f64() > 2.0, &format!("{alone:.1?}"));
+    // A rollout with its derivatives, as most of a search are.
+    let rollout = alone / solution.report.unwrap().rollouts.try_into().unwrap();
+    println!("  one of its rollouts takes {rollout:.2?} on average");
+
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
+    let (begin, mut gone) = (Instant::now(), JoinSet::new());
+    for number in 0..DEPARTURES {
+        sleep_until((begin + number * ARRIVAL_INTERVAL).into()).await;
+        let patience = random.random_range(Duration::ZERO..3 * ARRIVAL_INTERVAL);
+        gone.spawn(depart(callers.clone(), number, patience));
+    }
+    while gone.join_next().await.transpose().unwrap().is_some() {}
+    let last = Instant::now();
+    let is_empty = async {
+        while service.jobs_in_flight() > 0 {
+            sleep(Duration::from_micros(100)).await;
+        }
+    };
+    let is_empty = timeout(Duration::from_secs(5), is_empty).await.is_ok();
+    verdict.require("all places are given back", is_empty, &format!("{:.1?} after the last departure", last.elapsed()));
+    let (departure, deadline) = (solver.after_departure.lock().unwrap(), solver.after_deadline.lock().unwrap());
+    let found = format!("{departure} of {} stopped solves", departure.count());
+    let bound = rollout.as_secs_f64() * 1e3;
+    verdict.require(
+        "a worker is free one rollout after its stop flag (p50)",
+        departure.quantile_ms(0.5) <= bound,
+        &found,
+    );
+    println!("    with the best plan at a deadline, its certificate included: {deadline} of {}", deadline.count());
+}
+
+/// Asks, and leaves after a while in one of four ways.
+async fn depart(callers: Callers, number: u32, patience: Duration) {
+    let (json, message) = long_solve();
+    let mut client = callers.grpc(number.into());
+    match number % 4 {
+        0 => {
+            let address = callers.addresses().rest.trim_start_matches("http://").to_owned();
+            let mut stream = TcpStream::connect(address).await.unwrap();
+            let head = format!(
+                "POST /solve HTTP/1.1\r\nhost: h\r\ncontent-type: application/json\r\ncontent-length: {}\r\n\r\n",
+                json.len()
+            );
+            stream.write_all(format!("{head}{json}").as_bytes()).await.unwrap();
+            sleep(patience).await;
+        }
+        1 => drop(timeout(patience, client.solve(message)).await),
+        2 => {
+            let pb::SolveRequest { robot, maneuver, grid, solver, initial_guess, view } = message;
+            let request = pb::SolveStreamRequest { robot, maneuver, grid, solver, initial_guess, view };
+            if let Ok(events) = client.solve_stream(request).await {
+                sleep(patience).await;
+                drop(events);
+            }
+        }
+        _ => {
+            let mut request = tonic::Request::new(message);
+            let deadline = format!("{}m", patience.as_millis() + 1);
+            // Set as metadata: the client would give up by itself at this time.
+            request.metadata_mut().insert("grpc-timeout", deadline.parse().unwrap());
+            // A plan or a refusal, but an answer.
+            let answer = timeout(Duration::from_secs(10), client.solve(request)).await.expect("the deadline is kept");
+            drop(answer);
+        }
+    }
+}
+
+async fn ask_all_at_once(callers: &Callers, service: &Service, verdict: &mut Verdict) {
+    println!("answers: {CALLERS} callers with goals of their own, {SOLVES} solves");
+    let mut asked = JoinSet::new();
+    for caller in 0..CALLERS {
+        let callers = callers.clone();
+        asked.spawn(async move {
+            let goal = 1.0 + 0.05 * f64::from(caller);
+            let question = Question::new(goal, View::Plan);
+            // What a solve gives that nobody disturbs.
+            let mut input = SolveInput::forward_drive();
+            input.maneuver.goal.set(slipdrive::service::domain::StateComponent::Y, Some(goal));
+            let expected = slipdrive::solver::solve(&input, &RunControl::unattended()).schedule.final_time;
+            let (mut own, mut others) = (0, 0);
+            for round in (caller..SOLVES).step_by(CALLERS as usize) {
+                let final_time = if round % 2 == 0 {
+                    let answer = callers.answer_of_rest(&question).await;
+                    serde_json::from_slice::<serde_json::Value>(&answer).unwrap()["final_time_s"].as_f64().unwrap()
+                } else {
+                    let answer = callers.grpc(round.into()).solve(question.message.clone()).await.unwrap();
+                    answer.into_inner().solution.unwrap().final_time_s
+                };
+                if final_time == expected { own += 1 } else { others += 1 }
+            }
+            (own, others)
+        });
+    }
+    let (mut own, mut others) = (0, 0);
+    while let Some(answers) = asked.join_next().await {
+        let (to_own, to_others) = answers.unwrap();
+        (own, others) = (own + to_own, others + to_others);
+    }
+    verdict.require("every answer reaches its own caller", own == SOLVES && others == 0, &format!("{own} of {SOLVES}"));
+    let in_flight = service.jobs_in_flight();
+    verdict.require("nothing is left in flight", in_flight == 0, &format!("{in_flight}"));
+}

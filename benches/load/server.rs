@@ -1,0 +1,175 @@
+//! The server under load: both doors, an echo of the same answers beside them, and a meter around it all.
+
+use std::io::{Read as _, Write as _};
+use std::num::NonZeroUsize;
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::Response;
+use axum::routing::post;
+use clap::{Args, ValueEnum};
+use http_body_util::{BodyExt as _, Full};
+use prost::Message as _;
+use serde_json::json;
+use slipdrive::api::grpc::pb::{self, View};
+use slipdrive::api::server::{ServerSettings, serve};
+use slipdrive::api::{ApiSettings, grpc, rest};
+use slipdrive::service::domain::{SimulateInput, Simulation, Solution, SolveInput};
+use slipdrive::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings};
+use slipdrive::solver::RunControl;
+use tokio::net::TcpListener;
+
+use crate::callers::{Addresses, Callers, Question};
+use crate::tally::Latencies;
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    #[arg(long)]
+    solver: SolverChoice,
+    #[arg(long, default_value = "64")]
+    queue_length: usize,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum SolverChoice {
+    /// That of the crate.
+    Real,
+    /// Answers at once with a plan that was made before.
+    Idle,
+}
+
+/// Answers every solve with the same plan.
+struct IdleSolver(Solution);
+
+impl ManeuverSolver for IdleSolver {
+    fn solve(&self, _input: &SolveInput, _control: &RunControl<'_>) -> Solution {
+        self.0.clone()
+    }
+
+    fn simulate(&self, input: &SimulateInput) -> Simulation {
+        InProcessSolver.simulate(input)
+    }
+}
+
+/// What the server itself sees of its answers.
+#[derive(Default)]
+struct Meter {
+    solves: u64,
+    refusals: Latencies,
+}
+
+/// Serves until the standard input ends, then tells what the meter has seen.
+pub async fn run(arguments: &Arguments) {
+    let solver: Arc<dyn ManeuverSolver> = match arguments.solver {
+        SolverChoice::Real => Arc::new(InProcessSolver),
+        SolverChoice::Idle => {
+            Arc::new(IdleSolver(slipdrive::solver::solve(&SolveInput::forward_drive(), &RunControl::unattended())))
+        }
+    };
+    let settings = ServiceSettings {
+        workers: NonZeroUsize::MIN,
+        queue_length: arguments.queue_length,
+        ..ServiceSettings::default()
+    };
+    let service = Arc::new(Service::start(settings, solver).unwrap());
+    let meter = Arc::new(Mutex::new(Meter::default()));
+    let metered = |router: Router| router.layer(from_fn_with_state(Arc::clone(&meter), measure));
+    let rest = listen(metered(rest::router(Arc::clone(&service), ApiSettings::default()))).await;
+    let (grpc_router, _health) = grpc::router(service, ApiSettings::default()).await;
+    let grpc = listen(metered(grpc_router)).await;
+    let echo = listen(echo_of(&Addresses { rest: rest.clone(), grpc: grpc.clone() }).await).await;
+    tell(&json!({"rest": rest, "grpc": grpc, "echo": echo}));
+
+    let wait = tokio::task::spawn_blocking(|| std::io::stdin().read_to_end(&mut Vec::new()));
+    wait.await.unwrap().unwrap();
+    let meter = meter.lock().unwrap();
+    let milliseconds = |quantile| meter.refusals.quantile_ms(quantile);
+    tell(&json!({
+        "solves": meter.solves,
+        "refusals": meter.refusals.count(),
+        "refusal_p50_ms": milliseconds(0.5),
+        "refusal_p99_ms": milliseconds(0.99),
+        "refusal_max_ms": milliseconds(1.0),
+    }));
+}
+
+fn tell(line: &serde_json::Value) {
+    println!("{line}");
+    std::io::stdout().flush().unwrap();
+}
+
+async fn listen(router: Router) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    tokio::spawn(serve(listener, router, ServerSettings::default(), std::future::pending()));
+    format!("http://{address}")
+}
+
+/// From the head of a request to its answer, where that is a refusal.
+async fn measure(State(meter): State<Arc<Mutex<Meter>>>, request: Request, next: Next) -> Response {
+    let is_solve = request.uri().path().to_lowercase().ends_with("/solve");
+    let begin = Instant::now();
+    let response = next.run(request).await;
+    // RESOURCE_EXHAUSTED is 8.
+    let is_refusal = response.status().as_u16() == 429
+        || response.headers().get("grpc-status").is_some_and(|status| status.as_bytes() == b"8");
+    let mut meter = meter.lock().unwrap();
+    meter.solves += u64::from(is_solve);
+    if is_refusal {
+        meter.refusals.record(begin.elapsed());
+    }
+    drop(meter);
+    response
+}
+
+/// Answers as the server did once, byte for byte, and does nothing else.
+#[derive(Clone)]
+struct Echo {
+    json: [Bytes; 2],
+    message: [Bytes; 2],
+}
+
+/// The header that tells the echo which answer is meant.
+pub const VIEW: &str = "x-view";
+
+async fn echo_of(addresses: &Addresses) -> Router {
+    let callers = Callers::connect(addresses).await;
+    let (mut json, mut message) = (Vec::new(), Vec::new());
+    for view in [View::Plan, View::Full] {
+        let question = Question::new(5.0, view);
+        json.push(callers.answer_of_rest(&question).await);
+        let answer: pb::SolveResponse = callers.grpc(0).solve(question.message).await.unwrap().into_inner();
+        let encoded = answer.encode_to_vec();
+        let mut frame = vec![0];
+        frame.extend(u32::try_from(encoded.len()).unwrap().to_be_bytes());
+        frame.extend(encoded);
+        message.push(Bytes::from(frame));
+    }
+    let echo = Echo { json: json.try_into().unwrap(), message: message.try_into().unwrap() };
+    Router::new()
+        .route("/solve", post(echo_rest))
+        .route("/slipdrive.v1.ManeuverService/Solve", post(echo_grpc))
+        .with_state(echo)
+}
+
+fn view_in(headers: &HeaderMap) -> usize {
+    usize::from(headers.get(VIEW).is_some_and(|view| view.as_bytes() == b"full"))
+}
+
+async fn echo_rest(State(echo): State<Echo>, headers: HeaderMap, _body: Bytes) -> Response {
+    Response::new(Body::from(echo.json[view_in(&headers)].clone()))
+}
+
+async fn echo_grpc(State(echo): State<Echo>, headers: HeaderMap, _body: Bytes) -> Response {
+    let mut trailers = HeaderMap::new();
+    trailers.insert("grpc-status", HeaderValue::from_static("0"));
+    let body = Full::new(echo.message[view_in(&headers)].clone());
+    let mut response = Response::new(Body::new(body.with_trailers(async { Some(Ok(trailers)) })));
+    response.headers_mut().insert("content-type", HeaderValue::from_static("application/grpc"));
+    response
+}

@@ -1,0 +1,78 @@
+#!/usr/bin/env bash
+# Clients that nobody here wrote, and the examples, against a running server. Needs Python 3 with venv, npm and curl;
+# what they need beside is installed into a temporary folder. After `cargo test`: tests/clients/run.sh
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+cargo build --locked --bin slipdrive --example grpc_client
+built="${CARGO_TARGET_DIR:-target}/debug"
+work=$(mktemp -d)
+server=
+finish() {
+  if [ -n "$server" ]; then kill "$server" 2>/dev/null || true; fi
+  rm -rf "$work"
+}
+trap finish EXIT
+
+# step NAME COMMAND...: one line when it goes well, all of its output when it does not.
+step() {
+  local name=$1 begin=$SECONDS
+  shift
+  if timeout 300 "$@" >"$work/output" 2>&1; then
+    echo "ok      $name ($((SECONDS - begin)) s)"
+  else
+    local code=$?
+    cat "$work/output"
+    echo "FAILED  $name: exit code $code of: $*"
+    exit 1
+  fi
+}
+
+# holds TEXT COMMAND...: the command succeeds and says so.
+holds() {
+  local text=$1
+  shift
+  "$@" | tee "$work/said"
+  grep -q -- "$text" "$work/said" || { echo "\`$text\` is missing in the output"; return 1; }
+}
+export -f holds
+export work
+
+# serve FLAG...: a server on free ports; sets $rest and $grpc.
+serve() {
+  if [ -n "$server" ]; then kill "$server" && wait "$server" || true; fi
+  "$built/slipdrive" serve --http 127.0.0.1:0 --grpc 127.0.0.1:0 --log-format json "$@" 2>"$work/log" &
+  server=$!
+  for _ in $(seq 100); do
+    grep -q '"listening"' "$work/log" && break
+    kill -0 "$server" 2>/dev/null || { cat "$work/log"; echo "FAILED  the server does not start"; exit 1; }
+    sleep 0.1
+  done
+  address_of() { sed -n "s/.*\"$1\":\"\([^\"]*\)\".*/\1/p" "$work/log" | head -1; }
+  rest="http://$(address_of http.address)"
+  grpc=$(address_of grpc.address)
+}
+
+step "python packages" bash -c "python3 -m venv '$work/venv' && '$work/venv/bin/pip' install -q -r tests/clients/requirements.txt"
+step "buf" npm install --silent --no-audit --no-fund --prefix "$work" @bufbuild/buf@1.75.0
+python="$work/venv/bin/python"
+buf="$work/node_modules/.bin/buf"
+
+step "buf lint" "$buf" lint proto
+step "buf breaking" "$buf" breaking proto --against tests/data/proto_v1.binpb
+
+serve
+step "examples/curl.sh" bash -c "holds '\"code\":\"invalid_value\"' examples/curl.sh $rest"
+step "examples/rest_client.py" bash -c "holds 'converged: ' $python examples/rest_client.py $rest"
+step "examples/fleet_planner.py" bash -c "holds 'robot-7: .* s, STATUS_' $python examples/fleet_planner.py $grpc"
+step "examples/grpc_client.rs" bash -c "holds 'STATUS_CONVERGED: ' $built/examples/grpc_client http://$grpc"
+step "reflection, health and rich errors" "$python" tests/clients/probe.py "$grpc"
+# A short deadline keeps its random maneuvers short.
+step "schemathesis" "$work/venv/bin/schemathesis" --config-file tests/schemathesis.toml run "$rest/openapi.json" \
+  --checks all --max-examples 100 --seed 1 --header "Request-Timeout-Ms: 300" --no-color
+
+SLIPDRIVE_API_KEYS=secret serve --one-port
+step "one port with keys: curl" env CURL_KEY=secret bash -c "holds 'event: result' examples/curl.sh $rest"
+step "one port with keys: gRPC" "$python" tests/clients/probe.py "${rest#http://}" secret
+step "no key" bash -c "! examples/curl.sh $rest"
+echo "all clients are content"
