@@ -10,6 +10,7 @@ use std::time::Duration;
 use std::{env, fs, iter};
 
 use anyhow::Context as _;
+use axum::http::HeaderValue;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use slipdrive::api::ApiSettings;
 use slipdrive::api::auth::ApiKeys;
@@ -105,6 +106,19 @@ pub(crate) struct AccessArguments {
     /// Lets a server without keys listen where others can reach it.
     #[arg(long, env = "SLIPDRIVE_ALLOW_UNAUTHENTICATED")]
     pub(crate) allow_unauthenticated: bool,
+    /// Origins whose pages may call REST from a browser, such as `https://fleet.example`, separated by commas.
+    #[arg(long, env = "SLIPDRIVE_CORS_ORIGINS", value_delimiter = ',', value_name = "ORIGIN", value_parser = origin)]
+    pub(crate) cors_origins: Vec<HeaderValue>,
+}
+
+/// Scheme and host, and a port where it is not the usual one; browsers send nothing else.
+fn origin(text: &str) -> Result<HeaderValue, String> {
+    let host = text.strip_prefix("https://").or_else(|| text.strip_prefix("http://"));
+    let is_origin = host.is_some_and(|host| !host.is_empty() && !host.contains(['/', '*', ' ']));
+    match HeaderValue::from_str(text) {
+        Ok(value) if is_origin => Ok(value),
+        _ => Err("must be like https://host or http://host:port, without a path".to_owned()),
+    }
 }
 
 /// Patience with connections.
@@ -152,7 +166,8 @@ impl ServeArguments {
                 );
             }
         }
-        Ok(ApiSettings { keys, batch_window: self.batch_window, ..ApiSettings::default() })
+        let cors_origins = self.access.cors_origins.clone();
+        Ok(ApiSettings { keys, batch_window: self.batch_window, cors_origins, ..ApiSettings::default() })
     }
 
     /// Patience with connections, and who the server is to them.
@@ -285,6 +300,15 @@ mod tests {
         }
         assert!(serve(&[]).api_settings().is_ok());
         assert!(serve(&["--grpc", "0.0.0.0:0", "--one-port"]).api_settings().is_ok(), "it is not bound");
+    }
+
+    #[test]
+    fn origins_are_whole_origins() {
+        let given = serve(&["--cors-origins", "https://a.example,http://b.example:8000"]).access.cors_origins;
+        assert_eq!(given, ["https://a.example", "http://b.example:8000"]);
+        for odd in ["*", "a.example", "https://", "https://a.example/", "https://a b"] {
+            assert!(Arguments::try_parse_from(["slipdrive", "serve", "--cors-origins", odd]).is_err(), "{odd}");
+        }
     }
 
     #[test]

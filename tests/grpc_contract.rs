@@ -310,3 +310,43 @@ async fn largest_answer_fits_the_default_message_of_four_megabytes() {
     let solution = timeout(Duration::from_secs(120), client.solve(request)).await.unwrap().unwrap();
     assert_eq!(solution.into_inner().solution.unwrap().trajectory.unwrap().time_s.len(), 10_001);
 }
+
+/// What a version of reflection tells: the services, and how many bytes describe ours.
+macro_rules! reflected {
+    ($version:ident, $server:expr) => {{
+        use tonic_reflection::pb::$version::ServerReflectionRequest;
+        use tonic_reflection::pb::$version::server_reflection_client::ServerReflectionClient;
+        use tonic_reflection::pb::$version::server_reflection_request::MessageRequest;
+        use tonic_reflection::pb::$version::server_reflection_response::MessageResponse;
+
+        let ask =
+            |message_request| ServerReflectionRequest { host: String::new(), message_request: Some(message_request) };
+        let symbol = "slipdrive.v1.ManeuverService".to_owned();
+        let questions = [MessageRequest::ListServices(String::new()), MessageRequest::FileContainingSymbol(symbol)];
+        let mut client = ServerReflectionClient::new($server.channel().await);
+        let answers = client.server_reflection_info(stream::iter(questions.map(ask))).await.unwrap();
+        let mut answers = answers.into_inner();
+        let mut next = async || answers.message().await.unwrap().unwrap().message_response.unwrap();
+        let MessageResponse::ListServicesResponse(list) = next().await else { panic!("the services are listed") };
+        let MessageResponse::FileDescriptorResponse(files) = next().await else { panic!("the file is told") };
+        let names: Vec<_> = list.service.into_iter().map(|service| service.name).collect();
+        (names, files.file_descriptor_proto.concat())
+    }};
+}
+
+#[tokio::test]
+async fn both_versions_of_reflection_tell_the_same_service() {
+    let server = TestServer::start(4, instant_solver()).await;
+    let (names, files) = reflected!(v1, server);
+    let (older_names, older_files) = reflected!(v1alpha, server);
+    assert_eq!(files, older_files);
+    let text = String::from_utf8_lossy(&files);
+    for method in ["Solve", "SolveStream", "SolveBatch", "Simulate", "Validate", "GetLimits"] {
+        assert!(text.contains(method), "{method}");
+    }
+    for names in [&names, &older_names] {
+        for name in ["slipdrive.v1.ManeuverService", "grpc.health.v1.Health"] {
+            assert!(names.iter().any(|known| known == name), "{name} in {names:?}");
+        }
+    }
+}

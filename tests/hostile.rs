@@ -120,10 +120,13 @@ async fn answer_that_waits_for_a_window_is_dropped_with_its_connection() {
     for (address, path) in doors {
         // Room for nothing, and room for the beginning.
         for window_bytes in [0, 10] {
+            let begin = std::time::Instant::now();
             let mut connection = Connection::open(address, window_bytes).await;
             connection.whole_request(1, path).await;
             assert!(connection.reads_up_to(GOAWAY).await, "callers are told to go elsewhere first");
             connection.reads_to_the_end().await;
+            // Unanswered pings would end it later.
+            assert!(begin.elapsed() < ServerSettings::default().ping_interval, "{path}, room for {window_bytes} bytes");
         }
     }
     assert_eq!(server.get("/livez").await.status, 200);

@@ -7,6 +7,9 @@ mod support;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
+use slipdrive::api::ApiSettings;
+use slipdrive::api::auth::ApiKeys;
+use slipdrive::api::server::ServerSettings;
 use slipdrive::service::domain::{Goal, SolveInput, StateComponent};
 use slipdrive::solver::{RunControl, StopReason};
 use support::{Answer, FakeSolver, TestServer, instant_solver, real_solver, small_solution};
@@ -183,4 +186,32 @@ async fn solver_of_the_crate_answers_the_same_bytes_twice_apart_from_times() {
         answers.push(answer.to_string());
     }
     assert_eq!(answers[0], answers[1]);
+}
+
+fn from_page(server: &TestServer, method: reqwest::Method, origin: &str) -> reqwest::RequestBuilder {
+    let request = server.client.request(method, server.url("/solve")).header("origin", origin);
+    request.header("access-control-request-method", "POST").header("content-type", "application/json").body("{}")
+}
+
+#[tokio::test]
+async fn pages_of_other_origins_may_call_only_where_they_are_named() {
+    let page = "https://fleet.example";
+    let closed = server().await;
+    for method in [reqwest::Method::OPTIONS, reqwest::Method::POST] {
+        let answer = Answer::of(from_page(&closed, method, page)).await;
+        assert_eq!(answer.header("access-control-allow-origin"), "", "off by default");
+    }
+    let api = ApiSettings {
+        keys: ApiKeys::parse("secret"),
+        cors_origins: vec![page.parse().unwrap()],
+        ..ApiSettings::default()
+    };
+    let open = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
+    let leave = Answer::of(from_page(&open, reqwest::Method::OPTIONS, page)).await;
+    assert_eq!((leave.status, leave.header("access-control-allow-origin")), (200, page), "without a key");
+    assert!(leave.header("access-control-allow-headers").contains("request-timeout-ms"));
+    let solved = Answer::of(from_page(&open, reqwest::Method::POST, page).bearer_auth("secret")).await;
+    assert_eq!((solved.status, solved.header("access-control-allow-origin")), (200, page));
+    let other = Answer::of(from_page(&open, reqwest::Method::POST, "https://other.example")).await;
+    assert_eq!((other.status, other.header("access-control-allow-origin")), (401, ""));
 }

@@ -110,3 +110,33 @@ async fn timeout_that_is_no_number_is_refused() {
     }
     assert_eq!(post(&server, "{}", "18446744073709551615").await.status, 200);
 }
+
+#[tokio::test]
+async fn wait_behind_short_solves_is_not_taken_for_one_behind_long_ones() {
+    let gate = Arc::new(Gate::default());
+    let (started, mut has_started) = unbounded_channel();
+    let held = Arc::clone(&gate);
+    let solver = FakeSolver(move |input: &SolveInput, control: &RunControl<'_>| {
+        started.send(()).unwrap();
+        if input.settings.seed == 1 {
+            held.wait();
+            return small_solution(StopReason::Finished);
+        }
+        spin_until_stopped(control);
+        small_solution(StopReason::Stopped)
+    });
+    let server = Arc::new(TestServer::start(4, Arc::new(solver)).await);
+    // The pace: 64 starts take half a second, one start some 8 ms.
+    assert_eq!(server.post("/solve", r#"{"solver": {"starts": 64, "time_limit_s": 0.5}}"#).await.status, 200);
+    has_started.recv().await.unwrap();
+    let running = {
+        let server = Arc::clone(&server);
+        let body = r#"{"solver": {"starts": 1, "seed": 1}}"#;
+        tokio::spawn(async move { server.post("/solve", body).await })
+    };
+    has_started.recv().await.unwrap();
+    let waiting = post(&server, "{}", "300").await;
+    assert_eq!((waiting.status, waiting.problem()["code"].as_str()), (504, Some("deadline_exceeded")), "it was queued");
+    gate.open();
+    assert_eq!(running.await.unwrap().status, 200);
+}

@@ -6,14 +6,22 @@ mod support;
 
 use std::io::Write as _;
 use std::net::TcpStream;
+use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
+use slipdrive::api::ApiSettings;
+use slipdrive::api::server::ServerSettings;
+use slipdrive::service::ServiceSettings;
 use slipdrive::service::domain::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 use support::{Answer, FakeSolver, Gate, HANG_BOUND, TestServer, small_solution};
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::time::timeout;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_check_response::ServingStatus;
+use tonic_health::pb::health_client::HealthClient;
 
 const BODY: &str = r#"{"maneuver": {"goal": {"y_m": 5}}}"#;
 
@@ -242,4 +250,99 @@ async fn solves_run_on_named_worker_threads() {
     let server = TestServer::start(0, Arc::new(solver)).await;
     assert_eq!(server.post("/solve", BODY).await.status, 200);
     assert_eq!(next(&mut seen).await.as_deref(), Some("slipdrive-worker-0"));
+}
+
+#[tokio::test]
+async fn server_whose_workers_are_all_stuck_is_not_alive_until_one_comes_back() {
+    let gate = Arc::new(Gate::default());
+    let held = Arc::clone(&gate);
+    // Never looks at its stop flag.
+    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
+        held.wait();
+        small_solution(StopReason::Finished)
+    });
+    let settings = ServiceSettings {
+        workers: NonZeroUsize::new(2).unwrap(),
+        stuck_after: Duration::from_millis(20),
+        ..ServiceSettings::default()
+    };
+    let (api, connections) = (ApiSettings::default(), ServerSettings::default());
+    let server = Arc::new(TestServer::start_sized(settings, Arc::new(solver), api, connections).await);
+    let mut health = HealthClient::new(server.channel().await);
+    let stuck = async |count: usize| {
+        let callers: Vec<_> = (0..2)
+            .map(|_| {
+                let server = Arc::clone(&server);
+                tokio::spawn(async move { server.post("/solve", BODY).await })
+            })
+            .collect();
+        while server.service.jobs_in_flight() < 2 {
+            tokio::task::yield_now().await;
+        }
+        callers.iter().take(count).for_each(tokio::task::JoinHandle::abort);
+        while server.service.stuck_workers() != count {
+            tokio::task::yield_now().await;
+        }
+        callers
+    };
+    let callers = timeout(HANG_BOUND, stuck(1)).await.unwrap();
+    assert_eq!((server.get("/livez").await.status, server.get("/readyz").await.status), (200, 200), "one is left");
+    callers[1].abort();
+    while server.service.stuck_workers() != 2 {
+        tokio::task::yield_now().await;
+    }
+    for refused in [server.get("/livez").await, server.get("/readyz").await, server.post("/solve", BODY).await] {
+        assert_eq!((refused.status, refused.problem()["code"].as_str()), (503, Some("unavailable")));
+    }
+    let mut becomes = async |expected: ServingStatus| {
+        let mut told = health.watch(HealthCheckRequest::default()).await.unwrap().into_inner();
+        while told.message().await.unwrap().unwrap().status() != expected {}
+    };
+    timeout(HANG_BOUND, becomes(ServingStatus::NotServing)).await.expect("probes of gRPC are told");
+    gate.open();
+    timeout(HANG_BOUND, becomes(ServingStatus::Serving)).await.expect("and told again");
+    assert_eq!((server.get("/livez").await.status, server.post("/solve", BODY).await.status), (200, 200));
+}
+
+#[tokio::test]
+async fn expected_work_of_what_waits_is_bounded_beside_its_number() {
+    let gate = Arc::new(Gate::default());
+    let (held, holds) = (Arc::clone(&gate), Arc::new(AtomicBool::new(false)));
+    let is_held = Arc::clone(&holds);
+    let solver = FakeSolver(move |_: &SolveInput, control: &RunControl<'_>| {
+        if is_held.load(Ordering::Relaxed) {
+            held.wait();
+            return small_solution(StopReason::Finished);
+        }
+        while !control.is_stopped() {
+            std::thread::yield_now();
+        }
+        small_solution(StopReason::Stopped)
+    });
+    let settings =
+        ServiceSettings { queue_length: 100, queue_work: Duration::from_secs(2), ..ServiceSettings::default() };
+    let (api, connections) = (ApiSettings::default(), ServerSettings::default());
+    let server = Arc::new(TestServer::start_sized(settings, Arc::new(solver), api, connections).await);
+    // This one tells the pace: half a second for one start.
+    let measured = server.post("/solve", r#"{"solver": {"starts": 1, "time_limit_s": 0.5}}"#).await;
+    assert_eq!(measured.status, 200);
+    holds.store(true, Ordering::Relaxed);
+    // It is expected to take some 30 s, but a worker is idle.
+    let running = {
+        let server = Arc::clone(&server);
+        let body = r#"{"solver": {"starts": 64, "time_limit_s": 60}}"#;
+        tokio::spawn(async move { server.post("/solve", body).await })
+    };
+    while server.service.jobs_in_flight() != 1 {
+        tokio::task::yield_now().await;
+    }
+    // Refused as soon as the expected work is known: the place is filled a moment after it was taken.
+    while server.service.reserve().is_ok() {
+        tokio::task::yield_now().await;
+    }
+    let refused = server.post("/solve", BODY).await;
+    assert_eq!((refused.status, refused.problem()["code"].as_str()), (429, Some("queue_full")));
+    gate.open();
+    assert_eq!(running.await.unwrap().status, 200);
+    assert_eq!(server.post("/solve", BODY).await.status, 200, "nothing is expected any more");
 }

@@ -41,7 +41,12 @@ async fn sound_body(server: &TestServer) -> Vec<u8> {
 
 fn mutated(original: &[u8], random: &mut Xoshiro256PlusPlus) -> Vec<u8> {
     let mut body = original.to_vec();
-    for _ in 0..random.random_range(1..4) {
+    // Most of these are still read as JSON; half of the bodies get nothing worse.
+    let digits: Vec<_> = (0..body.len()).filter(|&position| body[position].is_ascii_digit()).collect();
+    for _ in 0..random.random_range(0..3) {
+        body[digits[random.random_range(0..digits.len())]] = random.random_range(b'0'..=b'9');
+    }
+    for _ in 0..random.random_range(0..3) * random.random_range(0..2) {
         let (position, other) = (random.random_range(0..body.len()), random.random_range(0..body.len()));
         match random.random_range(0..6) {
             0 => body[position] = random.random(),
@@ -90,7 +95,7 @@ async fn hostile_bodies_are_answered_and_leave_no_memory_behind() {
             warm = memory_bytes();
         }
     }
-    assert!(solved > ROUNDS / 50, "{solved} mutations are still sound and were solved");
+    assert!(solved > ROUNDS / 10, "{solved} mutations are still sound and were solved");
     endless_and_compressed_bodies_are_refused(&server).await;
     let growth = memory_bytes().saturating_sub(warm);
     assert!(growth < MAX_GROWTH_BYTES, "the memory grew by {growth} bytes");

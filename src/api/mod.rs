@@ -14,6 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use auth::ApiKeys;
+use axum::http::HeaderValue;
 
 use crate::service::Service;
 
@@ -26,6 +27,8 @@ pub struct ApiSettings {
     pub batch_window: NonZeroUsize,
     /// How long the body of a request, or the message of a call, may take to arrive.
     pub body_timeout: Duration,
+    /// Origins whose pages may call REST from a browser; none by default.
+    pub cors_origins: Vec<HeaderValue>,
 }
 
 /// What every request needs, whichever way it came.
@@ -43,6 +46,7 @@ impl Default for ApiSettings {
             batch_window: NonZeroUsize::new(16).unwrap_or(NonZeroUsize::MIN),
             // A caller that sends the largest body over the slowest mobile link needs less.
             body_timeout: Duration::from_secs(30),
+            cors_origins: Vec::new(),
         }
     }
 }

@@ -10,6 +10,8 @@ use std::time::Duration;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::Request;
+use axum::http::Version;
+use http_body_util::BodyExt as _;
 use hyper::body::Incoming;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
@@ -18,7 +20,7 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
-use tokio::time::{Instant, interval_at, sleep};
+use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep};
 use tower::ServiceExt as _;
 
 mod activity;
@@ -168,7 +170,8 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
     let mut idle = interval_at(Instant::now() + settings.idle_timeout, settings.idle_timeout);
     // Beside the stream's own patience: what waits for one request of many (HTTP/2) never gets as far as the stream.
     let mut unread = interval_at(Instant::now() + settings.write_timeout, settings.write_timeout);
-    let (mut is_watched, mut is_ending, mut seen) = (true, false, 0);
+    unread.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let (mut is_watched, mut is_ending, mut seen, mut unread_until) = (true, false, 0, None);
     loop {
         let must_end = tokio::select! {
             ended = &mut connection => {
@@ -189,12 +192,18 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
             () = &mut aged, if !is_ending => true,
             () = &mut expired => return,
             _ = idle.tick() => activity.is_idle_since(&mut seen),
-            _ = unread.tick() => {
-                if activity.is_unread_for(2 * settings.write_timeout) {
-                    return;
+            now = unread.tick() => match unread_until {
+                _ if !activity.is_unread_for(settings.write_timeout) => {
+                    unread_until = None;
+                    false
                 }
-                activity.is_unread_for(settings.write_timeout)
-            }
+                None => {
+                    unread_until = Some(now + settings.write_timeout);
+                    true
+                }
+                Some(end) if now >= end => return,
+                Some(_) => false,
+            },
         };
         if must_end && !is_ending {
             is_ending = true;
@@ -229,9 +238,16 @@ fn service(
     service_fn(move |request: Request<Incoming>| {
         let (router, under_way) = (router.clone(), Activity::enter(&activity));
         async move {
+            let version = request.version();
             let response = router.oneshot(request.map(Body::new)).await?;
             // The request is under way until its answer is written or dropped.
-            Ok(response.map(|body| Body::new(AnswerBody::new(body, under_way))))
+            Ok(response.map(|body| match version {
+                Version::HTTP_2 => Body::new(AnswerBody::new(body, under_way)),
+                _ => Body::new(body.map_frame(move |frame| {
+                    let _ = &under_way;
+                    frame
+                })),
+            }))
         }
     })
 }

@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
 # Clients that nobody here wrote, and the examples, against a running server. Needs Python 3 with venv, npm and curl;
-# what they need beside is installed into a temporary folder. After `cargo test`: tests/clients/run.sh
+# what they need beside is installed into a temporary folder. Flags are those of the `cargo test` before, so that nothing
+# is built twice: tests/clients/run.sh [--all-features]
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
-cargo build --locked --bin slipdrive --example grpc_client
+# With the example, the dependencies are those of the tests.
+cargo build --locked "$@" --bin slipdrive --example grpc_client
 built="${CARGO_TARGET_DIR:-target}/debug"
 work=$(mktemp -d)
 server=

@@ -76,7 +76,50 @@ fn json<T: serde::Serialize>(message: &T) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::{Receiver, channel};
+    use std::sync::{Arc, Mutex};
+
+    use futures_util::StreamExt as _;
+
     use super::*;
+    use crate::service::domain::{SimulateInput, Simulation, Solution, SolveInput};
+    use crate::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings, SolveClocks};
+    use crate::solver::RunControl;
+
+    /// Solves when the test says so.
+    struct HeldSolver(Mutex<Receiver<()>>);
+
+    impl ManeuverSolver for HeldSolver {
+        fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Solution {
+            let _ = self.0.lock().unwrap().recv();
+            InProcessSolver.solve(input, control)
+        }
+
+        fn simulate(&self, input: &SimulateInput) -> Simulation {
+            InProcessSolver.simulate(input)
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn quiet_stream_has_a_heartbeat() {
+        let (release, released) = channel();
+        let solver = Arc::new(HeldSolver(Mutex::new(released)));
+        let service = Service::start(ServiceSettings::default(), solver).unwrap();
+        let clocks = SolveClocks { time_limit: Duration::from_secs(60), deadline: None };
+        let running = service.reserve().unwrap().start_solve(SolveInput::forward_drive(), clocks, |_| b"{}".to_vec());
+        let context = RequestContext::of("/solve", &HeaderMap::new());
+        let mut body = respond(running.unwrap(), context).into_body().into_data_stream();
+        // The clock jumps to the next timer whenever nothing else is to be done.
+        let begin = tokio::time::Instant::now();
+        let queued = body.next().await.unwrap().unwrap();
+        assert!(queued.starts_with(b"event: queued"));
+        for beat in 1..=3 {
+            let comment = body.next().await.unwrap().unwrap();
+            assert!(comment.starts_with(b":"), "{comment:?}");
+            assert_eq!(begin.elapsed().as_secs(), beat * HEARTBEAT.as_secs());
+        }
+        drop(release);
+    }
 
     #[test]
     fn events_are_sent_to_those_who_ask() {

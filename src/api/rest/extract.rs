@@ -19,7 +19,8 @@ use crate::service::Service;
 const DISCARD_TIMEOUT: Duration = Duration::from_secs(1);
 const MAX_DISCARDED_BYTES: usize = 16 * 1024 * 1024;
 
-const REQUEST_TIMEOUT_MS: HeaderName = HeaderName::from_static("request-timeout-ms");
+/// Tells how long the caller waits for the answer.
+pub(super) const REQUEST_TIMEOUT_MS: HeaderName = HeaderName::from_static("request-timeout-ms");
 
 /// When the caller needs the answer: `Request-Timeout-Ms` after arrival, if it is given.
 ///

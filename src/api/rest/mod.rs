@@ -1,6 +1,7 @@
 //! REST: JSON in and out, strict in what it reads, `application/problem+json` for every error.
 
 mod border;
+mod cors;
 mod events;
 mod extract;
 mod handlers;
@@ -40,7 +41,9 @@ pub fn router(service: Arc<Service>, settings: ApiSettings) -> Router {
         .route("/livez", get(handlers::livez))
         .route("/readyz", get(handlers::readyz))
         .with_state(door.clone());
-    behind_border(endpoints, door.settings)
+    let origins = door.settings.cors_origins.clone();
+    // Outside the border: browsers ask for leave without a key.
+    cors::allowed(behind_border(endpoints, door.settings), origins)
 }
 
 fn behind_border(endpoints: Router, settings: Arc<ApiSettings>) -> Router {

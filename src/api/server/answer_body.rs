@@ -1,4 +1,8 @@
-//! The body of an answer, in parts small enough to see whether its caller reads.
+//! The body of an answer, in parts that show whether its caller reads.
+//!
+//! Over HTTP/2 a part is taken as soon as its caller has room for one byte of it, and lies in memory until there is room
+//! for the rest; the next part then waits. So parts are small, and the last byte is a part of its own: while it waits,
+//! the caller has not taken all that came before.
 
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -9,14 +13,13 @@ use hyper::body::{Frame, SizeHint};
 
 use super::activity::UnderWay;
 
-/// Largest part, bytes. HTTP/2 takes a part as soon as its caller has room for one byte of it: what one stream holds
-/// beyond that is one part.
+/// Largest part, bytes: what one stream holds of an answer that is not read.
 const PART_BYTES: usize = 64 * 1024;
 
 /// Hands the answer over part by part and tells the activity of its connection.
 pub(super) struct AnswerBody {
     body: Body,
-    /// The rest of a frame that was too large for one part.
+    /// The rest of a frame after the parts so far.
     rest: Bytes,
     under_way: UnderWay,
 }
@@ -29,7 +32,8 @@ impl AnswerBody {
     }
 
     fn part_of(&mut self, mut data: Bytes) -> Frame<Bytes> {
-        self.rest = data.split_off(data.len().min(PART_BYTES));
+        let last_byte = data.len().saturating_sub(1);
+        self.rest = data.split_off(last_byte.clamp(data.len().min(1), PART_BYTES));
         self.under_way.handed_over();
         Frame::data(data)
     }
@@ -63,5 +67,29 @@ impl HttpBody for AnswerBody {
             whole.set_upper(upper + rest);
         }
         whole
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use futures_util::StreamExt as _;
+
+    use super::super::activity::Activity;
+    use super::*;
+
+    #[tokio::test]
+    async fn parts_are_small_and_the_last_byte_goes_alone() {
+        let activity = Arc::new(Activity::default());
+        for length in [0, 1, 2, PART_BYTES, PART_BYTES + 1, 3 * PART_BYTES] {
+            let bytes: Vec<_> = (0..=u8::MAX).cycle().take(length).collect();
+            let body = AnswerBody::new(Body::from(bytes.clone()), Activity::enter(&activity));
+            assert_eq!((body.size_hint().exact(), body.is_end_stream()), (Some(length as u64), length == 0));
+            let parts: Vec<_> = Body::new(body).into_data_stream().map(Result::unwrap).collect().await;
+            assert_eq!(parts.concat(), bytes);
+            assert!(parts.iter().all(|part| (1..=PART_BYTES).contains(&part.len())));
+            assert_eq!(parts.last().map(Bytes::len), (length > 0).then_some(1), "{length}");
+        }
     }
 }
