@@ -196,8 +196,8 @@ enum Kind {
 fn post(id: &str, summary: &str, body: &str, answers: &Value, kind: Kind) -> Value {
     let mut responses = errors_of(&REFUSALS);
     responses.extend(answers.as_object().cloned().unwrap_or_default());
-    let mut parameters =
-        vec![parameter("X-Request-Id", &json!({"type": "string", "maxLength": 128}), "echoed, made if absent")];
+    let about = "echoed where it is 1 to 128 printable characters of ASCII without spaces, else replaced";
+    let mut parameters = vec![parameter("X-Request-Id", &json!({"type": "string"}), about)];
     if kind == Kind::Queued {
         let about = "milliseconds from arrival, waiting included, until the answer is needed";
         parameters.push(parameter("Request-Timeout-Ms", &json!({"type": "integer", "minimum": 1}), about));
