@@ -282,3 +282,42 @@ async fn keys_are_asked_for_on_both_transports_except_for_health() {
     let refused = client.get_limits(pb::GetLimitsRequest {}).await.unwrap_err();
     assert_eq!((refused.code(), code_of(&refused).as_str()), (Code::Unauthenticated, "unauthenticated"));
 }
+
+#[tokio::test]
+async fn first_check_that_fails_speaks() {
+    let mut case = Case::start(0, ApiSettings { keys: ApiKeys::parse("key"), ..ApiSettings::default() }).await;
+    let request = case.server.client.post(case.server.url("/solve")).bearer_auth("key");
+    tokio::spawn(request.header("content-type", "application/json").body(r#"{"solver": {"seed": 1}}"#).send());
+    assert_eq!(timeout(HANG_BOUND, case.has_started.recv()).await.unwrap(), Some(SEED_HOLD));
+    let code = async |key: &str, path: &str, media_type: &str, body: String| {
+        let request = case.server.client.post(case.server.url(path)).bearer_auth(key);
+        let rest = Answer::of(request.header("content-type", media_type).body(body)).await;
+        rest.problem()["code"].as_str().unwrap().to_owned()
+    };
+    let (json, large) = ("application/json", " ".repeat(300_000));
+    // Each request has all faults of those after it.
+    assert_eq!(code("wrong", "/nowhere", "text/plain", large.clone()).await, "unauthenticated");
+    assert_eq!(code("key", "/nowhere", "text/plain", large.clone()).await, "not_found");
+    assert_eq!(code("key", "/solve", "text/plain", large).await, "body_too_large");
+    assert_eq!(code("key", "/solve", "text/plain", "{".to_owned()).await, "unsupported_media");
+    assert_eq!(code("key", "/solve", json, "{".to_owned()).await, "queue_full");
+    let authorization = ("authorization", "Bearer key");
+    let grpc = async |headers: &[(&str, &str)], path: &str, body: Vec<u8>| {
+        code_of(&raw_call(&case.server, path, headers, body).await)
+    };
+    let (plain, malformed) = (("content-type", "application/json"), framed(0, b"\xff\xff\xff"));
+    assert_eq!(grpc(&[plain], "/nowhere", malformed.clone()).await, "unauthenticated");
+    assert_eq!(grpc(&[authorization, plain], SOLVE, malformed.clone()).await, "unsupported_media");
+    assert_eq!(grpc(&[authorization, GRPC], SOLVE, framed(0, &[0; 300_000])).await, "body_too_large");
+    assert_eq!(grpc(&[authorization, GRPC], SOLVE, malformed.clone()).await, "queue_full");
+    case.gate.open();
+    while case.server.service.jobs_in_flight() > 0 {
+        tokio::task::yield_now().await;
+    }
+    let body = r#"{"robot": {"wheel_radius_m": 0}, "view": 3}"#;
+    assert_eq!(code("key", "/solve", json, body.to_owned()).await, "invalid_field");
+    assert_eq!(grpc(&[authorization, GRPC], SOLVE, malformed.clone()).await, "malformed_body");
+    case.server.service.close();
+    assert_eq!(code("key", "/solve", "text/plain", String::new()).await, "unavailable", "readiness comes first");
+    assert_eq!(grpc(&[authorization, plain], SOLVE, malformed).await, "unavailable");
+}
