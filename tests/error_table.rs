@@ -308,7 +308,7 @@ async fn first_check_that_fails_speaks() {
     let (plain, malformed) = (("content-type", "application/json"), framed(0, b"\xff\xff\xff"));
     assert_eq!(grpc(&[plain], "/nowhere", malformed.clone()).await, "unauthenticated");
     assert_eq!(grpc(&[authorization, plain], SOLVE, malformed.clone()).await, "unsupported_media");
-    assert_eq!(grpc(&[authorization, GRPC], SOLVE, framed(0, &[0; 300_000])).await, "body_too_large");
+    assert_eq!(grpc(&[authorization, GRPC], SOLVE, framed(0, &vec![0; 300_000])).await, "body_too_large");
     assert_eq!(grpc(&[authorization, GRPC], SOLVE, malformed.clone()).await, "queue_full");
     case.gate.open();
     while case.server.service.jobs_in_flight() > 0 {
