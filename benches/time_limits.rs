@@ -4,7 +4,6 @@
 //! of the solve to the last byte of its JSON answer. `cargo bench --bench time_limits [number of limits] [seed]`.
 
 use std::collections::BTreeMap;
-use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -28,8 +27,7 @@ fn main() {
     let count = arguments.next().unwrap_or(200);
     let mut random = Xoshiro256PlusPlus::seed_from_u64(arguments.next().unwrap_or(1));
     let limits = Limits::default();
-    let settings =
-        ServiceSettings { workers: NonZeroUsize::MIN, queue_length: 0, limits, ..ServiceSettings::default() };
+    let settings = ServiceSettings { queue_length: 0, limits, ..ServiceSettings::default() };
     let service = Service::start(settings, Arc::new(InProcessSolver)).expect("threads");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
     let mut overruns = Vec::new();

@@ -256,8 +256,10 @@ async fn solves_run_on_named_worker_threads() {
 async fn server_whose_workers_are_all_stuck_is_not_alive_until_one_comes_back() {
     let gate = Arc::new(Gate::default());
     let held = Arc::clone(&gate);
+    let (started, mut has_started) = unbounded_channel();
     // Never looks at its stop flag.
     let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
+        started.send(()).unwrap();
         held.wait();
         small_solution(StopReason::Finished)
     });
@@ -269,28 +271,23 @@ async fn server_whose_workers_are_all_stuck_is_not_alive_until_one_comes_back() 
     let (api, connections) = (ApiSettings::default(), ServerSettings::default());
     let server = Arc::new(TestServer::start_sized(settings, Arc::new(solver), api, connections).await);
     let mut health = HealthClient::new(server.channel().await);
+    let mut callers = Vec::new();
+    for _ in 0..2 {
+        let server = Arc::clone(&server);
+        callers.push(tokio::spawn(async move { server.post("/solve", BODY).await }));
+        // One that waits would be taken out of the line in silence.
+        next(&mut has_started).await;
+    }
     let stuck = async |count: usize| {
-        let callers: Vec<_> = (0..2)
-            .map(|_| {
-                let server = Arc::clone(&server);
-                tokio::spawn(async move { server.post("/solve", BODY).await })
-            })
-            .collect();
-        while server.service.jobs_in_flight() < 2 {
-            tokio::task::yield_now().await;
-        }
-        callers.iter().take(count).for_each(tokio::task::JoinHandle::abort);
         while server.service.stuck_workers() != count {
             tokio::task::yield_now().await;
         }
-        callers
     };
-    let callers = timeout(HANG_BOUND, stuck(1)).await.unwrap();
+    callers[0].abort();
+    timeout(HANG_BOUND, stuck(1)).await.unwrap();
     assert_eq!((server.get("/livez").await.status, server.get("/readyz").await.status), (200, 200), "one is left");
     callers[1].abort();
-    while server.service.stuck_workers() != 2 {
-        tokio::task::yield_now().await;
-    }
+    timeout(HANG_BOUND, stuck(2)).await.unwrap();
     for refused in [server.get("/livez").await, server.get("/readyz").await, server.post("/solve", BODY).await] {
         assert_eq!((refused.status, refused.problem()["code"].as_str()), (503, Some("unavailable")));
     }

@@ -1,5 +1,6 @@
 //! Callers who leave long solves in every way there is, and answers that must reach their own callers.
 
+use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -37,24 +38,46 @@ struct WatchedSolver {
     /// Where nobody wants the answer any more, and where the deadline asks for the best plan.
     after_departure: Mutex<Latencies>,
     after_deadline: Mutex<Latencies>,
+    /// As the first, in processor time of the worker: what others on the machine leave alone. The system counts it no
+    /// finer than its tick, some ms.
+    processor_after_departure: Mutex<Latencies>,
+    /// Processor time of the latest solve.
+    processor: Mutex<Duration>,
+}
+
+/// Processor time of a thread of this process; zero where the system does not tell.
+fn processor_time(thread: &str) -> Duration {
+    let text = fs::read_to_string(format!("/proc/{thread}/schedstat")).unwrap_or_default();
+    Duration::from_nanos(text.split(' ').next().and_then(|time| time.parse().ok()).unwrap_or_default())
 }
 
 impl ManeuverSolver for WatchedSolver {
     fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Solution {
         let (has_ended, flag) = (AtomicBool::new(false), control.stop_flag());
+        // Such as `1234/task/1235`.
+        let this_thread = fs::read_link("/proc/thread-self").unwrap_or_default().display().to_string();
+        let begin = processor_time(&this_thread);
         thread::scope(|scope| {
             let watch = scope.spawn(|| {
                 while !flag.load(Ordering::Relaxed) && !has_ended.load(Ordering::Relaxed) {
                     thread::sleep(Duration::from_micros(50));
                 }
-                Instant::now()
+                (Instant::now(), processor_time(&this_thread))
             });
             let solution = InProcessSolver.solve(input, control);
             has_ended.store(true, Ordering::Relaxed);
-            let stopped = watch.join().unwrap();
-            if control.is_stopped() {
-                let latencies = if control.is_abandoned() { &self.after_departure } else { &self.after_deadline };
-                latencies.lock().unwrap().record(stopped.elapsed());
+            let ended = Instant::now();
+            // So that the system counts what has just run.
+            thread::yield_now();
+            let processor = processor_time(&this_thread);
+            *self.processor.lock().unwrap() = processor.saturating_sub(begin);
+            let (stopped, processor_when_stopped) = watch.join().unwrap();
+            if control.is_abandoned() {
+                self.after_departure.lock().unwrap().record(ended.saturating_duration_since(stopped));
+                let since = processor.saturating_sub(processor_when_stopped);
+                self.processor_after_departure.lock().unwrap().record(since);
+            } else if control.is_stopped() {
+                self.after_deadline.lock().unwrap().record(ended.saturating_duration_since(stopped));
             }
             solution
         })
@@ -109,9 +132,10 @@ async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, ver
     let solution = callers.grpc(0).solve(long_solve().1).await.unwrap().into_inner().solution.unwrap();
     let alone = alone.elapsed();
     verdict.require("a solve alone takes over 2 s", alone.as_secs_f64() > 2.0, &format!("{alone:.1?}"));
-    // A rollout with its derivatives, as most of a search are.
-    let rollout = alone / solution.report.unwrap().rollouts.try_into().unwrap();
-    println!("  one of its rollouts takes {rollout:.2?} on average");
+    // With the derivatives and programs between them.
+    let rollouts: u32 = solution.report.unwrap().rollouts.try_into().unwrap();
+    let (rollout, processor) = (alone / rollouts, *solver.processor.lock().unwrap() / rollouts);
+    println!("  one of its rollouts takes {rollout:.2?} on average, {processor:.2?} of processor time");
 
     let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
     let (begin, mut gone) = (Instant::now(), JoinSet::new());
@@ -130,6 +154,7 @@ async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, ver
     let is_empty = timeout(Duration::from_secs(5), is_empty).await.is_ok();
     verdict.require("all places are given back", is_empty, &format!("{:.1?} after the last departure", last.elapsed()));
     let (departure, deadline) = (solver.after_departure.lock().unwrap(), solver.after_deadline.lock().unwrap());
+    let processor = solver.processor_after_departure.lock().unwrap();
     let found = format!("{departure} of {} stopped solves", departure.count());
     let bound = rollout.as_secs_f64() * 1e3;
     verdict.require(
@@ -137,6 +162,7 @@ async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, ver
         departure.quantile_ms(0.5) <= bound,
         &found,
     );
+    println!("    in processor time of the worker, no finer than a tick of the system: {processor}");
     println!("    with the best plan at a deadline, its certificate included: {deadline} of {}", deadline.count());
 }
 

@@ -65,8 +65,12 @@ pub async fn run(arguments: &Arguments) -> Verdict {
     let question = Question::new(5.0, View::Plan);
     let mut verdict = Verdict::default();
 
-    let (capacity, solved) = capacity(&callers, &question).await;
-    println!("  capacity (closed loop, 16 callers): {capacity:.1} solves/s");
+    let meter = Phase::begin(&server);
+    let solved = solve_in_turn(&callers, &question).await;
+    let closed = meter.end(&server, solved);
+    println!("  closed loop, 16 callers: {closed}");
+    // What the worker does with a core of its own, whoever else is on the machine.
+    let capacity = closed.per_cpu_second;
 
     let meter = Phase::begin(&server);
     let (single, single_sent) = offer(&callers, &question, capacity, SINGLE_SECONDS).await;
@@ -84,6 +88,7 @@ pub async fn run(arguments: &Arguments) -> Verdict {
     let (checks, failures, waits) = watch.await.unwrap();
     let seen = server.end();
 
+    println!("  offered were {capacity:.1} and {:.1} requests/s", factor * capacity);
     let ratio = at_factor.per_second / at_one.per_second;
     let cpu_ratio = at_factor.per_cpu_second / at_one.per_cpu_second;
     let found = format!("{:.1} %, per processor time of the worker {:.1} %", 100.0 * ratio, 100.0 * cpu_ratio);
@@ -118,8 +123,8 @@ pub async fn run(arguments: &Arguments) -> Verdict {
     verdict
 }
 
-/// Solves per second when callers wait for their answers, and how many were solved.
-async fn capacity(callers: &Callers, question: &Question) -> (f64, u64) {
+/// How many solves end when callers wait for their answers.
+async fn solve_in_turn(callers: &Callers, question: &Question) -> u64 {
     let (begin, solved) = (Instant::now(), AtomicU64::new(0));
     let lasts = Duration::from_secs_f64(CAPACITY_SECONDS);
     let one = async |number: u64| {
@@ -130,8 +135,7 @@ async fn capacity(callers: &Callers, question: &Question) -> (f64, u64) {
         }
     };
     futures_util::future::join_all((0..16).map(one)).await;
-    let solved = solved.into_inner();
-    (solved as f64 / begin.elapsed().as_secs_f64(), solved)
+    solved.into_inner()
 }
 
 /// Clock and processor time since the begin of a phase.

@@ -155,11 +155,14 @@ impl BoundedQueue {
         lock(&self.state).ahead()
     }
 
-    /// Jobs that still run although they were told to stop longer than `patience` ago.
+    /// Workers whose job still runs although it was told to stop longer than `patience` ago.
     pub(super) fn stuck(&self, patience: Duration) -> usize {
         let state = lock(&self.state);
-        let running = state.filled.values().filter(|filled| filled.started.is_some());
-        running.filter(|filled| filled.stop.stopped_at().is_some_and(|time| time.elapsed() > patience)).count()
+        let is_stuck = |filled: &Filled| filled.stop.stopped_at().is_some_and(|time| time.elapsed() > patience);
+        let running = || state.filled.values().filter(|filled| filled.started.is_some());
+        let stuck = running().filter(|filled| is_stuck(filled)).count();
+        // Where all jobs are stuck, so are the workers that they have borrowed.
+        if stuck > 0 && stuck == running().count() { stuck + state.turns.lent() } else { stuck }
     }
 
     /// Jobs that wait, and jobs that run.
