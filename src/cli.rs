@@ -4,6 +4,7 @@ mod table;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;

@@ -5,11 +5,13 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::channel;
 use std::sync::{Barrier, Mutex};
 use std::thread::{current, yield_now};
+use std::time::Duration;
 
-use crate::queue::{Clocks, JobOutcome, Place, Queue, StopHandle, Ticket, lock};
+use crate::queue::{Clocks, JobOutcome, Place, Queue, Room, StopHandle, Ticket, lock};
 
 fn queue(workers: usize, queue_length: usize) -> Queue {
-    Queue::start(NonZeroUsize::new(workers).unwrap(), queue_length).unwrap()
+    let room = Room { places: workers + queue_length, work: Duration::MAX };
+    Queue::start(NonZeroUsize::new(workers).unwrap(), room).unwrap()
 }
 
 /// Whether a part was done.
