@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use slipdrive::api::rest::{read_solve, solve_answer};
 use slipdrive::service::domain::SolveInput;
-use slipdrive::service::{Limits, ManeuverSolver, Service, ServiceError, ServiceSettings, SolveClocks, SolveEvent};
+use slipdrive::service::{ManeuverSolver, Service, ServiceError, ServiceSettings, SolveClocks, SolveEvent};
 use slipdrive::solver::{RunControl, SharedWork, StopReason};
 use support::{FakeSolver, HANG_BOUND, real_solver, small_solution};
 use tokio::task::JoinSet;
@@ -19,7 +19,7 @@ use tokio::time::timeout;
 
 fn service(workers: usize, solver: Arc<dyn ManeuverSolver>) -> Service {
     let workers = NonZeroUsize::new(workers).unwrap();
-    Service::start(ServiceSettings { workers, queue_length: 64, limits: Limits::default() }, solver).unwrap()
+    Service::start(ServiceSettings { workers, ..ServiceSettings::default() }, solver).unwrap()
 }
 
 fn body(number: usize, rollout_limit: u64) -> String {
