@@ -147,6 +147,7 @@ async fn drain(service: &Arc<Service>, health: &Health, signals: &mut Signals, c
         () = signals.next() => false,
     };
     service.close();
+    tracing::info!(queue.in_flight = service.jobs_in_flight(), "taking no more work");
     let mut ended = {
         let service = Arc::clone(service);
         tokio::task::spawn_blocking(move || service.join())

@@ -19,7 +19,7 @@ use tokio::time::timeout;
 
 fn service(workers: usize, solver: Arc<dyn ManeuverSolver>) -> Service {
     let workers = NonZeroUsize::new(workers).unwrap();
-    Service::start(ServiceSettings { workers, queue_length: 64, ..ServiceSettings::default() }, solver).unwrap()
+    Service::start(ServiceSettings { workers, ..ServiceSettings::default() }, solver).unwrap()
 }
 
 fn body(number: usize, rollout_limit: u64) -> String {
