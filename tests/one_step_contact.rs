@@ -205,6 +205,7 @@ fn indeterminate_problem_is_flagged() {
 /// Met by the search, which likes the edge of the friction cones: the left wheel slips by 2 um/s, and its direction turns
 /// too fast for equations in it, while fixed-point sweeps take millions.
 #[test]
+#[expect(clippy::unreadable_literal, reason = "figures as they were met")]
 fn a_wheel_that_hardly_slips_is_solved() {
     let delassus = SMatrix::<f64, 3, 3>::from_row_slice(&[
         1.9489007724301846,
