@@ -9,8 +9,8 @@ use slipdrive::robot::{Robot, RobotParameters, State};
 use slipdrive::shooting::StateComponent;
 use slipdrive::simulation::{ContactMethod, Rollout, Simulator};
 use slipdrive::solver::{
-    Method, ProgressObserver, Refinement, RunControl, Solution, SolveInput, SolveProgress, SolverSettings, Status,
-    StopReason, solve,
+    Method, ProgressObserver, Refinement, RefinementOutcome, RunControl, Solution, SolveInput, SolveProgress,
+    SolverSettings, Status, StopReason, solve,
 };
 
 /// The paper's final time, s, with its rounding.
@@ -105,6 +105,32 @@ fn refined_plan_is_executable() {
     assert!(solution.report.step_count > 200);
     assert_eq!(solution.trajectory.step_count(), solution.report.step_count);
     assert!(solution.report.replay.miss_position <= input.settings.replay_tolerance_position);
+}
+
+#[test]
+fn plan_that_cannot_be_refined_enough_says_so() {
+    let mut input = SolveInput::forward_drive();
+    input.settings.replay_tolerance_position = 1e-9;
+    input.settings.refinement = Refinement::UntilExecutable { step_limit: 410 };
+    let solution = solved(&input);
+    assert_eq!((solution.status, solution.executable), (Status::Converged, false));
+    // The finest allowed grid on which all 40 intervals are equally long.
+    assert_eq!((solution.report.refinement, solution.report.step_count), (RefinementOutcome::StepLimit, 400));
+    let fixed = solved(&SolveInput::forward_drive());
+    assert_eq!(fixed.report.refinement, RefinementOutcome::Fixed);
+    assert!(solution.report.replay.miss_position < fixed.report.replay.miss_position);
+}
+
+#[test]
+fn stopped_refinement_keeps_the_coarse_plan() {
+    let mut input = SolveInput::forward_drive();
+    let fixed = solved(&input);
+    input.settings.refinement = Refinement::UntilExecutable { step_limit: 10_000 };
+    input.settings.rollout_limit = fixed.report.rollouts + 1;
+    let solution = solved(&input);
+    assert_eq!((solution.status, solution.stop_reason), (Status::Converged, StopReason::RolloutLimit));
+    assert_eq!(solution.report.refinement, RefinementOutcome::Interrupted);
+    assert_eq!(solution.schedule, fixed.schedule);
 }
 
 #[test]

@@ -43,6 +43,23 @@ async fn paper_case_is_solved_as_in_the_paper() {
 }
 
 #[tokio::test]
+async fn absent_steps_are_refined_and_the_completed_body_gets_the_same_plan() {
+    let server = TestServer::start(4, real_solver()).await;
+    let body = r#"{"maneuver": {"goal": {"y_m": 2}}, "solver": {"starts": 1}, "view": "plan"}"#;
+    let answer = server.post("/solve", body).await.json();
+    assert_eq!((&answer["status"], &answer["executable"]), (&json!("converged"), &json!(true)));
+    assert_eq!(answer["report"]["refinement"], "within_tolerance");
+    let steps = answer["report"]["steps"].as_u64().unwrap();
+    assert_eq!(answer["report"]["replay"]["steps"].as_u64().unwrap(), 16 * steps);
+    let mut completed = server.post("/validate", body).await.json();
+    assert_eq!(completed["grid"], json!({"control_intervals": 40}));
+    completed.as_object_mut().unwrap().remove("input_hash");
+    let again = server.post("/solve", completed.to_string()).await.json();
+    assert_eq!(again["input_hash"], answer["input_hash"]);
+    assert_eq!(again["torque_schedule"], answer["torque_schedule"]);
+}
+
+#[tokio::test]
 async fn simulating_the_plan_ends_where_the_answer_says() {
     let server = TestServer::start(4, real_solver()).await;
     let answer = forward_drive(&server).await;

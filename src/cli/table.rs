@@ -20,6 +20,7 @@ pub(crate) fn of_solution(solved: &Solved, goal: &Goal) -> String {
     }
     row(&mut table, "final time", &final_time(schedule, report));
     row(&mut table, "executable", if *executable { "yes" } else { "no" });
+    row(&mut table, "grid", &format!("{} steps ({})", report.step_count, report.refinement.as_str()));
     row(&mut table, "replay miss", &replay_miss(&report.replay));
     row(&mut table, "separations", &separations(&report.separations));
     let effort = format!(
