@@ -193,6 +193,7 @@ fn unmet() -> Vec<Case> {
             without_torque(case);
             case.maneuver.start.velocity.y = 1.0;
             ask(case, X, 1.0);
+            ask(case, Y, -3.0);
         }),
         case("the paper's method against eight requirements", "goal_missed", "", |case| {
             case.settings.method = Method::NelderMead;

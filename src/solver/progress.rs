@@ -64,6 +64,21 @@ impl ProgressObserver for BestProgress<'_> {
     }
 }
 
+/// Passes on phases alone: a plan on its way to a finer grid is worse for a while, and no news.
+pub(super) struct PhasesOnly<'a>(pub(super) &'a RunControl<'a>);
+
+impl ProgressObserver for PhasesOnly<'_> {
+    fn progress(&self, _progress: &SolveProgress) {}
+
+    fn begins(&self, phase: Phase) {
+        self.0.observer().begins(phase);
+    }
+
+    fn ends(&self, phase: Phase) {
+        self.0.observer().ends(phase);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::AtomicBool;

@@ -8,6 +8,7 @@
 use super::candidate::Candidate;
 use super::certificate::replay;
 use super::local_search::LocalSearch;
+use super::progress::PhasesOnly;
 use super::run_control::RunControl;
 use super::search::SearchResult;
 use super::settings::SolveInput;
@@ -41,7 +42,9 @@ pub(super) fn refine(
     control: &RunControl,
     result: &mut SearchResult,
 ) {
-    let mut refiner = Refiner { input, simulator, step_limit, control, result };
+    let quiet = PhasesOnly(control);
+    let control = control.of_part(&[], &quiet);
+    let mut refiner = Refiner { input, simulator, step_limit, control: &control, result };
     let outcome = refiner.run();
     result.refinement = match result.stop_reason {
         StopReason::Stopped | StopReason::RolloutLimit if outcome != RefinementOutcome::WithinTolerance => {
