@@ -142,6 +142,8 @@ pub struct ConfirmedDecrease {
     pub prediction: f64,
     /// The better point that confirms it, if there is one.
     pub better: Option<DVector<f64>>,
+    /// Why the measure is only a bound, if it is.
+    pub interruption: Option<Interruption>,
 }
 
 /// First-order measure of a point: the decrease that the linear model predicts within the largest trust region in which
@@ -172,14 +174,15 @@ pub fn confirmed_decrease(
         let step = search.linear_step(budget)?;
         let prediction = merit - search.modelled_merit(&step);
         if prediction <= enough.max(SMALLEST_PREDICTION) || search.radius <= SMALLEST_RADIUS {
-            return Ok(ConfirmedDecrease { prediction, better: None });
+            return Ok(ConfirmedDecrease { prediction, better: None, interruption: None });
         }
         // Smaller regions promise less: what this one promises is a bound on the measure.
-        let Ok(trial) = search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget) else {
-            return Ok(ConfirmedDecrease { prediction, better: None });
+        let trial = match search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget) {
+            Ok(trial) => trial,
+            Err(end) => return Ok(ConfirmedDecrease { prediction, better: None, interruption: Some(end) }),
         };
         if merit - trial.merit >= CONFIRMED_SHARE * prediction {
-            return Ok(ConfirmedDecrease { prediction, better: Some(trial.x) });
+            return Ok(ConfirmedDecrease { prediction, better: Some(trial.x), interruption: None });
         }
         search.radius *= SHRINK_FACTOR;
     }

@@ -168,7 +168,7 @@ impl LocalSearch<'_, '_, '_> {
         for _ in 0..FINISH_LIMIT {
             let (price, enough) = (self.prices[1], FINISHED_SHARE * best.final_time());
             let confirmed = confirmed_decrease(self.problem, &best.decision, (price, enough), &mut self.budget)?;
-            let Some(better) = confirmed.better else { return Ok(()) };
+            let Some(better) = confirmed.better else { return confirmed.interruption.map_or(Ok(()), Err) };
             let next = self.descend(&better, price, RADIUS)?;
             keep_better(best, next, self.settings.goal_tolerance);
         }
