@@ -3,7 +3,7 @@
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::channel;
-use std::sync::{Barrier, Mutex};
+use std::sync::{Arc, Barrier, Mutex};
 use std::thread::{current, yield_now};
 use std::time::Duration;
 
@@ -47,6 +47,12 @@ fn share_parts(
     })
 }
 
+/// One flag for two owners.
+fn flag() -> (Arc<AtomicBool>, Arc<AtomicBool>) {
+    let flag = Arc::new(AtomicBool::new(false));
+    (Arc::clone(&flag), flag)
+}
+
 fn value_of<T>(outcome: JobOutcome<T>) -> T {
     match outcome {
         JobOutcome::Finished { value, .. } => value,
@@ -86,10 +92,15 @@ fn waiting_job_gets_its_worker_back_while_the_borrower_still_runs() {
     let (helping, is_helped) = channel();
     let (release, released) = channel::<()>();
     let released = Mutex::new(released);
+    let (is_over, over) = flag();
     let part = move |_: usize, is_recalled: &AtomicBool| {
         if current().name() == Some("slipdrive-helper") {
             helping.send(()).unwrap();
+            // Once all are let go, helpers that are asked again do their part.
             while !is_recalled.load(Ordering::Relaxed) {
+                if over.load(Ordering::Relaxed) {
+                    return Done::Yes;
+                }
                 yield_now();
             }
             return Done::GivenBack;
@@ -102,6 +113,7 @@ fn waiting_job_gets_its_worker_back_while_the_borrower_still_runs() {
     is_helped.recv().unwrap();
     let second = queue.reserve().unwrap().fill(Clocks::default(), |_| 7);
     assert_eq!(value_of(second.blocking_outcome()), 7);
+    is_over.store(true, Ordering::Relaxed);
     drop(release);
     assert_eq!(value_of(borrower.blocking_outcome()), [1; 4], "what was given back is done by the borrower");
 }
@@ -113,13 +125,18 @@ fn only_as_many_loans_are_recalled_as_jobs_wait() {
     let (left, has_left) = channel();
     let (release, released) = channel::<()>();
     let released = Mutex::new(released);
+    let (is_over, over) = flag();
     let part = move |_: usize, is_recalled: &AtomicBool| {
         if current().name() != Some("slipdrive-helper") {
             let _ = lock(&released).recv();
             return Done::Yes;
         }
         helping.send(()).unwrap();
+        // Once all are let go, helpers that are asked again do their part.
         while !is_recalled.load(Ordering::Relaxed) {
+            if over.load(Ordering::Relaxed) {
+                return Done::Yes;
+            }
             yield_now();
         }
         left.send(()).unwrap();
@@ -142,6 +159,7 @@ fn only_as_many_loans_are_recalled_as_jobs_wait() {
     let third = queue.reserve().unwrap().fill(Clocks::default(), |_| ());
     has_left.recv().unwrap();
     value_of(third.blocking_outcome());
+    is_over.store(true, Ordering::Relaxed);
     drop((hold, release));
     value_of(second.blocking_outcome());
     assert_eq!(value_of(borrower.blocking_outcome()), [1; 3]);
