@@ -134,7 +134,7 @@ fn derivatives_agree_under_smoothed_friction() {
         let [above, below] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
             schedule.left[1] += step;
             let rollout = Rollout { start: &start, schedule: &schedule, step_count: 100 };
-            let end = simulator.smoothed_end_state(&rollout, smoothing).to_vector();
+            let end = simulator.end_state_and_loads(&rollout, smoothing, &mut LeastLoads::default()).to_vector();
             schedule.left[1] -= step;
             end
         });

@@ -75,16 +75,6 @@ impl Simulator {
         }
     }
 
-    /// As [`Simulator::end_state`], under a friction law without kinks; `slip_smoothing` > 0 in m/s.
-    pub fn smoothed_end_state(&self, rollout: &Rollout, slip_smoothing: f64) -> State {
-        match &self.model {
-            Model::Wheels(model) => integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), |_, _| {}),
-            Model::WheelsAndFront(model) => {
-                integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), |_, _| {})
-            }
-        }
-    }
-
     /// As [`Simulator::end_state`] with the least normal forces on the way, under the exact law or, with
     /// `slip_smoothing` > 0 m/s, under one without kinks.
     pub fn end_state_and_loads(&self, rollout: &Rollout, slip_smoothing: f64, loads: &mut LeastLoads) -> State {

@@ -21,11 +21,9 @@ const REPLAY_REFINEMENT: usize = 16;
 /// Largest accepted residual of the contact law, relative to m g dt.
 const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// Largest accepted first-order measure, as a share of the final time.
-pub(super) const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
-
+const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
 /// Rollouts that the first-order measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
-
 /// A measure of this share of what is accepted needs not be told more exactly: a tenth saves most of its rollouts.
 const WELL_STATIONARY: f64 = 0.1;
 

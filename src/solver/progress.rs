@@ -24,24 +24,23 @@ fn is_better(first: &SolveProgress, second: &SolveProgress, goal_tolerance: f64)
 pub(super) struct BestProgress<'a> {
     control: &'a RunControl<'a>,
     goal_tolerance: f64,
-    start_count: usize,
     told: Mutex<Option<SolveProgress>>,
 }
 
 impl<'a> BestProgress<'a> {
-    pub(super) fn new(control: &'a RunControl<'a>, goal_tolerance: f64, start_count: usize) -> Self {
-        Self { control, goal_tolerance, start_count, told: Mutex::new(None) }
+    pub(super) fn new(control: &'a RunControl<'a>, goal_tolerance: f64) -> Self {
+        Self { control, goal_tolerance, told: Mutex::new(None) }
     }
 
     /// What is to be told next, if anything.
     fn next(&self, told: Option<SolveProgress>, progress: &SolveProgress) -> Option<SolveProgress> {
-        let progress = SolveProgress { start_count: self.start_count, ..*progress };
-        let Some(best) = told else { return Some(progress) };
-        let start = best.start.max(progress.start);
-        if is_better(&progress, &best, self.goal_tolerance) {
-            return Some(SolveProgress { start, ..progress });
+        let Some(best) = told else { return Some(*progress) };
+        // A polish is no start: its numbers are 0. The count grows where more starts are tried than were asked for.
+        let (start, start_count) = (best.start.max(progress.start), best.start_count.max(progress.start_count));
+        if is_better(progress, &best, self.goal_tolerance) {
+            return Some(SolveProgress { start, start_count, ..*progress });
         }
-        (start > best.start).then_some(SolveProgress { start, ..best })
+        (start > best.start).then_some(SolveProgress { start, start_count, ..best })
     }
 }
 
@@ -98,7 +97,7 @@ mod tests {
     fn only_what_is_better_is_told_and_starts_only_count_up() {
         let (record, flag) = (Record(Mutex::new(Vec::new())), AtomicBool::new(false));
         let control = RunControl::new(&flag, &record);
-        let best = BestProgress::new(&control, 1e-6, 3);
+        let best = BestProgress::new(&control, 1e-6);
         for (best_final_time, best_goal_error, start) in [
             (2.0, 0.5, 1),
             (1.0, f64::NAN, 1),

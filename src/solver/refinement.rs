@@ -10,7 +10,7 @@ use super::certificate::replay;
 use super::local_search::LocalSearch;
 use super::progress::PhasesOnly;
 use super::run_control::RunControl;
-use super::search::SearchResult;
+use super::search::{DISTINCT_FINAL_TIME, SearchResult, fastest_first};
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, Replay, StopReason};
 use super::starts::starts;
@@ -29,8 +29,6 @@ const ATTEMPT_LIMIT: usize = 3;
 /// Further starts are tried in so many blocks of so many, where no plan of the search can be executed.
 const MORE_BLOCKS: usize = 3;
 const BLOCK: usize = 8;
-/// Local optima whose final times differ by less than this share count as one.
-const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
 /// Refines the grid of the best decision, or of a slower one where only that can be executed.
 ///
@@ -111,33 +109,20 @@ impl Refiner<'_, '_, '_> {
 
     /// Local optima of starts that the search was not asked for, fastest first.
     fn plans_of_more_starts(&mut self, block: usize, step_count: usize) -> Vec<Plan> {
-        let settings = &self.input.settings;
         let first = self.result.starts_tried + block * BLOCK;
         let starts = starts(self.input, first + BLOCK);
-        let mut problem =
-            ShootingProblem::new(self.simulator, &self.input.maneuver, step_count, settings.control_count);
-        let rollout_limit = settings.rollout_limit - self.result.rollouts;
-        let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
         let mut optima: Vec<Candidate> = Vec::new();
-        let mut interruption = None;
-        for start in starts.iter().skip(first) {
-            match search.run_from(start, (starts.len(), starts.len())) {
-                Ok(candidate) => optima.push(candidate),
-                Err(end) => {
-                    interruption = Some(end);
-                    break;
-                }
+        let ended: Result<(), Interruption> = self.searching_on(step_count, |search| {
+            for start in starts.iter().skip(first) {
+                optima.push(search.run_from(start, (starts.len(), starts.len()))?);
             }
-        }
-        let (_, iterations, rollouts) = search.into_parts();
-        self.result.iterations += iterations;
-        self.result.rollouts += rollouts;
-        if let Some(interruption) = interruption {
+            Ok(())
+        });
+        if let Err(interruption) = ended {
             self.result.stop_reason = interruption.into();
         }
         optima.retain(|candidate| candidate.is_feasible(self.input.settings.goal_tolerance));
-        optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
-        optima.into_iter().map(|candidate| self.plan(candidate, step_count)).collect()
+        fastest_first(optima).into_iter().map(|candidate| self.plan(candidate, step_count)).collect()
     }
 
     fn keep(&mut self, plan: &Plan) {
@@ -205,16 +190,21 @@ impl Refiner<'_, '_, '_> {
     }
 
     fn adapted(&mut self, candidate: &Candidate, step_count: usize) -> Result<Candidate, Interruption> {
+        self.searching_on(step_count, |search| search.adapt(candidate))
+    }
+
+    /// Searches on a grid with what is left of the rollouts, and counts what that takes.
+    fn searching_on<T>(&mut self, step_count: usize, run: impl FnOnce(&mut LocalSearch) -> T) -> T {
         let settings = &self.input.settings;
         let mut problem =
             ShootingProblem::new(self.simulator, &self.input.maneuver, step_count, settings.control_count);
         let rollout_limit = settings.rollout_limit - self.result.rollouts;
         let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
-        let adapted = search.adapt(candidate);
+        let found = run(&mut search);
         let (_, iterations, rollouts) = search.into_parts();
         self.result.iterations += iterations;
         self.result.rollouts += rollouts;
-        adapted
+        found
     }
 
     fn plan(&self, candidate: Candidate, step_count: usize) -> Plan {

@@ -12,7 +12,7 @@ use crate::optimizer::Interruption;
 use crate::shooting::ShootingProblem;
 
 /// Local optima whose final times differ by less than this share count as one.
-const DISTINCT_FINAL_TIME: f64 = 1e-3;
+pub(super) const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
 /// Where fewer than half of the starts lead to a plan, more are tried: up to this many times as many as were asked for.
 const MORE_STARTS: usize = 4;
@@ -43,7 +43,7 @@ pub(super) struct SearchResult {
 /// Searches from every start, then polishes the best local optima; the result does not depend on who helps.
 pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &RunControl) -> SearchResult {
     let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
-    let progress = BestProgress::new(control, settings.goal_tolerance, settings.start_count);
+    let progress = BestProgress::new(control, settings.goal_tolerance);
     let parts_of = |rollout_limit: u64, count: usize, run: &RunPart| {
         Parts::new((control, &progress), settings.goal_tolerance, rollout_limit, (count, run)).total()
     };
@@ -54,7 +54,7 @@ pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &Ru
         let tried = found.tried;
         let left = settings.rollout_limit - found.rollouts;
         let more = parts_of(left, block.len(), &|index, control, rollout_limit| {
-            let number = (tried + index + 1, starts.len());
+            let number = (tried + index + 1, tried + block.len());
             part(input, problem, (control, rollout_limit), |search| search.run_from(&block[index], number))
         });
         let locals = more.locals.iter().map(|(_, local)| local);
@@ -105,7 +105,7 @@ fn part(
     PartOutcome { local, best, iterations, rollouts }
 }
 
-fn fastest_first(mut optima: Vec<Candidate>) -> Vec<Candidate> {
+pub(super) fn fastest_first(mut optima: Vec<Candidate>) -> Vec<Candidate> {
     optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
     optima
 }
