@@ -14,7 +14,7 @@ use slipdrive::api::grpc::pb::solve_stream_response::Event;
 use slipdrive::service::domain::{SolveInput, SolveProgress};
 use slipdrive::solver::{RunControl, StopReason};
 use support::protobuf::{code_of, fields_of, refusal};
-use support::{FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
+use support::{FakeSolver, Gate, HANG_BOUND, TestServer, held_solver, instant_solver, small_solution};
 use tokio::sync::mpsc::unbounded_channel;
 use tokio::time::timeout;
 use tonic::Code;
@@ -204,15 +204,8 @@ async fn batch_item_without_a_fresh_id_is_refused() {
 
 #[tokio::test]
 async fn draining_server_ends_batches_after_the_answers_in_flight() {
-    let gate = Arc::new(Gate::default());
-    let held = Arc::clone(&gate);
-    let (started, mut has_started) = unbounded_channel();
-    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
-        started.send(()).unwrap();
-        held.wait();
-        small_solution(StopReason::Finished)
-    });
-    let server = TestServer::start(8, Arc::new(solver)).await;
+    let (gate, mut has_started, solver) = held_solver();
+    let server = TestServer::start(8, solver).await;
     let mut client = server.grpc().await;
     let items = stream::iter([item("first", 1)]).chain(stream::pending());
     let mut answers = client.solve_batch(items).await.unwrap().into_inner();

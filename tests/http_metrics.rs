@@ -15,7 +15,7 @@ use slipdrive::metrics::catalogue;
 use slipdrive::service::domain::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 use support::process::sample_in;
-use support::{FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
+use support::{FakeSolver, HANG_BOUND, TestServer, held_solver, instant_solver, small_solution};
 use tokio::net::TcpListener;
 use tokio::sync::mpsc::unbounded_channel;
 use tokio::time::timeout;
@@ -59,15 +59,8 @@ async fn solves_are_counted_by_their_outcome() {
 
 #[tokio::test]
 async fn refusals_are_counted_by_code_with_their_duration() {
-    let gate = Arc::new(Gate::default());
-    let held = Arc::clone(&gate);
-    let (started, mut has_started) = unbounded_channel();
-    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
-        started.send(()).unwrap();
-        held.wait();
-        small_solution(StopReason::Finished)
-    });
-    let server = Arc::new(TestServer::start(1, Arc::new(solver)).await);
+    let (gate, mut has_started, solver) = held_solver();
+    let server = Arc::new(TestServer::start(1, solver).await);
     let solve = || {
         let server = Arc::clone(&server);
         tokio::spawn(async move { server.post("/solve", BODY).await.status })

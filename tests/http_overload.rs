@@ -16,7 +16,7 @@ use slipdrive::api::server::ServerSettings;
 use slipdrive::service::ServiceSettings;
 use slipdrive::service::domain::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
-use support::{Answer, FakeSolver, Gate, HANG_BOUND, TestServer, small_solution};
+use support::{Answer, FakeSolver, Gate, HANG_BOUND, TestServer, held_solver, small_solution};
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::time::timeout;
 use tonic_health::pb::HealthCheckRequest;
@@ -64,15 +64,8 @@ async fn one_running_and_four_waiting_of_a_hundred_are_accepted() {
 
 #[tokio::test]
 async fn refused_body_is_not_parsed() {
-    let gate = Arc::new(Gate::default());
-    let held = Arc::clone(&gate);
-    let (started, mut has_started) = unbounded_channel();
-    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
-        started.send(()).unwrap();
-        held.wait();
-        small_solution(StopReason::Finished)
-    });
-    let server = Arc::new(TestServer::start(0, Arc::new(solver)).await);
+    let (gate, mut has_started, solver) = held_solver();
+    let server = Arc::new(TestServer::start(0, solver).await);
     let running = {
         let server = Arc::clone(&server);
         tokio::spawn(async move { server.post("/solve", BODY).await })
@@ -185,15 +178,8 @@ async fn time_limit_ends_a_solve_with_its_best_plan() {
 
 #[tokio::test]
 async fn draining_server_is_alive_but_not_ready_and_finishes_what_it_has() {
-    let gate = Arc::new(Gate::default());
-    let held = Arc::clone(&gate);
-    let (started, mut has_started) = unbounded_channel();
-    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
-        started.send(()).unwrap();
-        held.wait();
-        small_solution(StopReason::Finished)
-    });
-    let server = Arc::new(TestServer::start(1, Arc::new(solver)).await);
+    let (gate, mut has_started, solver) = held_solver();
+    let server = Arc::new(TestServer::start(1, solver).await);
     let running = {
         let server = Arc::clone(&server);
         tokio::spawn(async move { server.post("/solve", BODY).await })
@@ -254,22 +240,15 @@ async fn solves_run_on_named_worker_threads() {
 
 #[tokio::test]
 async fn server_whose_workers_are_all_stuck_is_not_alive_until_one_comes_back() {
-    let gate = Arc::new(Gate::default());
-    let held = Arc::clone(&gate);
-    let (started, mut has_started) = unbounded_channel();
     // Never looks at its stop flag.
-    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
-        started.send(()).unwrap();
-        held.wait();
-        small_solution(StopReason::Finished)
-    });
+    let (gate, mut has_started, solver) = held_solver();
     let settings = ServiceSettings {
         workers: NonZeroUsize::new(2).unwrap(),
         stuck_after: Duration::from_millis(20),
         ..ServiceSettings::default()
     };
     let (api, connections) = (ApiSettings::default(), ServerSettings::default());
-    let server = Arc::new(TestServer::start_sized(settings, Arc::new(solver), api, connections).await);
+    let server = Arc::new(TestServer::start_sized(settings, solver, api, connections).await);
     let mut health = HealthClient::new(server.channel().await);
     let mut callers = Vec::new();
     for _ in 0..2 {

@@ -23,6 +23,7 @@ use slipdrive::service::domain::{
 use slipdrive::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings};
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::net::TcpListener;
+use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::task::JoinHandle;
 use tonic::transport::{Channel, Endpoint};
 
@@ -113,6 +114,19 @@ impl Gate {
         let is_open = self.is_open.lock().unwrap();
         drop(self.opened.wait_while(is_open, |is_open| !*is_open).unwrap());
     }
+}
+
+/// A solver that tells of each start and then waits at the gate, whatever its stop flag says.
+pub fn held_solver() -> (Arc<Gate>, UnboundedReceiver<()>, Arc<dyn ManeuverSolver>) {
+    let gate = Arc::new(Gate::default());
+    let held = Arc::clone(&gate);
+    let (started, has_started) = unbounded_channel();
+    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
+        started.send(()).unwrap();
+        held.wait();
+        small_solution(StopReason::Finished)
+    });
+    (gate, has_started, Arc::new(solver))
 }
 
 /// A running server.
