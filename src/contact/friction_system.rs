@@ -106,6 +106,12 @@ impl<const N: usize> FrictionSystem<N> {
         self.linear_modes.as_ref().map(|modes| &modes[index])
     }
 
+    /// Derivatives of the friction impulse in a linear pattern, the same at each solution; none in other patterns, and none
+    /// without wheel friction.
+    pub fn linear_derivative(&self, pattern: ContactPattern) -> Option<&ImpulseDerivative<N>> {
+        self.linear_mode(Self::linear_index(pattern)?)
+    }
+
     /// Derivatives of the friction impulse at a solution, by the implicit function theorem in its pattern.
     ///
     /// None where the pattern's equations are singular.
@@ -125,7 +131,7 @@ impl<const N: usize> FrictionSystem<N> {
 
     /// Index of the precomputed solution map of a pattern, if it has one.
     #[inline]
-    pub(super) fn linear_index(pattern: ContactPattern) -> Option<usize> {
+    pub fn linear_index(pattern: ContactPattern) -> Option<usize> {
         if N == 5 && pattern.front == ContactMode::Slip { None } else { pattern.wheels.linear_index() }
     }
 

@@ -103,6 +103,12 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
+    /// Rules out final times below `time`, s.
+    pub fn rule_out_before(&mut self, time: f64) {
+        let shortest = &mut self.lower[self.cost.len() - 1];
+        *shortest = shortest.max(time.min(LONGEST_FINAL_TIME));
+    }
+
     /// Aims at the goal heading in the winding of `heading`, rad; nothing where the heading is free.
     pub fn aim_at_heading(&mut self, heading: f64) {
         for row in self.rows.iter_mut().filter(|row| row.component == StateComponent::Heading.index()) {

@@ -8,7 +8,8 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-use crate::contact::{ContactSolution, FrictionProblem, FrictionSystem};
+use super::step_derivative::Chain;
+use crate::contact::{ContactMode, ContactPattern, ContactSolution, FrictionProblem, FrictionSystem, WheelPattern};
 use crate::robot::{BodyVector, PerWheel, Robot, State};
 
 /// Everything about the robot that a step needs, with `N` friction directions (3, or 5 with front friction).
@@ -26,6 +27,8 @@ pub(super) struct StepModel<const N: usize> {
     /// 1 / J.
     pub(super) inverse_spin_inertia: f64,
     pub(super) load: FreeLoad,
+    /// How the motion follows from its data in the linear contact patterns.
+    linear_chains: Option<[Chain<5>; WheelPattern::LINEAR.len()]>,
 }
 
 /// Normal forces without friction: affine in the squared rates and the torques.
@@ -65,7 +68,7 @@ impl<const N: usize> StepModel<N> {
             [friction, friction, parameters.front_friction_coefficient],
         );
         let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
-        Self {
+        let mut model = Self {
             system,
             slip_map,
             impulse_response: robot.impulse_response().fixed_columns::<N>(0).into_owned(),
@@ -73,7 +76,27 @@ impl<const N: usize> StepModel<N> {
             centrifugal_acceleration: unit_rate.fixed_rows::<3>(0).into_owned(),
             inverse_spin_inertia: 1.0 / parameters.wheel_spin_inertia,
             load: FreeLoad::new(robot, &unit_rate),
-        }
+            linear_chains: None,
+        };
+        model.linear_chains = model.solve_linear_chains();
+        model
+    }
+
+    /// How the motion follows from its data in a contact pattern where that does not change from step to step.
+    #[inline]
+    pub(super) fn linear_chain(&self, pattern: ContactPattern) -> Option<&Chain<5>> {
+        let chains = self.linear_chains.as_ref()?;
+        FrictionSystem::<N>::linear_index(pattern).map(|index| &chains[index])
+    }
+
+    fn solve_linear_chains(&self) -> Option<[Chain<5>; WheelPattern::LINEAR.len()]> {
+        let front = if N == 5 { ContactMode::Stick } else { ContactMode::Slip };
+        let chain = |wheels| {
+            let impulse = self.system.linear_derivative(ContactPattern { wheels, front })?;
+            Some(Chain::<5>::of_motion(self, impulse))
+        };
+        let chains: Option<Vec<_>> = WheelPattern::LINEAR.into_iter().map(chain).collect();
+        chains?.try_into().ok()
     }
 
     /// Takes one step of length `dt` from `start`.

@@ -12,7 +12,7 @@
 //! angles enter no step, so their rows and columns pass through unchanged. Transitions between sticking and slipping
 //! are exact; at a slip reversal no derivative of a fixed-step scheme is right (`docs/model.md`).
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SVector, Vector3};
 
 use super::least_loads::LeastLoads;
 use super::moreau_step::{Step, StepContact, StepModel};
@@ -25,8 +25,8 @@ use crate::robot::{BodyVector, PerWheel, State};
 /// A derivative of the ten components of the end state, in the order of [`State::to_vector`].
 pub type EndDerivative = SVector<f64, { State::LEN }>;
 
-/// Derivatives of ten end components by the five body or generalized velocities.
-type Rows = SMatrix<f64, { State::LEN }, 5>;
+/// Derivatives by each of the five body or generalized velocities.
+type ByVelocity = [EndDerivative; 5];
 
 /// The end state of a rollout with its derivatives; also the memory of the backward sweep.
 #[derive(Debug, Clone, Default)]
@@ -115,7 +115,7 @@ fn differentiate<const N: usize>(
 /// Derivatives of the end state by the state at the end of the current step.
 struct BackwardSweep {
     by_heading: EndDerivative,
-    by_velocity: Rows,
+    by_velocity: ByVelocity,
     by_step_length: EndDerivative,
     slip_smoothing: f64,
 }
@@ -140,9 +140,9 @@ impl BackwardSweep {
     fn new(slip_smoothing: f64) -> Self {
         let mut by_heading = EndDerivative::zeros();
         by_heading[2] = 1.0;
-        let mut by_velocity = Rows::zeros();
-        for axis in 0..5 {
-            by_velocity[(5 + axis, axis)] = 1.0;
+        let mut by_velocity = ByVelocity::default();
+        for (axis, derivative) in by_velocity.iter_mut().enumerate() {
+            derivative[5 + axis] = 1.0;
         }
         Self { by_heading, by_velocity, by_step_length: EndDerivative::zeros(), slip_smoothing }
     }
@@ -170,36 +170,35 @@ impl BackwardSweep {
         let mut by_end = self.by_velocity;
         self.add_position_share(&mut by_end, half);
 
-        // u_E from the body frame of the midpoint into the world: rotate the rows back.
-        let mut by_midpoint_heading = by_end.column(1) * end[0] - by_end.column(0) * end[1];
+        // u_E from the body frame of the midpoint into the world: rotate the derivatives back.
+        let mut by_midpoint_heading = by_end[1] * end[0] - by_end[0] * end[1];
         rotate_into_body(&mut by_end, sin, cos);
 
         let derivative = StepDerivative::of_motion(model, entry, (torque, dt), self.slip_smoothing);
-        let by_torque = PerWheel::new(by_end * derivative.by_torque.left, by_end * derivative.by_torque.right);
-        self.by_step_length += by_end * derivative.by_step_length;
-        let mut by_start = by_end * derivative.by_velocity;
+        let PerWheel { left, right } = &derivative.by_torque;
+        let by_torque = PerWheel::new(through(&by_end, left.as_ref()), through(&by_end, right.as_ref()));
+        self.by_step_length += through(&by_end, derivative.by_step_length.as_ref());
+        let mut by_start = derivative.by_velocity.data.0.map(|by_start_velocity| through(&by_end, &by_start_velocity));
 
         // u_A into the body frame, and the heading of the midpoint.
-        by_midpoint_heading += by_start.column(0) * v[1] - by_start.column(1) * v[0];
+        by_midpoint_heading += by_start[0] * v[1] - by_start[1] * v[0];
         rotate_into_world(&mut by_start, sin, cos);
         self.add_position_share(&mut by_start, half);
-        let mut by_yaw_rate = by_start.column_mut(2);
-        by_yaw_rate += by_midpoint_heading * half;
+        by_start[2] += by_midpoint_heading * half;
         self.by_step_length += by_midpoint_heading * (0.5 * v[2]);
         self.by_heading += by_midpoint_heading;
         self.by_velocity = by_start;
         by_torque
     }
 
-    /// Adds the path from a velocity through the end configuration: `half` times the rows by the configuration.
+    /// Adds the path from a velocity through the end configuration: `half` times the derivatives by the configuration.
     #[inline]
-    fn add_position_share(&self, rows: &mut Rows, half: f64) {
-        rows[(0, 0)] += half;
-        rows[(1, 1)] += half;
-        let mut by_yaw_rate = rows.column_mut(2);
-        by_yaw_rate += self.by_heading * half;
-        rows[(3, 3)] += half;
-        rows[(4, 4)] += half;
+    fn add_position_share(&self, by_velocity: &mut ByVelocity, half: f64) {
+        by_velocity[0][0] += half;
+        by_velocity[1][1] += half;
+        by_velocity[2] += self.by_heading * half;
+        by_velocity[3][3] += half;
+        by_velocity[4][4] += half;
     }
 }
 
@@ -215,16 +214,26 @@ fn world(velocity: &BodyVector, (sin, cos): (f64, f64)) -> BodyVector {
     ])
 }
 
-/// Rows by world velocities become rows by body velocities: row times the rotation matrix.
+/// The chain rule: derivatives by the velocities, and those velocities' derivatives by one variable.
+///
+/// Vector by vector: the library's matrix product walks strides that it does not know, and takes three times as long.
 #[inline]
-fn rotate_into_body(rows: &mut Rows, sin: f64, cos: f64) {
-    let (x, y) = (rows.column(0).into_owned(), rows.column(1).into_owned());
-    rows.set_column(0, &(x * cos + y * sin));
-    rows.set_column(1, &(y * cos - x * sin));
+fn through(by_velocity: &ByVelocity, of_velocity: &[f64; 5]) -> EndDerivative {
+    let [right, forward, yaw, left_wheel, right_wheel] = by_velocity;
+    let of = of_velocity;
+    right * of[0] + forward * of[1] + yaw * of[2] + left_wheel * of[3] + right_wheel * of[4]
+}
+
+/// Derivatives by world velocities become derivatives by body velocities.
+#[inline]
+fn rotate_into_body(by_velocity: &mut ByVelocity, sin: f64, cos: f64) {
+    let [x, y, ..] = *by_velocity;
+    by_velocity[0] = x * cos + y * sin;
+    by_velocity[1] = y * cos - x * sin;
 }
 
 /// The inverse of [`rotate_into_body`].
 #[inline]
-fn rotate_into_world(rows: &mut Rows, sin: f64, cos: f64) {
-    rotate_into_body(rows, -sin, cos);
+fn rotate_into_world(by_velocity: &mut ByVelocity, sin: f64, cos: f64) {
+    rotate_into_body(by_velocity, -sin, cos);
 }

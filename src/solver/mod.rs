@@ -32,6 +32,7 @@ pub use solution::{
 };
 
 use candidate::Candidate;
+use lower_bound::{Grid, largest, lower_bounds};
 use nalgebra::DVector;
 
 use crate::optimizer::Problem as _;
@@ -40,6 +41,8 @@ use crate::simulation::Simulator;
 
 /// Length of the answer where every motion that was tried diverged, s.
 const STANDING_TIME: f64 = 1e-9;
+/// Share of the lower bound that the search may use: no plan is lost, whatever rounding does.
+const SHARE_OF_BOUND: f64 = 0.99;
 
 /// Solves a maneuver; what was found is a status of the answer, never an error.
 ///
@@ -54,12 +57,11 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     }
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
-    let problem_on = |step_count| ShootingProblem::new(&simulator, &input.maneuver, step_count, settings.control_count);
-    let mut problem = problem_on(settings.step_count);
+    let mut problem = problem_on(input, &simulator, settings.step_count);
     let mut result = search::search(input, &problem, control);
     if let Refinement::UntilExecutable { step_limit } = settings.refinement {
         refinement::refine(input, &simulator, step_limit, control, &mut result);
-        problem = problem_on(result.step_count);
+        problem = problem_on(input, &simulator, result.step_count);
     }
     if control.is_abandoned() {
         // The worker is free one rollout after the flag.
@@ -69,6 +71,15 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
     let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));
     certificate::certified(input, &simulator, &mut problem, &best, result)
+}
+
+/// The problem on a grid, without final times that are too short for any plan: trading the goal for time ends there,
+/// which keeps the search from standing still.
+fn problem_on<'a>(input: &SolveInput, simulator: &'a Simulator, step_count: usize) -> ShootingProblem<'a> {
+    let mut problem = ShootingProblem::new(simulator, &input.maneuver, step_count, input.settings.control_count);
+    let bound = largest(&lower_bounds(input, Grid::Steps(step_count)));
+    problem.rule_out_before(SHARE_OF_BOUND * bound.time);
+    problem
 }
 
 /// The first start, as the answer of a solve that was stopped before its first rollout; none when its motion diverges.

@@ -13,9 +13,10 @@ use super::run_control::RunControl;
 use super::search::{DISTINCT_FINAL_TIME, SearchResult, fastest_first};
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, Replay, StopReason};
+use super::problem_on;
 use super::starts::starts;
 use crate::optimizer::Interruption;
-use crate::shooting::{ShootingProblem, schedule_from_decision};
+use crate::shooting::schedule_from_decision;
 use crate::simulation::{Rollout, Simulator};
 
 /// Grids are refined by at least and at most these factors at a time.
@@ -196,8 +197,7 @@ impl Refiner<'_, '_, '_> {
     /// Searches on a grid with what is left of the rollouts, and counts what that takes.
     fn searching_on<T>(&mut self, step_count: usize, run: impl FnOnce(&mut LocalSearch) -> T) -> T {
         let settings = &self.input.settings;
-        let mut problem =
-            ShootingProblem::new(self.simulator, &self.input.maneuver, step_count, settings.control_count);
+        let mut problem = problem_on(self.input, self.simulator, step_count);
         let rollout_limit = settings.rollout_limit - self.result.rollouts;
         let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
         let found = run(&mut search);

@@ -17,8 +17,8 @@ pub(super) const DISTINCT_FINAL_TIME: f64 = 1e-3;
 /// Where fewer than half of the starts lead to a plan, more are tried: up to this many times as many as were asked for.
 const MORE_STARTS: usize = 4;
 
-/// Local optima that are polished, fastest first.
-const POLISHED_OPTIMA: usize = 2;
+/// Distinct local optima that are polished, fastest first.
+const POLISHED_OPTIMA: usize = 3;
 
 /// What the search found, and what it spent.
 #[derive(Debug)]
@@ -68,12 +68,14 @@ pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &Ru
 
     if found.interruption.is_none() && starts[..found.tried].iter().any(|start| start.way == Way::Smoothed) {
         optima = fastest_first(optima);
-        let (left, count) = (settings.rollout_limit - found.rollouts, optima.len().min(POLISHED_OPTIMA));
-        let polished = parts_of(left, count, &|index, control, rollout_limit| {
-            part(input, problem, (control, rollout_limit), |search| search.polish(optima[index].clone()))
+        let mut chosen = distinct(&optima);
+        chosen.truncate(POLISHED_OPTIMA);
+        let left = settings.rollout_limit - found.rollouts;
+        let polished = parts_of(left, chosen.len(), &|index, control, rollout_limit| {
+            part(input, problem, (control, rollout_limit), |search| search.polish(optima[chosen[index]].clone()))
         });
         for (index, local) in &polished.locals {
-            optima[*index] = local.clone();
+            optima[chosen[*index]] = local.clone();
         }
         found.follow(polished, settings.goal_tolerance);
     }
@@ -110,6 +112,22 @@ pub(super) fn fastest_first(mut optima: Vec<Candidate>) -> Vec<Candidate> {
     optima
 }
 
+/// The first of each group of optima whose final times differ by next to nothing; they are sorted.
+fn distinct(optima: &[Candidate]) -> Vec<usize> {
+    let mut firsts: Vec<usize> = Vec::new();
+    for (index, optimum) in optima.iter().enumerate() {
+        let follows = |first: &usize| is_distinct(optima[*first].final_time(), optimum.final_time());
+        if firsts.last().is_none_or(follows) {
+            firsts.push(index);
+        }
+    }
+    firsts
+}
+
+fn is_distinct(faster: f64, slower: f64) -> bool {
+    slower - faster > DISTINCT_FINAL_TIME * faster
+}
+
 impl From<Interruption> for StopReason {
     fn from(interruption: Interruption) -> Self {
         match interruption {
@@ -124,7 +142,7 @@ fn grouped(mut final_times: Vec<f64>) -> Vec<DistinctOptimum> {
     let mut optima: Vec<DistinctOptimum> = Vec::new();
     for final_time in final_times {
         match optima.last_mut() {
-            Some(last) if final_time - last.final_time <= DISTINCT_FINAL_TIME * last.final_time => last.count += 1,
+            Some(last) if !is_distinct(last.final_time, final_time) => last.count += 1,
             _ => optima.push(DistinctOptimum { final_time, count: 1 }),
         }
     }

@@ -44,6 +44,8 @@ const GRIP: f64 = 0.9;
 const EITHER_WAY_FROM: f64 = 0.6 * PI;
 /// Signs of the left wheel's torque in a spin.
 const SPINS: [f64; 2] = [1.0, -1.0];
+/// So many of the fastest plans are also tried with spins.
+const SPUN_PLANS: usize = 2;
 /// A spin lasts one part in this many of the maneuver.
 const SPIN_SHARE: usize = 10;
 /// Intervals that are perturbed together.
@@ -77,7 +79,7 @@ struct Rolling {
 }
 
 /// The first starts of a search, at most `count`, in the order in which they are tried: the caller's guess, the fastest
-/// plan directly, the plans through smoothing with spins of their middle, then perturbed copies.
+/// plan directly, the plans through smoothing, the fastest also with spins, then perturbed copies.
 pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
     let guess = input.initial_guess.iter().map(|guess| Start {
         schedule: resampled(guess, input.settings.control_count),
@@ -96,20 +98,15 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
         return starts;
     }
     let plans = turn_drive_turn(input);
-    let limit = input.maneuver.torque_limit;
-    let spins = |plan: &Start| SPINS.map(|sign| spun(plan, PerWheel::new(sign * limit.left, -sign * limit.right)));
     starts.push(Start { way: Way::Direct, ..plans[0].clone() });
-    starts.push(plans[0].clone());
-    starts.extend(plans.get(1).cloned());
-    starts.extend(spins(&plans[0]));
-    starts.extend(plans.get(2).cloned());
-    if let Some(second) = plans.get(1) {
-        starts.extend(spins(second));
+    for plan in plans.iter().take(SPUN_PLANS) {
+        starts.push(plan.clone());
+        starts.extend(spun_copies(plan, input.maneuver.torque_limit));
     }
-    starts.extend(plans.iter().skip(3).cloned());
+    starts.extend(plans.iter().skip(SPUN_PLANS).cloned());
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed);
     for plan in plans.iter().cycle().take(count.saturating_sub(starts.len())) {
-        starts.push(perturbed(plan, limit, &mut rng));
+        starts.push(perturbed(plan, input.maneuver.torque_limit, &mut rng));
     }
     starts.truncate(count);
     starts
@@ -126,13 +123,36 @@ fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
     })
 }
 
-/// The same plan with its wheels against each other after the middle: the way into drifting turns.
-fn spun(plan: &Start, torque: PerWheel<f64>) -> Start {
+/// Copies of a plan with its wheels against each other after the middle, either way round: the way into drifting turns.
+///
+/// After them the plan goes on braking, or brakes by driving on: turned round, forwards is against the motion. A robot
+/// that has turned round reaches its goal heading by turning back or by turning on.
+fn spun_copies(plan: &Start, limit: PerWheel<f64>) -> Vec<Start> {
+    let spins = SPINS.map(|sign| PerWheel::new(sign * limit.left, -sign * limit.right));
+    let mut copies: Vec<Start> = spins.iter().map(|spin| spun(plan, *spin, 1.0)).collect();
+    copies.extend(spins.iter().map(|spin| spun(plan, *spin, -1.0)));
+    if let Some(heading) = plan.goal_heading {
+        // The left wheel forwards turns to the right.
+        let revolutions = SPINS.iter().flat_map(|sign| [-sign * TAU, sign * TAU]);
+        let turning_on = revolutions.zip([spins[0], spins[0], spins[1], spins[1]]);
+        copies.extend(
+            turning_on.map(|(turn, spin)| Start { goal_heading: Some(heading + turn), ..spun(plan, spin, -1.0) }),
+        );
+    }
+    copies
+}
+
+/// The plan with `spin` (N m) after its middle, and with `after` times its torques thereafter.
+fn spun(plan: &Start, spin: PerWheel<f64>, after: f64) -> Start {
     let mut start = plan.clone();
     let count = start.schedule.control_count();
-    let spin = count / 2..(count / 2 + (count / SPIN_SHARE).max(1)).min(count);
-    start.schedule.left[spin.clone()].fill(torque.left);
-    start.schedule.right[spin].fill(torque.right);
+    let (begin, end) = (count / 2, (count / 2 + (count / SPIN_SHARE).max(1)).min(count));
+    for (torques, spin) in [(&mut start.schedule.left, spin.left), (&mut start.schedule.right, spin.right)] {
+        torques[begin..end].fill(spin);
+        for torque in &mut torques[end..] {
+            *torque *= after;
+        }
+    }
     start
 }
 

@@ -17,10 +17,13 @@ use crate::shooting::decision_from_schedule;
 /// Slip smoothing on the way from a start to the exact law, m/s: it carries the search over the kinks where contacts
 /// change their modes, by which the exact law alone would stop it up to 20 % too slow.
 const SMOOTHING: [f64; 3] = [0.1, 0.03, 0.01];
-/// Shorter ways back to the exact law from a local optimum, to get off the kink on which it sits.
+/// Shorter ways back to the exact law from a local optimum.
 const POLISH_SMOOTHING: [f64; 2] = [0.03, 0.01];
-/// Linear programs under one smoothing: the next smoothing moves the optimum anyway.
-const SMOOTHED_ITERATION_LIMIT: usize = 40;
+/// Linear programs under one smoothing, on the way from a start: the next smoothing moves the optimum anyway, and more
+/// starts find more than more iterations.
+const SMOOTHED_ITERATION_LIMIT: usize = 15;
+/// And around a good local optimum.
+const POLISH_ITERATION_LIMIT: usize = 40;
 /// First trust radii under the exact law: kinks decide which one gets furthest.
 const FIRST_RADII: [f64; 2] = [0.5, 0.3];
 /// Trust radius of a start, of which its torques may be far from the optimum.
@@ -29,19 +32,39 @@ const START_RADIUS: f64 = 0.3;
 const WARM_RADIUS: f64 = 0.05;
 /// Trust radius of all later descents: large enough to jump off a kink.
 const RADIUS: f64 = 0.1;
-/// A shaken copy moves each torque by up to this share of its limit and takes this much longer.
-const SHAKEN_SHARE: f64 = 0.03;
+/// How local optima are disturbed, in turn.
+const SHAKES: [Shake; 4] = [
+    Shake { share: 0.03, stretch: Stretch::Whole },
+    Shake { share: 0.2, stretch: Stretch::Random },
+    Shake { share: 0.03, stretch: Stretch::Whole },
+    Shake { share: 0.6, stretch: Stretch::Random },
+];
+/// A disturbed copy takes this much longer.
 const SHAKEN_FINAL_TIME: f64 = 1.003;
 /// Share of the final time that a step from a finished plan may promise.
 const FINISHED_SHARE: f64 = 3e-5;
 const FINISH_LIMIT: usize = 5;
 const DIRECT_SHAKES: usize = 3;
-const POLISH_SHAKES: usize = 4;
+const POLISH_SHAKES: usize = 8;
 const POLISH_LIMIT: usize = 4;
 /// A round of polishing that gains less than this share of the final time is the last one.
 const POLISH_GAIN: f64 = 3e-6;
 /// A plan that loses more than this share of its final time on another grid has left its local optimum.
 const ADAPTION_LOSS: f64 = 5e-3;
+
+/// A disturbance of each wheel's torques by up to `share` of their limits.
+struct Shake {
+    share: f64,
+    stretch: Stretch,
+}
+
+/// Which of a wheel's torques are disturbed.
+#[derive(PartialEq)]
+enum Stretch {
+    Whole,
+    /// One stretch of each wheel's.
+    Random,
+}
 
 impl LocalSearch<'_, '_, '_> {
     /// Searches from one start of several; the local optimum is also kept when it is the best so far.
@@ -79,7 +102,7 @@ impl LocalSearch<'_, '_, '_> {
             keep_better(&mut best, next, tolerance);
         }
         if !arrived(&best) {
-            let smoothed = self.through_smoothing(&candidate.decision, &POLISH_SMOOTHING, self.prices[0], RADIUS)?;
+            let smoothed = self.around(&candidate.decision)?;
             let next = self.descend(&smoothed, self.prices[0], RADIUS)?;
             keep_better(&mut best, next, tolerance);
         }
@@ -104,7 +127,7 @@ impl LocalSearch<'_, '_, '_> {
                 let next = self.descend(&best.decision, weight, radius)?;
                 keep_better(&mut best, next, tolerance);
             }
-            let smoothed = self.through_smoothing(&best.decision, &POLISH_SMOOTHING, self.prices[0], RADIUS)?;
+            let smoothed = self.around(&best.decision)?;
             let next = self.descend(&smoothed, self.prices[0], RADIUS)?;
             keep_better(&mut best, next, tolerance);
             if before - best.final_time() < POLISH_GAIN * before {
@@ -144,23 +167,38 @@ impl LocalSearch<'_, '_, '_> {
         Ok(best)
     }
 
-    /// Descends again from slightly slower, slightly disturbed copies of a local optimum: it sits on a kink, and another
-    /// one nearby is often better.
+    /// Descends again from slightly slower, disturbed copies of a local optimum: it sits on a kink, and another one
+    /// nearby is often better.
     fn shake(&mut self, best: &mut Candidate, count: usize) -> Result<(), Interruption> {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed);
-        let last = best.decision.len() - 1;
-        for _ in 0..count {
-            let mut shaken = best.decision.clone();
-            let reach = self.problem.reach(&shaken) * SHAKEN_SHARE;
-            for (torque, reach) in shaken.iter_mut().zip(reach.iter()).take(last) {
-                *torque += reach * rng.random_range(-1.0..1.0);
-            }
-            shaken[last] *= SHAKEN_FINAL_TIME;
+        for shake in SHAKES.iter().cycle().take(count) {
+            let shaken = self.shaken(&best.decision, shake, &mut rng);
             let weight = if best.is_feasible(self.settings.goal_tolerance) { self.prices[0] } else { self.prices[1] };
             let next = self.descend(&shaken, weight, RADIUS)?;
             keep_better(best, next, self.settings.goal_tolerance);
         }
         Ok(())
+    }
+
+    fn shaken(&self, decision: &DVector<f64>, shake: &Shake, rng: &mut Xoshiro256PlusPlus) -> DVector<f64> {
+        let mut shaken = decision.clone();
+        let reach = self.problem.reach(decision) * shake.share;
+        let last = decision.len() - 1;
+        let count = last / 2;
+        for first in [0, count] {
+            let stretch = match shake.stretch {
+                Stretch::Whole => 0..count,
+                Stretch::Random => {
+                    let (one, other) = (rng.random_range(0..count), rng.random_range(0..count));
+                    one.min(other)..one.max(other) + 1
+                }
+            };
+            for index in stretch {
+                shaken[first + index] += reach[first + index] * rng.random_range(-1.0..1.0);
+            }
+        }
+        shaken[last] *= SHAKEN_FINAL_TIME;
+        shaken
     }
 
     /// Goes on from the very step that would refute the certificate of the plan, while there is one.
@@ -186,8 +224,13 @@ impl LocalSearch<'_, '_, '_> {
     }
 
     fn smoothly_at_price(&mut self, guess: &DVector<f64>, price: f64) -> Result<Candidate, Interruption> {
-        let smoothed = self.through_smoothing(guess, &SMOOTHING, price, START_RADIUS)?;
+        let smoothed = self.through_smoothing(guess, &SMOOTHING, price, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
         self.descend(&smoothed, price, RADIUS)
+    }
+
+    /// Back into the smoothed laws from a local optimum, to get off the kink on which it sits.
+    fn around(&mut self, decision: &DVector<f64>) -> Result<DVector<f64>, Interruption> {
+        self.through_smoothing(decision, &POLISH_SMOOTHING, self.prices[0], (RADIUS, POLISH_ITERATION_LIMIT))
     }
 
     fn through_smoothing(
@@ -195,7 +238,7 @@ impl LocalSearch<'_, '_, '_> {
         guess: &DVector<f64>,
         smoothings: &[f64],
         price: f64,
-        first_radius: f64,
+        (first_radius, iteration_limit): (f64, usize),
     ) -> Result<DVector<f64>, Interruption> {
         let mut decision = guess.clone();
         let mut radius = first_radius;
@@ -203,7 +246,7 @@ impl LocalSearch<'_, '_, '_> {
             let settings = SequentialLinearSettings {
                 weight: price,
                 first_radius: radius,
-                iteration_limit: SMOOTHED_ITERATION_LIMIT,
+                iteration_limit,
                 restoration: Restoration::Skip,
                 ..SequentialLinearSettings::default()
             };
