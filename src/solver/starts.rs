@@ -42,12 +42,39 @@ const AMPLITUDES: [f64; 2] = [0.8, 0.5];
 const GRIP: f64 = 0.9;
 /// A turn of more than this is also tried the other way round, rad.
 const EITHER_WAY_FROM: f64 = 0.6 * PI;
-/// Signs of the left wheel's torque in a spin.
-const SPINS: [f64; 2] = [1.0, -1.0];
-/// So many of the fastest plans are also tried with spins.
-const SPUN_PLANS: usize = 2;
-/// A spin lasts one part in this many of the maneuver.
-const SPIN_SHARE: usize = 10;
+/// Wheels against each other in the middle of a plan: the way into drifting turns.
+struct Spin {
+    /// Which of the plans, fastest first.
+    plan: usize,
+    /// Begin and end as shares of the final time.
+    begin: f64,
+    end: f64,
+    goes_on: After,
+    /// Whole turns by which the heading at the goal changes, positive in the sense of the spin.
+    revolutions: f64,
+}
+
+/// How a plan goes on after a spin.
+#[derive(PartialEq)]
+enum After {
+    /// As before.
+    AsPlanned,
+    /// With all torques reversed: turned round, the robot brakes by driving forwards.
+    TurnedRound,
+}
+
+/// Measured on the suite: those that find most which the others miss come first.
+const SPINS: [Spin; 9] = [
+    Spin { plan: 0, begin: 0.35, end: 0.55, goes_on: After::AsPlanned, revolutions: 0.0 },
+    Spin { plan: 0, begin: 0.5, end: 0.8, goes_on: After::TurnedRound, revolutions: 0.0 },
+    Spin { plan: 1, begin: 0.5, end: 0.8, goes_on: After::TurnedRound, revolutions: -1.0 },
+    Spin { plan: 0, begin: 0.65, end: 0.75, goes_on: After::TurnedRound, revolutions: 0.0 },
+    Spin { plan: 0, begin: 0.5, end: 0.8, goes_on: After::AsPlanned, revolutions: 0.0 },
+    Spin { plan: 1, begin: 0.5, end: 0.7, goes_on: After::TurnedRound, revolutions: 0.0 },
+    Spin { plan: 1, begin: 0.5, end: 0.7, goes_on: After::AsPlanned, revolutions: 0.0 },
+    Spin { plan: 0, begin: 0.65, end: 0.75, goes_on: After::TurnedRound, revolutions: -1.0 },
+    Spin { plan: 1, begin: 0.35, end: 0.45, goes_on: After::TurnedRound, revolutions: 1.0 },
+];
 /// Intervals that are perturbed together.
 const PERTURBED_STRETCH: usize = 4;
 /// Largest perturbation, as a share of the torque limit.
@@ -99,11 +126,11 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
     }
     let plans = turn_drive_turn(input);
     starts.push(Start { way: Way::Direct, ..plans[0].clone() });
-    for plan in plans.iter().take(SPUN_PLANS) {
-        starts.push(plan.clone());
-        starts.extend(spun_copies(plan, input.maneuver.torque_limit));
+    starts.extend(plans.iter().take(2).cloned());
+    for spin in &SPINS {
+        starts.extend(plans.get(spin.plan).into_iter().flat_map(|plan| spin.of(plan, input.maneuver.torque_limit)));
     }
-    starts.extend(plans.iter().skip(SPUN_PLANS).cloned());
+    starts.extend(plans.iter().skip(2).cloned());
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed);
     for plan in plans.iter().cycle().take(count.saturating_sub(starts.len())) {
         starts.push(perturbed(plan, input.maneuver.torque_limit, &mut rng));
@@ -123,37 +150,35 @@ fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
     })
 }
 
-/// Copies of a plan with its wheels against each other after the middle, either way round: the way into drifting turns.
-///
-/// After them the plan goes on braking, or brakes by driving on: turned round, forwards is against the motion. A robot
-/// that has turned round reaches its goal heading by turning back or by turning on.
-fn spun_copies(plan: &Start, limit: PerWheel<f64>) -> Vec<Start> {
-    let spins = SPINS.map(|sign| PerWheel::new(sign * limit.left, -sign * limit.right));
-    let mut copies: Vec<Start> = spins.iter().map(|spin| spun(plan, *spin, 1.0)).collect();
-    copies.extend(spins.iter().map(|spin| spun(plan, *spin, -1.0)));
-    if let Some(heading) = plan.goal_heading {
-        // The left wheel forwards turns to the right.
-        let revolutions = SPINS.iter().flat_map(|sign| [-sign * TAU, sign * TAU]);
-        let turning_on = revolutions.zip([spins[0], spins[0], spins[1], spins[1]]);
-        copies.extend(
-            turning_on.map(|(turn, spin)| Start { goal_heading: Some(heading + turn), ..spun(plan, spin, -1.0) }),
-        );
-    }
-    copies
-}
-
-/// The plan with `spin` (N m) after its middle, and with `after` times its torques thereafter.
-fn spun(plan: &Start, spin: PerWheel<f64>, after: f64) -> Start {
-    let mut start = plan.clone();
-    let count = start.schedule.control_count();
-    let (begin, end) = (count / 2, (count / 2 + (count / SPIN_SHARE).max(1)).min(count));
-    for (torques, spin) in [(&mut start.schedule.left, spin.left), (&mut start.schedule.right, spin.right)] {
-        torques[begin..end].fill(spin);
-        for torque in &mut torques[end..] {
-            *torque *= after;
+impl Spin {
+    /// The plan with this spin, either way round; none where it would turn on to a goal heading that is free.
+    fn of(&self, plan: &Start, limit: PerWheel<f64>) -> Vec<Start> {
+        if plan.goal_heading.is_none() && self.revolutions != 0.0 {
+            return Vec::new();
         }
+        // The left wheel forwards turns to the right.
+        let either_way = [-1.0, 1.0].map(|turn| {
+            let torque = PerWheel::new(-turn * limit.left, turn * limit.right);
+            let goal_heading = plan.goal_heading.map(|heading| heading + turn * self.revolutions * TAU);
+            Start { schedule: self.in_schedule(&plan.schedule, torque), goal_heading, way: plan.way }
+        });
+        either_way.into()
     }
-    start
+
+    fn in_schedule(&self, schedule: &TorqueSchedule, torque: PerWheel<f64>) -> TorqueSchedule {
+        let mut schedule = schedule.clone();
+        let count = schedule.control_count();
+        let interval = |time: f64| (time * count as f64) as usize;
+        let begin = interval(self.begin);
+        let end = interval(self.end).clamp(begin + 1, count);
+        for (torques, torque) in [(&mut schedule.left, torque.left), (&mut schedule.right, torque.right)] {
+            torques[begin..end].fill(torque);
+            if self.goes_on == After::TurnedRound {
+                torques[end..].iter_mut().for_each(|torque| *torque = -*torque);
+            }
+        }
+        schedule
+    }
 }
 
 /// The same plan with random torques added to stretches of it.
