@@ -144,6 +144,8 @@ pub struct ConfirmedDecrease {
     pub better: Option<DVector<f64>>,
     /// Why the measure is only a bound, if it is.
     pub interruption: Option<Interruption>,
+    /// The linear model at the point.
+    pub model: Linearisation,
 }
 
 /// First-order measure of a point: the decrease that the linear model predicts within the largest trust region in which
@@ -170,22 +172,23 @@ pub fn confirmed_decrease(
     let mut search = Search::new(problem, x, &settings);
     search.linearise(budget)?;
     let merit = search.merit(&search.x, &search.model.constraints);
-    loop {
+    let (prediction, better, interruption) = loop {
         let step = search.linear_step(budget)?;
         let prediction = merit - search.modelled_merit(&step);
         if prediction <= enough.max(SMALLEST_PREDICTION) || search.radius <= SMALLEST_RADIUS {
-            return Ok(ConfirmedDecrease { prediction, better: None, interruption: None });
+            break (prediction, None, None);
         }
         // Smaller regions promise less: what this one promises is a bound on the measure.
         let trial = match search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget) {
             Ok(trial) => trial,
-            Err(end) => return Ok(ConfirmedDecrease { prediction, better: None, interruption: Some(end) }),
+            Err(end) => break (prediction, None, Some(end)),
         };
         if merit - trial.merit >= CONFIRMED_SHARE * prediction {
-            return Ok(ConfirmedDecrease { prediction, better: Some(trial.x), interruption: None });
+            break (prediction, Some(trial.x), None);
         }
         search.radius *= SHRINK_FACTOR;
-    }
+    };
+    Ok(ConfirmedDecrease { prediction, better, interruption, model: search.model })
 }
 
 struct Search<'a> {

@@ -49,12 +49,13 @@ pub(super) fn certified(
     let [_, price] = prices(problem, best.final_time());
     let enough = WELL_STATIONARY * FIRST_ORDER_TOLERANCE * schedule.final_time;
     let confirmed = confirmed_decrease(problem, &best.decision, (price, enough), &mut budget);
-    let measure = confirmed.map_or(f64::NAN, |confirmed| confirmed.prediction);
-    // Where nothing is known, all of the final time might be gained.
+    let measure = confirmed.as_ref().map_or(f64::NAN, |confirmed| confirmed.prediction);
+    // Where nothing is known, all of the final time might be gained, and every sign be wrong.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
-    let mut budget = Budget::new(&NEVER, u64::MAX);
-    let violations = sign_violations(problem, &best.decision, price, &mut budget).unwrap_or(best.decision.len());
+    let violations = confirmed.map_or(best.decision.len(), |confirmed| {
+        sign_violations(problem, &best.decision, &confirmed.model, price)
+    });
     let evidence = Evidence::collect(input, simulator, schedule, &result);
     let mut solution = evidence.solution(input, result, measure, is_stationary);
     solution.report.switching_sign_violations = violations;

@@ -44,8 +44,11 @@ const SHAKEN_FINAL_TIME: f64 = 1.003;
 /// Share of the final time that a step from a finished plan may promise.
 const FINISHED_SHARE: f64 = 3e-5;
 const FINISH_LIMIT: usize = 5;
-const DIRECT_SHAKES: usize = 3;
-const POLISH_SHAKES: usize = 8;
+/// Most disturbed copies of a local optimum, and how many in a row may gain nothing.
+const DIRECT_SHAKES: (usize, usize) = (3, 3);
+const POLISH_SHAKES: (usize, usize) = (40, 8);
+/// Gains below this share of the final time count as nothing.
+const SHAKEN_GAIN: f64 = 1e-4;
 const POLISH_LIMIT: usize = 4;
 /// A round of polishing that gains less than this share of the final time is the last one.
 const POLISH_GAIN: f64 = 3e-6;
@@ -169,13 +172,22 @@ impl LocalSearch<'_, '_, '_> {
 
     /// Descends again from slightly slower, disturbed copies of a local optimum: it sits on a kink, and another one
     /// nearby is often better.
-    fn shake(&mut self, best: &mut Candidate, count: usize) -> Result<(), Interruption> {
+    fn shake(&mut self, best: &mut Candidate, (most, patience): (usize, usize)) -> Result<(), Interruption> {
+        let tolerance = self.settings.goal_tolerance;
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed);
-        for shake in SHAKES.iter().cycle().take(count) {
+        let mut in_vain = 0;
+        for shake in SHAKES.iter().cycle().take(most) {
             let shaken = self.shaken(&best.decision, shake, &mut rng);
-            let weight = if best.is_feasible(self.settings.goal_tolerance) { self.prices[0] } else { self.prices[1] };
+            let weight = if best.is_feasible(tolerance) { self.prices[0] } else { self.prices[1] };
+            let before = best.clone();
             let next = self.descend(&shaken, weight, RADIUS)?;
-            keep_better(best, next, self.settings.goal_tolerance);
+            keep_better(best, next, tolerance);
+            let gained = best.is_feasible(tolerance) && !before.is_feasible(tolerance)
+                || before.final_time() - best.final_time() > SHAKEN_GAIN * before.final_time();
+            in_vain = if gained { 0 } else { in_vain + 1 };
+            if in_vain == patience {
+                break;
+            }
         }
         Ok(())
     }
