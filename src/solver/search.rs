@@ -15,7 +15,7 @@ use crate::shooting::ShootingProblem;
 pub(super) const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
 /// Where fewer than half of the starts lead to a plan, more are tried: up to this many times as many as were asked for.
-const MORE_STARTS: usize = 4;
+const MORE_STARTS: usize = 2;
 
 /// Distinct local optima that are polished, fastest first.
 const POLISHED_OPTIMA: usize = 3;

@@ -33,11 +33,12 @@ const WARM_RADIUS: f64 = 0.05;
 /// Trust radius of all later descents: large enough to jump off a kink.
 const RADIUS: f64 = 0.1;
 /// How local optima are disturbed, in turn.
-const SHAKES: [Shake; 4] = [
+const SHAKES: [Shake; 5] = [
     Shake { share: 0.03, stretch: Stretch::Whole },
+    Shake { share: 0.05, stretch: Stretch::Random },
     Shake { share: 0.2, stretch: Stretch::Random },
-    Shake { share: 0.03, stretch: Stretch::Whole },
-    Shake { share: 0.6, stretch: Stretch::Random },
+    Shake { share: 0.5, stretch: Stretch::Random },
+    Shake { share: 1.0, stretch: Stretch::Random },
 ];
 /// A disturbed copy takes this much longer.
 const SHAKEN_FINAL_TIME: f64 = 1.003;
@@ -46,7 +47,7 @@ const FINISHED_SHARE: f64 = 3e-5;
 const FINISH_LIMIT: usize = 5;
 /// Most disturbed copies of a local optimum, and how many in a row may gain nothing.
 const DIRECT_SHAKES: (usize, usize) = (3, 3);
-const POLISH_SHAKES: (usize, usize) = (40, 8);
+const POLISH_SHAKES: (usize, usize) = (50, 10);
 /// Gains below this share of the final time count as nothing.
 const SHAKEN_GAIN: f64 = 1e-4;
 const POLISH_LIMIT: usize = 4;
