@@ -48,6 +48,9 @@ const FINISH_LIMIT: usize = 5;
 /// Most disturbed copies of a local optimum, and how many in a row may gain nothing.
 const DIRECT_SHAKES: (usize, usize) = (3, 3);
 const POLISH_SHAKES: (usize, usize) = (50, 10);
+/// No more disturbed copies once so many rollouts went into one optimum: long descents, on the moon say, would take the
+/// time limit.
+const SHAKEN_ROLLOUTS: u64 = 8000;
 /// Gains below this share of the final time count as nothing.
 const SHAKEN_GAIN: f64 = 1e-4;
 const POLISH_LIMIT: usize = 4;
@@ -186,7 +189,7 @@ impl LocalSearch<'_, '_, '_> {
             let gained = best.is_feasible(tolerance) && !before.is_feasible(tolerance)
                 || before.final_time() - best.final_time() > SHAKEN_GAIN * before.final_time();
             in_vain = if gained { 0 } else { in_vain + 1 };
-            if in_vain == patience {
+            if in_vain == patience || self.budget.spent() > SHAKEN_ROLLOUTS {
                 break;
             }
         }
