@@ -53,9 +53,8 @@ pub(super) fn certified(
     // Where nothing is known, all of the final time might be gained, and every sign be wrong.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
-    let violations = confirmed.map_or(best.decision.len(), |confirmed| {
-        sign_violations(problem, &best.decision, &confirmed.model, price)
-    });
+    let violations = confirmed
+        .map_or(best.decision.len(), |confirmed| sign_violations(problem, &best.decision, &confirmed.model, price));
     let evidence = Evidence::collect(input, simulator, schedule, &result);
     let mut solution = evidence.solution(input, result, measure, is_stationary);
     solution.report.switching_sign_violations = violations;

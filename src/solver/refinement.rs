@@ -8,12 +8,12 @@
 use super::candidate::Candidate;
 use super::certificate::replay;
 use super::local_search::LocalSearch;
+use super::problem_on;
 use super::progress::PhasesOnly;
 use super::run_control::RunControl;
 use super::search::{DISTINCT_FINAL_TIME, SearchResult, fastest_first};
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, Replay, StopReason};
-use super::problem_on;
 use super::starts::starts;
 use crate::optimizer::Interruption;
 use crate::shooting::schedule_from_decision;

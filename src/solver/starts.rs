@@ -42,6 +42,7 @@ const AMPLITUDES: [f64; 2] = [0.8, 0.5];
 const GRIP: f64 = 0.9;
 /// A turn of more than this is also tried the other way round, rad.
 const EITHER_WAY_FROM: f64 = 0.6 * PI;
+
 /// Wheels against each other in the middle of a plan: the way into drifting turns.
 struct Spin {
     /// Which of the plans, fastest first.
@@ -75,6 +76,7 @@ const SPINS: [Spin; 9] = [
     Spin { plan: 0, begin: 65, end: 75, goes_on: After::TurnedRound, revolutions: -1.0 },
     Spin { plan: 1, begin: 35, end: 45, goes_on: After::TurnedRound, revolutions: 1.0 },
 ];
+
 /// Intervals that are perturbed together.
 const PERTURBED_STRETCH: usize = 4;
 /// Largest perturbation, as a share of the torque limit.
@@ -372,4 +374,41 @@ fn goal_state(maneuver: &Maneuver, heading: f64) -> State {
         goal[component.index()] = value;
     }
     State::from_vector(&goal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(goal_heading: Option<f64>) -> Start {
+        let torques = [1.0, 1.0, -1.0, -1.0].to_vec();
+        let schedule = TorqueSchedule { final_time: 2.0, left: torques.clone(), right: torques };
+        Start { schedule, goal_heading, way: Way::Smoothed }
+    }
+
+    #[test]
+    fn a_robot_that_turns_round_brakes_by_driving_on() {
+        let spin = Spin { plan: 0, begin: 50, end: 75, goes_on: After::TurnedRound, revolutions: -1.0 };
+        let [right, left] = <[Start; 2]>::try_from(spin.of(&plan(Some(0.1)), PerWheel::new(3.0, 2.0))).unwrap();
+        assert_eq!(right.schedule.left, [1.0, 1.0, 3.0, 1.0]);
+        assert_eq!(right.schedule.right, [1.0, 1.0, -2.0, 1.0]);
+        assert_eq!(right.goal_heading, Some(0.1 + TAU));
+        assert_eq!(left.schedule.left, [1.0, 1.0, -3.0, 1.0]);
+        assert_eq!(left.goal_heading, Some(0.1 - TAU));
+    }
+
+    #[test]
+    fn nobody_turns_on_to_a_free_heading() {
+        let count = |spin: &Spin| spin.of(&plan(None), PerWheel::new(1.0, 1.0)).len();
+        assert!(SPINS.iter().all(|spin| count(spin) == if spin.revolutions == 0.0 { 2 } else { 0 }));
+    }
+
+    #[test]
+    fn spins_fit_into_the_coarsest_grid() {
+        let mut plan = plan(None);
+        plan.schedule.left.truncate(1);
+        plan.schedule.right.truncate(1);
+        let spun = SPINS[0].of(&plan, PerWheel::new(1.0, 1.0));
+        assert_eq!(spun[0].schedule.left, [1.0]);
+    }
 }
