@@ -113,6 +113,9 @@ impl LocalSearch<'_, '_, '_> {
             let next = self.descend(&smoothed, self.prices[0], RADIUS)?;
             keep_better(&mut best, next, tolerance);
         }
+        if best.is_feasible(tolerance) {
+            self.finish(&mut best)?;
+        }
         Ok(best)
     }
 
