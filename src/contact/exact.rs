@@ -29,7 +29,7 @@ const FIRST_SWEEPS: usize = 20;
 const MOST_SWEEPS: usize = 640;
 /// Newton steps of the check for further solutions, from each of its starts: where there is one, 4 are usual, and where
 /// there is none, which is the rule, every step of every plan pays for all of them.
-const CHECK_LIMIT: usize = 5;
+const CHECK_LIMIT: usize = 8;
 /// Solutions that differ by more than this, relative to m g dt, are different motions.
 const DISTINCT_IMPULSE: f64 = 1e-6;
 

@@ -129,6 +129,12 @@ impl<const N: usize> FrictionSystem<N> {
         ModeEquations::at(self, pattern, impact_slip, normal_impulse, slip_smoothing)?.impulse_derivative(self)
     }
 
+    /// The patterns with constant solution maps, by their index.
+    pub fn linear_patterns() -> [ContactPattern; WheelPattern::LINEAR.len()] {
+        let front = if N == 5 { ContactMode::Stick } else { ContactMode::Slip };
+        WheelPattern::LINEAR.map(|wheels| ContactPattern { wheels, front })
+    }
+
     /// Index of the precomputed solution map of a pattern, if it has one.
     #[inline]
     pub fn linear_index(pattern: ContactPattern) -> Option<usize> {
@@ -139,12 +145,10 @@ impl<const N: usize> FrictionSystem<N> {
         if self.friction_coefficient[0] <= 0.0 {
             return None;
         }
-        let front = if N == 5 { ContactMode::Stick } else { ContactMode::Slip };
         let zero = ImpulseDerivative { by_free_slip: SMatrix::zeros(), by_free_normal: SMatrix::zeros() };
         let mut modes = [zero; WheelPattern::LINEAR.len()];
-        for (mode, wheels) in modes.iter_mut().zip(WheelPattern::LINEAR) {
+        for (mode, pattern) in modes.iter_mut().zip(Self::linear_patterns()) {
             // In a linear pattern the coefficients depend on neither slip nor load: any values do.
-            let pattern = ContactPattern { wheels, front };
             let equations = ModeEquations::at(self, pattern, &SVector::zeros(), &Vector3::repeat(1.0), 0.0)?;
             *mode = equations.impulse_derivative(self)?;
         }

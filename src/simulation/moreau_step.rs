@@ -9,7 +9,7 @@
 use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::step_derivative::Chain;
-use crate::contact::{ContactMode, ContactPattern, ContactSolution, FrictionProblem, FrictionSystem, WheelPattern};
+use crate::contact::{ContactPattern, ContactSolution, FrictionProblem, FrictionSystem, WheelPattern};
 use crate::robot::{BodyVector, PerWheel, Robot, State};
 
 /// Everything about the robot that a step needs, with `N` friction directions (3, or 5 with front friction).
@@ -90,12 +90,8 @@ impl<const N: usize> StepModel<N> {
     }
 
     fn solve_linear_chains(&self) -> Option<[Chain<5>; WheelPattern::LINEAR.len()]> {
-        let front = if N == 5 { ContactMode::Stick } else { ContactMode::Slip };
-        let chain = |wheels| {
-            let impulse = self.system.linear_derivative(ContactPattern { wheels, front })?;
-            Some(Chain::<5>::of_motion(self, impulse))
-        };
-        let chains: Option<Vec<_>> = WheelPattern::LINEAR.into_iter().map(chain).collect();
+        let chain = |pattern| Some(Chain::<5>::of_motion(self, self.system.linear_derivative(pattern)?));
+        let chains: Option<Vec<_>> = FrictionSystem::<N>::linear_patterns().into_iter().map(chain).collect();
         chains?.try_into().ok()
     }
 

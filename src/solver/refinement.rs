@@ -11,7 +11,7 @@ use super::local_search::LocalSearch;
 use super::problem_on;
 use super::progress::PhasesOnly;
 use super::run_control::RunControl;
-use super::search::{DISTINCT_FINAL_TIME, SearchResult, fastest_first};
+use super::search::{SearchResult, fastest_first, is_distinct};
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, Replay, StopReason};
 use super::starts::starts;
@@ -137,9 +137,8 @@ impl Refiner<'_, '_, '_> {
         let tolerance = self.input.settings.goal_tolerance;
         let mut plans: Vec<Plan> = Vec::new();
         for candidate in self.result.best.iter().chain(&self.result.optima) {
-            let is_new = plans
-                .last()
-                .is_none_or(|last| candidate.final_time() > (1.0 + DISTINCT_FINAL_TIME) * last.candidate.final_time());
+            let is_new =
+                plans.last().is_none_or(|last| is_distinct(last.candidate.final_time(), candidate.final_time()));
             if candidate.is_feasible(tolerance) && is_new {
                 plans.push(self.plan(candidate.clone(), self.result.step_count));
             }

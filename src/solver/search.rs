@@ -12,7 +12,7 @@ use crate::optimizer::Interruption;
 use crate::shooting::ShootingProblem;
 
 /// Local optima whose final times differ by less than this share count as one.
-pub(super) const DISTINCT_FINAL_TIME: f64 = 1e-3;
+const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
 /// Where fewer than half of the starts lead to a plan, more are tried: up to this many times as many as were asked for.
 const MORE_STARTS: usize = 2;
@@ -124,7 +124,8 @@ fn distinct(optima: &[Candidate]) -> Vec<usize> {
     firsts
 }
 
-fn is_distinct(faster: f64, slower: f64) -> bool {
+/// Whether two final times belong to different optima.
+pub(super) fn is_distinct(faster: f64, slower: f64) -> bool {
     slower - faster > DISTINCT_FINAL_TIME * faster
 }
 

@@ -66,7 +66,6 @@ struct Shake {
 }
 
 /// Which of a wheel's torques are disturbed.
-#[derive(PartialEq)]
 enum Stretch {
     Whole,
     /// One stretch of each wheel's.
@@ -185,12 +184,12 @@ impl LocalSearch<'_, '_, '_> {
         let mut in_vain = 0;
         for shake in SHAKES.iter().cycle().take(most) {
             let shaken = self.shaken(&best.decision, shake, &mut rng);
-            let weight = if best.is_feasible(tolerance) { self.prices[0] } else { self.prices[1] };
-            let before = best.clone();
+            let (was_feasible, before) = (best.is_feasible(tolerance), best.final_time());
+            let weight = if was_feasible { self.prices[0] } else { self.prices[1] };
             let next = self.descend(&shaken, weight, RADIUS)?;
             keep_better(best, next, tolerance);
-            let gained = best.is_feasible(tolerance) && !before.is_feasible(tolerance)
-                || before.final_time() - best.final_time() > SHAKEN_GAIN * before.final_time();
+            let gained =
+                best.is_feasible(tolerance) && !was_feasible || before - best.final_time() > SHAKEN_GAIN * before;
             in_vain = if gained { 0 } else { in_vain + 1 };
             if in_vain == patience || self.budget.spent() > SHAKEN_ROLLOUTS {
                 break;
