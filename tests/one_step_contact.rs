@@ -187,14 +187,55 @@ fn lifted_wheel_carries_no_friction() {
     assert!(solution.residual <= RESIDUAL_TOLERANCE);
 }
 
+/// The right wheel's own lengthwise friction takes `share` of itself off its load; another contact takes that over.
+fn self_unloading(share: f64, other: usize) -> FrictionSystem<3> {
+    let mut normal_response = SMatrix::<f64, 3, 3>::zeros();
+    normal_response[(1, 1)] = -share;
+    normal_response[(other, 1)] = share;
+    FrictionSystem::new(SMatrix::identity(), normal_response, [1.0, 1.0, 0.0])
+}
+
+#[test]
+fn uniqueness_is_proved_up_to_the_edge() {
+    // Nothing but the load of the front support, which has no friction, follows the right wheel's: up to 1, where the
+    // wheel's friction lifts it as fast as it grows, there is one solution.
+    assert!(self_unloading(0.95, 2).has_unique_solutions());
+    assert!(!self_unloading(1.0, 2).has_unique_solutions());
+}
+
+#[test]
+fn where_uniqueness_is_proved_no_other_solution_is_found() {
+    let (mut proved, mut open) = (0, 0);
+    for seed in 0..CASE_COUNT {
+        let mut cases = RandomCases::new(seed);
+        let robot = cases.robot();
+        let is_unique = if robot.parameters().front_friction_coefficient > 0.0 {
+            assert_no_other_solution::<5>(seed, &mut cases, &robot)
+        } else {
+            assert_no_other_solution::<3>(seed, &mut cases, &robot)
+        };
+        *(if is_unique { &mut proved } else { &mut open }) += 1;
+    }
+    println!("proved for {proved} robots, open for {open}");
+    assert!(proved > CASE_COUNT / 2, "the proof covers most robots: {proved}");
+}
+
+/// Whether it is proved that the robot's steps have one solution; then a random one is tried.
+fn assert_no_other_solution<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot) -> bool {
+    let RandomStep { system, problem, .. } = RandomStep::<N>::new(cases, robot);
+    let is_unique = system.has_unique_solutions();
+    if is_unique {
+        let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+        assert!(!ExactSolver.is_indeterminate(&system, &problem, &solution), "seed {seed}");
+    }
+    is_unique
+}
+
 #[test]
 fn indeterminate_problem_is_flagged() {
     // One wheel, friction so strong that sliding lifts its own load (Painleve): sticking and sliding both solve it.
-    let delassus = SMatrix::<f64, 3, 3>::from_diagonal(&SVector::from([1.0, 1.0, 1.0]));
-    let mut normal_response = SMatrix::<f64, 3, 3>::zeros();
-    normal_response[(1, 1)] = -1.5;
-    normal_response[(0, 1)] = 1.5;
-    let system = FrictionSystem::new(delassus, normal_response, [1.0, 1.0, 0.0]);
+    let system = self_unloading(1.5, 0);
+    assert!(!system.has_unique_solutions());
     let problem = FrictionProblem { free_slip: SVector::from([0.0, 0.2, 0.0]), free_normal: [1.0, -0.05, 0.0].into() };
     let stick = ContactPattern { wheels: WheelPattern::BothStick, ..ContactPattern::default() };
     let guess = Guess { pattern: stick, impulse: SVector::zeros() };

@@ -27,8 +27,7 @@ const FIRST_SWEEPS: usize = 20;
 /// Most sweeps between two looks. Ill-conditioned problems would take millions; a rollout must end in bounded time, and
 /// the residual tells what was not reached.
 const MOST_SWEEPS: usize = 640;
-/// Newton steps of the check for further solutions, from each of its starts: where there is one, 4 are usual, and where
-/// there is none, which is the rule, every step of every plan pays for all of them.
+/// Newton steps of the check for further solutions, from each of its starts: where there is one, 4 are usual.
 const CHECK_LIMIT: usize = 8;
 /// Solutions that differ by more than this, relative to m g dt, are different motions.
 const DISTINCT_IMPULSE: f64 = 1e-6;
@@ -93,6 +92,8 @@ impl ExactSolver {
     }
 
     /// Whether another pattern also solves the step, with a different motion than `solution`.
+    ///
+    /// Never so in a system of which it is proved ([`FrictionSystem::has_unique_solutions`]), which is cheaper to ask.
     pub fn is_indeterminate<const N: usize>(
         self,
         system: &FrictionSystem<N>,

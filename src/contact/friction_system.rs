@@ -6,6 +6,7 @@ use super::directions::{ROWS, contact_count};
 use super::mode_equations::ModeEquations;
 use super::pattern::{ContactPattern, WheelPattern};
 use super::solution::ContactMode;
+use super::uniqueness::solutions_are_unique;
 
 /// What one step brings to the friction problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,6 +42,7 @@ pub struct FrictionSystem<const N: usize> {
     friction_coefficient: [f64; 3],
     prox_step: [f64; 3],
     linear_modes: Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]>,
+    has_unique_solutions: bool,
 }
 
 impl<const N: usize> FrictionSystem<N> {
@@ -61,9 +63,18 @@ impl<const N: usize> FrictionSystem<N> {
         for (step, rows) in prox_step.iter_mut().zip(ROWS).take(contact_count::<N>()) {
             *step = safe_prox_step(&delassus, rows);
         }
-        let mut system = Self { delassus, normal_response, friction_coefficient, prox_step, linear_modes: None };
+        let (linear_modes, has_unique_solutions) = (None, false);
+        let mut system =
+            Self { delassus, normal_response, friction_coefficient, prox_step, linear_modes, has_unique_solutions };
         system.linear_modes = system.solve_linear_modes();
+        system.has_unique_solutions = solutions_are_unique(&system);
         system
+    }
+
+    /// Whether it is proved that each problem of this system has one solution only; where it is not, a problem may still
+    /// have only one.
+    pub fn has_unique_solutions(&self) -> bool {
+        self.has_unique_solutions
     }
 
     /// Slip change per friction impulse, 1/kg.

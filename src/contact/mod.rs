@@ -27,6 +27,7 @@ mod prox;
 mod ratio_newton;
 mod smoothed;
 mod solution;
+mod uniqueness;
 
 pub use exact::{ExactSolver, Guess, SolvePath};
 pub use fixed_point::{FixedPointSettings, FixedPointSolver};

@@ -26,6 +26,8 @@ pub struct SequentialLinearSettings {
     pub feasibility_tolerance: f64,
     /// Limits exceeded by at most this much are kept.
     pub excess_tolerance: f64,
+    /// Ends where the model promises at most this much decrease of the merit.
+    pub smallest_prediction: f64,
     /// Most iterations.
     pub iteration_limit: usize,
     /// Whether the final point's violations are driven to zero.
@@ -48,6 +50,7 @@ impl Default for SequentialLinearSettings {
             first_radius: 0.3,
             feasibility_tolerance: 1e-9,
             excess_tolerance: 0.0,
+            smallest_prediction: SMALLEST_PREDICTION,
             iteration_limit: 400,
             restoration: Restoration::Restore,
         }
@@ -56,7 +59,7 @@ impl Default for SequentialLinearSettings {
 
 const LARGEST_RADIUS: f64 = 1.0;
 const SMALLEST_RADIUS: f64 = 1e-6;
-/// The model predicts no decrease beyond rounding of the merit.
+/// No decrease beyond rounding of the merit.
 const SMALLEST_PREDICTION: f64 = 1e-7;
 /// Gains below this, several times in a row at feasibility, are not worth a rollout.
 const SMALL_GAIN: f64 = 1e-5;
@@ -240,7 +243,7 @@ impl<'a> Search<'a> {
             let step = self.linear_step(budget)?;
             self.iterations += 1;
             let prediction = merit - self.modelled_merit(&step);
-            if prediction <= SMALLEST_PREDICTION {
+            if prediction <= self.settings.smallest_prediction {
                 return Ok(Ending::Stationary);
             }
             let trial = self.try_step(&step, merit - CORRECTION_RATIO * prediction, budget)?;

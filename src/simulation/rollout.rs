@@ -180,7 +180,9 @@ struct CheckedContact<S> {
 impl<const N: usize, S: StepContact<N>> StepContact<N> for CheckedContact<S> {
     fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
         let solution = self.solver.solve(system, problem);
-        self.indeterminate_steps += usize::from(ExactSolver.is_indeterminate(system, problem, &solution));
+        let is_indeterminate =
+            !system.has_unique_solutions() && ExactSolver.is_indeterminate(system, problem, &solution);
+        self.indeterminate_steps += usize::from(is_indeterminate);
         solution
     }
 }

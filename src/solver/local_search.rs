@@ -82,11 +82,21 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         weight: f64,
         radius: f64,
     ) -> Result<Candidate, Interruption> {
-        let result = self.descend_at_price(guess, weight, radius)?;
+        self.descend_until(guess, (weight, radius), SequentialLinearSettings::default().smallest_prediction)
+    }
+
+    /// As [`Self::descend`], as long as the linear model promises more than `smallest_prediction`, s.
+    pub(super) fn descend_until(
+        &mut self,
+        guess: &DVector<f64>,
+        (weight, radius): (f64, f64),
+        smallest_prediction: f64,
+    ) -> Result<Candidate, Interruption> {
+        let result = self.descend_at_price(guess, (weight, radius), smallest_prediction)?;
         if result.unrestored <= VIOLATION_PAID || weight >= self.prices[1] {
             return Ok(self.candidate(&result));
         }
-        let dearer = self.descend_at_price(&result.x, self.prices[1], radius)?;
+        let dearer = self.descend_at_price(&result.x, (self.prices[1], radius), smallest_prediction)?;
         let (mut best, next) = (self.candidate(&result), self.candidate(&dearer));
         keep_better(&mut best, next, self.settings.goal_tolerance);
         Ok(best)
@@ -95,14 +105,15 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     fn descend_at_price(
         &mut self,
         guess: &DVector<f64>,
-        weight: f64,
-        radius: f64,
+        (weight, radius): (f64, f64),
+        smallest_prediction: f64,
     ) -> Result<SequentialLinearResult, Interruption> {
         let settings = SequentialLinearSettings {
             weight,
             first_radius: radius,
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
             excess_tolerance: LOAD_TOLERANCE,
+            smallest_prediction,
             ..SequentialLinearSettings::default()
         };
         let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);

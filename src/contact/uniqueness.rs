@@ -1,0 +1,53 @@
+//! When the friction problem has one solution only, whatever the step brings.
+//!
+//! Let `x` be the difference of two solutions' impulses, `A` the Delassus matrix, `A_i` its rows of contact i, and `b_i x` the
+//! difference of contact i's normal impulses. Each solution dissipates at least as much as any other admissible impulse
+//! would; the two statements, added, are
+//!
+//! ```text
+//! x' A x  <=  -sum_i mu_i (difference of max(Lambda_N,i, 0)) (difference of |xi_i|)  <=  sum_i mu_i |b_i x| |A_i x|
+//! ```
+//!
+//! With `A = L L'`, `z = L' x`, `A_i x = L_i z` and `b_i x = c_i' z`, the right side is at most
+//! `z' (sum_i mu_i / 2 (s_i c_i c_i' + L_i' L_i / s_i)) z` for any weights `s_i > 0`. Where the largest eigenvalue of that
+//! matrix is below 1, the two sides contradict each other unless `x = 0`.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::directions::{ROWS, contact_count};
+use super::friction_system::FrictionSystem;
+
+/// Weights that are tried, relative to those that balance the two terms of each contact.
+const WEIGHTS: [f64; 3] = [1.0, 0.6, 0.4];
+/// Eigenvalues below this are below 1 whatever rounding does.
+const CERTAINLY_BELOW_ONE: f64 = 1.0 - 1e-9;
+
+/// Whether every problem of a system has exactly one solution; sufficient, not necessary.
+pub(super) fn solutions_are_unique<const N: usize>(system: &FrictionSystem<N>) -> bool {
+    WEIGHTS.into_iter().any(|weight| {
+        coupling(system, weight).is_some_and(|coupling| {
+            let identity = SMatrix::<f64, N, N>::identity();
+            (identity * CERTAINLY_BELOW_ONE - coupling).cholesky().is_some()
+        })
+    })
+}
+
+/// The module's matrix; none where the Delassus matrix is not positive definite.
+fn coupling<const N: usize>(system: &FrictionSystem<N>, weight: f64) -> Option<SMatrix<f64, N, N>> {
+    let root = system.delassus().cholesky()?.l();
+    let mut coupling = SMatrix::zeros();
+    for (contact, rows) in ROWS.into_iter().enumerate().take(contact_count::<N>()) {
+        let load: SVector<f64, N> = system.normal_response().row(contact).transpose();
+        let load = root.solve_lower_triangular(&load)?;
+        let slip: [SVector<f64, N>; 2] = rows.map(|row| root.row(row).transpose());
+        let slips = slip[0] * slip[0].transpose() + slip[1] * slip[1].transpose();
+        // The square root of the trace is the norm of both rows.
+        let balance = weight * slips.trace().sqrt() / load.norm();
+        // A load that does not follow friction makes no problem ambiguous.
+        if balance.is_finite() {
+            coupling +=
+                (load * load.transpose() * balance + slips / balance) * (0.5 * system.friction_coefficient()[contact]);
+        }
+    }
+    Some(coupling)
+}
