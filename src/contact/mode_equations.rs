@@ -11,8 +11,8 @@
 //! With a slip smoothing s > 0, `|xi_i|` becomes `sqrt(|xi_i|^2 + s^2)`: a contact then always slips a little, and
 //! the law has no kinks.
 //!
-//! Linearised: `own dLambda + by_slip dxi + by_normal dLambda_N = 0`, where xi and the normal impulses
-//! are affine in Lambda.
+//! where xi and the normal impulses are affine in Lambda. Each slipping contact is linearised by itself: its equations know
+//! its own two slips and its own normal impulse.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -25,12 +25,21 @@ use super::solution::ContactMode;
 /// The equations of one pattern, linearised at one point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ModeEquations<const N: usize> {
-    /// 1 where the impulse itself enters (slipping directions), else 0.
-    own: SVector<f64, N>,
-    by_slip: SMatrix<f64, N, N>,
-    by_normal: SMatrix<f64, N, 3>,
-    /// Friction force of the slipping contacts, so that the residual is `own Lambda + slip_term`.
-    slip_term: SVector<f64, N>,
+    sticks: [bool; N],
+    /// Slip of the sticking directions, friction of the slipping ones with its sign reversed.
+    term: SVector<f64, N>,
+    slipping: [SlippingContact; 3],
+}
+
+/// The friction `-radius direction` of a slipping contact, linearised; all zero where a contact sticks or bears nothing.
+#[derive(Debug, Clone, Copy, Default)]
+struct SlippingContact {
+    /// Of the slip.
+    direction: [f64; 2],
+    /// Radius of the friction disc over the slip speed, kg.
+    stiffness: f64,
+    /// By how much the radius grows with the normal impulse.
+    coefficient: f64,
 }
 
 impl<const N: usize> ModeEquations<N> {
@@ -43,19 +52,9 @@ impl<const N: usize> ModeEquations<N> {
         normal_impulse: &Vector3<f64>,
         slip_smoothing: f64,
     ) -> Option<Self> {
-        let mut equations = Self {
-            own: SVector::repeat(1.0),
-            by_slip: SMatrix::zeros(),
-            by_normal: SMatrix::zeros(),
-            slip_term: SVector::zeros(),
-        };
-        for (row, sticks) in sticking::<N>(pattern).into_iter().enumerate() {
-            if sticks {
-                equations.own[row] = 0.0;
-                equations.by_slip[(row, row)] = 1.0;
-                equations.slip_term[row] = impact_slip[row];
-            }
-        }
+        let sticks = sticking::<N>(pattern);
+        let term = SVector::from_fn(|row, _| if sticks[row] { impact_slip[row] } else { 0.0 });
+        let mut equations = Self { sticks, term, slipping: [SlippingContact::default(); 3] };
         match pattern.wheels {
             WheelPattern::BothStick => {}
             WheelPattern::RightSlips(sign) => equations.add_lengthwise_slip(system, RIGHT, sign, normal_impulse),
@@ -74,31 +73,32 @@ impl<const N: usize> ModeEquations<N> {
     /// Value of the equations at `impulse`.
     #[inline]
     pub(super) fn residual(&self, impulse: &SVector<f64, N>) -> SVector<f64, N> {
-        self.own.component_mul(impulse) + self.slip_term
+        SVector::from_fn(|row, _| if self.sticks[row] { self.term[row] } else { impulse[row] + self.term[row] })
     }
 
-    /// Jacobian of the equations by the friction impulse.
-    ///
-    /// Entry by entry: an equation knows one or two slips and one normal impulse, and a library's product of full small
-    /// matrices takes three times as long.
+    /// Rows of the Jacobian of the equations by the friction impulse.
     #[inline]
-    pub(super) fn jacobian(&self, system: &FrictionSystem<N>) -> SMatrix<f64, N, N> {
-        let mut jacobian = SMatrix::from_diagonal(&self.own);
+    pub(super) fn jacobian(&self, system: &FrictionSystem<N>) -> [[f64; N]; N] {
+        // The Delassus matrix is symmetric: its columns are its rows.
+        let by_impulse = &system.delassus().data.0;
+        let mut jacobian = [[0.0; N]; N];
         for row in 0..N {
-            for slip in 0..N {
-                let by_slip = self.by_slip[(row, slip)];
-                if by_slip != 0.0 {
-                    for column in 0..N {
-                        jacobian[(row, column)] += by_slip * system.delassus()[(slip, column)];
-                    }
-                }
+            if self.sticks[row] {
+                jacobian[row] = by_impulse[row];
+            } else {
+                jacobian[row][row] = 1.0;
             }
-            for contact in 0..contact_count::<N>() {
-                let by_normal = self.by_normal[(row, contact)];
-                if by_normal != 0.0 {
-                    for column in 0..N {
-                        jacobian[(row, column)] += by_normal * system.normal_response()[(contact, column)];
-                    }
+        }
+        for (contact, slipping) in self.slipping.iter().enumerate().take(contact_count::<N>()) {
+            let rows = ROWS[contact];
+            let by_slip = slipping.by_slip();
+            let by_normal = slipping.by_normal();
+            for a in 0..2 {
+                let row = &mut jacobian[rows[a]];
+                for column in 0..N {
+                    row[column] += by_slip[a][0] * by_impulse[rows[0]][column]
+                        + by_slip[a][1] * by_impulse[rows[1]][column]
+                        + by_normal[a] * system.normal_response()[(contact, column)];
                 }
             }
         }
@@ -108,8 +108,23 @@ impl<const N: usize> ModeEquations<N> {
     /// Derivatives of the impulse by the data, by the implicit function theorem.
     #[inline]
     pub(super) fn impulse_derivative(&self, system: &FrictionSystem<N>) -> Option<ImpulseDerivative<N>> {
-        let inverse = self.jacobian(system).try_inverse()?;
-        Some(ImpulseDerivative { by_free_slip: -(inverse * self.by_slip), by_free_normal: -(inverse * self.by_normal) })
+        let jacobian = self.jacobian(system);
+        let inverse = SMatrix::<f64, N, N>::from_fn(|row, column| jacobian[row][column]).try_inverse()?;
+        let mut by_slip = SMatrix::<f64, N, N>::zeros();
+        let mut by_normal = SMatrix::<f64, N, 3>::zeros();
+        for row in 0..N {
+            by_slip[(row, row)] = if self.sticks[row] { 1.0 } else { 0.0 };
+        }
+        for (contact, slipping) in self.slipping.iter().enumerate().take(contact_count::<N>()) {
+            let rows = ROWS[contact];
+            for a in 0..2 {
+                by_normal[(rows[a], contact)] = slipping.by_normal()[a];
+                for b in 0..2 {
+                    by_slip[(rows[a], rows[b])] += slipping.by_slip()[a][b];
+                }
+            }
+        }
+        Some(ImpulseDerivative { by_free_slip: -(inverse * by_slip), by_free_normal: -(inverse * by_normal) })
     }
 
     /// The contact index of a wheel equals the row of its longitudinal direction.
@@ -121,9 +136,9 @@ impl<const N: usize> ModeEquations<N> {
         sign: SlipSign,
         normal_impulse: &Vector3<f64>,
     ) {
-        let signed_coefficient = sign.value() * system.friction_coefficient()[wheel];
-        self.by_normal[(wheel, wheel)] = signed_coefficient;
-        self.slip_term[wheel] = signed_coefficient * normal_impulse[wheel];
+        let coefficient = system.friction_coefficient()[wheel];
+        self.term[wheel] = sign.value() * coefficient * normal_impulse[wheel];
+        self.slipping[wheel] = SlippingContact { direction: [sign.value(), 0.0], stiffness: 0.0, coefficient };
     }
 
     #[inline]
@@ -146,16 +161,27 @@ impl<const N: usize> ModeEquations<N> {
         if speed <= f64::MIN_POSITIVE {
             return None;
         }
-        let direction = [slip[0] / speed, slip[1] / speed];
-        let stiffness = radius / speed;
-        for a in 0..2 {
-            self.slip_term[rows[a]] += radius * direction[a];
-            self.by_normal[(rows[a], contact)] += coefficient * direction[a];
-            for b in 0..2 {
-                let identity = if a == b { 1.0 } else { 0.0 };
-                self.by_slip[(rows[a], rows[b])] += stiffness * (identity - direction[a] * direction[b]);
-            }
+        let inverse_speed = 1.0 / speed;
+        let direction = [slip[0] * inverse_speed, slip[1] * inverse_speed];
+        for (row, direction) in rows.into_iter().zip(direction) {
+            self.term[row] += radius * direction;
         }
+        self.slipping[contact] = SlippingContact { direction, stiffness: radius * inverse_speed, coefficient };
         Some(())
+    }
+}
+
+impl SlippingContact {
+    /// `stiffness (1 - d d')`.
+    #[inline]
+    fn by_slip(&self) -> [[f64; 2]; 2] {
+        let [x, y] = self.direction;
+        let mixed = -self.stiffness * x * y;
+        [[self.stiffness * (1.0 - x * x), mixed], [mixed, self.stiffness * (1.0 - y * y)]]
+    }
+
+    #[inline]
+    fn by_normal(&self) -> [f64; 2] {
+        self.direction.map(|direction| self.coefficient * direction)
     }
 }
