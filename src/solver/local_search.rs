@@ -23,6 +23,8 @@ const DEARER: f64 = 10.0;
 const LARGEST_PRICE: f64 = 1e3;
 /// A scaled residual above this before the restoration means that violating the goal paid.
 const VIOLATION_PAID: f64 = 1e-4;
+/// A descent that violates the goal in less than this share of its guess's final time has given the maneuver up.
+const GIVEN_UP: f64 = 0.7;
 /// The restoration aims this far below the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
@@ -75,7 +77,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         (self.best, self.iterations, self.budget.spent())
     }
 
-    /// Descends under the exact law and restores the goal; again with a higher price where violating the goal paid.
+    /// Descends under the exact law and restores the goal; again at the higher price where violating the goal paid.
     pub(super) fn descend(
         &mut self,
         guess: &DVector<f64>,
@@ -96,7 +98,14 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         if result.unrestored <= VIOLATION_PAID || weight >= self.prices[1] {
             return Ok(self.candidate(&result));
         }
-        let dearer = self.descend_at_price(&result.x, (self.prices[1], radius), smallest_prediction)?;
+        let from = if gave_up(&result.x, guess) {
+            // What has collapsed does not rise again, and neither would any other descent at that price.
+            self.prices[0] = self.prices[1];
+            guess
+        } else {
+            &result.x
+        };
+        let dearer = self.descend_at_price(from, (self.prices[1], radius), smallest_prediction)?;
         let (mut best, next) = (self.candidate(&result), self.candidate(&dearer));
         keep_better(&mut best, next, self.settings.goal_tolerance);
         Ok(best)
@@ -204,6 +213,12 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             }
         }
     }
+}
+
+/// Whether a descent traded the goal for time.
+fn gave_up(x: &DVector<f64>, guess: &DVector<f64>) -> bool {
+    let last = guess.len() - 1;
+    x[last] < GIVEN_UP * guess[last]
 }
 
 /// Prices of the goal errors for a maneuver of about this final time, s/m: usual and dear.

@@ -8,6 +8,7 @@ use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::solution::{DistinctOptimum, RefinementOutcome, Replay, StopReason};
 use super::starts::{Way, starts};
+use super::ways::Patience;
 use crate::optimizer::Interruption;
 use crate::shooting::ShootingProblem;
 
@@ -17,8 +18,8 @@ const DISTINCT_FINAL_TIME: f64 = 1e-3;
 /// Where fewer than half of the starts lead to a plan, more are tried: up to this many times as many as were asked for.
 const MORE_STARTS: usize = 2;
 
-/// Distinct local optima that are polished, fastest first.
-const POLISHED_OPTIMA: usize = 3;
+/// Rounds of polishing: how many distinct local optima, fastest first, and how thoroughly each.
+const POLISH_ROUNDS: [(usize, Patience); 2] = [(6, Patience::SHORT), (2, Patience::LONG)];
 
 /// What the search found, and what it spent.
 #[derive(Debug)]
@@ -66,18 +67,24 @@ pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &Ru
         }
     }
 
-    if found.interruption.is_none() && starts[..found.tried].iter().any(|start| start.way == Way::Smoothed) {
-        optima = fastest_first(optima);
+    optima = fastest_first(optima);
+    let is_polished = starts[..found.tried].iter().any(|start| start.way == Way::Smoothed);
+    for (count, patience) in POLISH_ROUNDS.into_iter().filter(|_| is_polished) {
+        if found.interruption.is_some() {
+            break;
+        }
         let mut chosen = distinct(&optima);
-        chosen.truncate(POLISHED_OPTIMA);
+        chosen.truncate(count);
         let left = settings.rollout_limit - found.rollouts;
         let polished = parts_of(left, chosen.len(), &|index, control, rollout_limit| {
-            part(input, problem, (control, rollout_limit), |search| search.polish(optima[chosen[index]].clone()))
+            let optimum = optima[chosen[index]].clone();
+            part(input, problem, (control, rollout_limit), |search| search.polish(optimum, patience))
         });
         for (index, local) in &polished.locals {
             optima[chosen[*index]] = local.clone();
         }
         found.follow(polished, settings.goal_tolerance);
+        optima = fastest_first(optima);
     }
     SearchResult {
         best: found.best,
@@ -87,7 +94,7 @@ pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &Ru
         rollouts: found.rollouts,
         starts_tried: found.tried,
         distinct_optima: grouped(optima.iter().map(Candidate::final_time).collect()),
-        optima: fastest_first(optima),
+        optima,
         refinement: RefinementOutcome::Fixed,
         replay: None,
     }

@@ -1,5 +1,7 @@
 //! The ways from a start to a local optimum, and from one local optimum to a better one nearby.
 
+use std::ops::Range;
+
 use nalgebra::DVector;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -30,27 +32,24 @@ const FIRST_RADII: [f64; 2] = [0.5, 0.3];
 const START_RADIUS: f64 = 0.3;
 /// Trust radius of a plan of a similar maneuver: small enough to stay near it.
 const WARM_RADIUS: f64 = 0.05;
-/// Share of the final time that a step of such a descent must promise: the certificate accepts more, and the last rollouts
-/// before nothing is promised, a third of all, gain a hundred-thousandth.
-const WARM_PROMISE: f64 = 1e-5;
 /// Trust radius of all later descents: large enough to jump off a kink.
 const RADIUS: f64 = 0.1;
+/// Share of the final time that each step of a rough descent must promise: the last third of the rollouts gains less.
+const ROUGH_PROMISE: f64 = 1e-5;
 /// How local optima are disturbed, in turn.
-const SHAKES: [Shake; 5] = [
-    Shake { share: 0.03, stretch: Stretch::Whole },
-    Shake { share: 0.05, stretch: Stretch::Random },
-    Shake { share: 0.2, stretch: Stretch::Random },
-    Shake { share: 0.5, stretch: Stretch::Random },
-    Shake { share: 1.0, stretch: Stretch::Random },
+const SHAKES: [Shake; 6] = [
+    Shake::Shift,
+    Shake::Noise { share: 0.03, everywhere: true },
+    Shake::Noise { share: 0.05, everywhere: false },
+    Shake::Noise { share: 0.2, everywhere: false },
+    Shake::Noise { share: 0.5, everywhere: false },
+    Shake::Noise { share: 1.0, everywhere: false },
 ];
 /// A disturbed copy takes this much longer.
 const SHAKEN_FINAL_TIME: f64 = 1.003;
 /// Share of the final time that a step from a finished plan may promise.
 const FINISHED_SHARE: f64 = 3e-5;
 const FINISH_LIMIT: usize = 5;
-/// Most disturbed copies of a local optimum, and how many in a row may gain nothing.
-const DIRECT_SHAKES: (usize, usize) = (3, 3);
-const POLISH_SHAKES: (usize, usize) = (50, 10);
 /// No more disturbed copies once so many rollouts went into one optimum: long descents, on the moon say, would take the
 /// time limit.
 const SHAKEN_ROLLOUTS: u64 = 8000;
@@ -62,17 +61,33 @@ const POLISH_GAIN: f64 = 3e-6;
 /// A plan that loses more than this share of its final time on another grid has left its local optimum.
 const ADAPTION_LOSS: f64 = 5e-3;
 
-/// A disturbance of each wheel's torques by up to `share` of their limits.
-struct Shake {
-    share: f64,
-    stretch: Stretch,
+/// When to stop disturbing a local optimum.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Patience {
+    /// Most disturbed copies.
+    copies: usize,
+    /// Copies in a row that gain nothing.
+    in_vain: usize,
+    /// Added to the seed: what was tried in vain before is not tried again.
+    stream: u64,
 }
 
-/// Which of a wheel's torques are disturbed.
-enum Stretch {
-    Whole,
-    /// One stretch of each wheel's.
-    Random,
+impl Patience {
+    /// For one of many starts.
+    const LEAST: Self = Self { copies: 3, in_vain: 3, stream: 0 };
+    /// Each disturbance once or twice.
+    pub(super) const SHORT: Self = Self { copies: 12, in_vain: 6, stream: 0 };
+    /// As long as it pays.
+    pub(super) const LONG: Self = Self { copies: 80, in_vain: 15, stream: 1 };
+}
+
+/// A disturbance of the torques.
+enum Shake {
+    /// What both wheels do between two intervals happens one interval earlier or later: a descent cannot move a switch on to
+    /// the next interval where that costs before it pays.
+    Shift,
+    /// All torques change, each by up to this share of its limit, or those of one stretch of each wheel do.
+    Noise { share: f64, everywhere: bool },
 }
 
 impl LocalSearch<'_, '_, '_> {
@@ -125,7 +140,7 @@ impl LocalSearch<'_, '_, '_> {
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn polish(&mut self, candidate: Candidate) -> Result<Candidate, Interruption> {
+    pub(super) fn polish(&mut self, candidate: Candidate, patience: Patience) -> Result<Candidate, Interruption> {
         if self.settings.method == Method::NelderMead {
             return Ok(candidate);
         }
@@ -146,7 +161,7 @@ impl LocalSearch<'_, '_, '_> {
                 break;
             }
         }
-        self.shake(&mut best, POLISH_SHAKES)?;
+        self.shake(&mut best, patience)?;
         self.finish(&mut best)?;
         Ok(best)
     }
@@ -163,7 +178,7 @@ impl LocalSearch<'_, '_, '_> {
         if !best.is_feasible(tolerance) {
             keep_better(&mut best, self.smoothly(guess)?, tolerance);
         }
-        self.shake(&mut best, DIRECT_SHAKES)?;
+        self.shake(&mut best, Patience::LEAST)?;
         self.finish(&mut best)?;
         Ok(best)
     }
@@ -171,7 +186,7 @@ impl LocalSearch<'_, '_, '_> {
     /// From a plan of a similar maneuver: one descent, again at the higher price where that gives up the goal, and the
     /// direct way where neither arrives.
     fn warmly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let smallest_prediction = WARM_PROMISE * guess[guess.len() - 1];
+        let smallest_prediction = ROUGH_PROMISE * guess[guess.len() - 1];
         for price in self.prices {
             let mut warm = self.descend_until(guess, (price, WARM_RADIUS), smallest_prediction)?;
             if warm.is_feasible(self.settings.goal_tolerance) {
@@ -184,20 +199,20 @@ impl LocalSearch<'_, '_, '_> {
 
     /// Descends again from slightly slower, disturbed copies of a local optimum: it sits on a kink, and another one
     /// nearby is often better.
-    fn shake(&mut self, best: &mut Candidate, (most, patience): (usize, usize)) -> Result<(), Interruption> {
+    fn shake(&mut self, best: &mut Candidate, patience: Patience) -> Result<(), Interruption> {
         let tolerance = self.settings.goal_tolerance;
-        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed);
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(patience.stream));
         let mut in_vain = 0;
-        for shake in SHAKES.iter().cycle().take(most) {
+        for shake in SHAKES.iter().cycle().take(patience.copies) {
             let shaken = self.shaken(&best.decision, shake, &mut rng);
             let (was_feasible, before) = (best.is_feasible(tolerance), best.final_time());
             let weight = if was_feasible { self.prices[0] } else { self.prices[1] };
-            let next = self.descend(&shaken, weight, RADIUS)?;
+            let next = self.descend_until(&shaken, (weight, RADIUS), ROUGH_PROMISE * before)?;
             keep_better(best, next, tolerance);
             let gained =
                 best.is_feasible(tolerance) && !was_feasible || before - best.final_time() > SHAKEN_GAIN * before;
             in_vain = if gained { 0 } else { in_vain + 1 };
-            if in_vain == patience || self.budget.spent() > SHAKEN_ROLLOUTS {
+            if in_vain == patience.in_vain || self.budget.spent() > SHAKEN_ROLLOUTS {
                 break;
             }
         }
@@ -206,22 +221,27 @@ impl LocalSearch<'_, '_, '_> {
 
     fn shaken(&self, decision: &DVector<f64>, shake: &Shake, rng: &mut Xoshiro256PlusPlus) -> DVector<f64> {
         let mut shaken = decision.clone();
-        let reach = self.problem.reach(decision) * shake.share;
         let last = decision.len() - 1;
-        let count = last / 2;
-        for first in [0, count] {
-            let stretch = match shake.stretch {
-                Stretch::Whole => 0..count,
-                Stretch::Random => {
-                    let (one, other) = (rng.random_range(0..count), rng.random_range(0..count));
-                    one.min(other)..one.max(other) + 1
+        shaken[last] *= SHAKEN_FINAL_TIME;
+        let (left, right) = shaken.as_mut_slice()[..last].split_at_mut(last / 2);
+        match *shake {
+            Shake::Shift => {
+                let (from, to) = (rng.random_range(0..left.len()), rng.random_range(0..left.len()));
+                shift(left, from, to);
+                shift(right, from, to);
+            }
+            Shake::Noise { share, everywhere } => {
+                let reach = self.problem.reach(decision) * share;
+                let (left_reach, right_reach) = reach.as_slice()[..last].split_at(last / 2);
+                for (torques, reach) in [(left, left_reach), (right, right_reach)] {
+                    let count = torques.len();
+                    let stretch = if everywhere { 0..count } else { random_stretch(count, rng) };
+                    for index in stretch {
+                        torques[index] += reach[index] * rng.random_range(-1.0..1.0);
+                    }
                 }
-            };
-            for index in stretch {
-                shaken[first + index] += reach[first + index] * rng.random_range(-1.0..1.0);
             }
         }
-        shaken[last] *= SHAKEN_FINAL_TIME;
         shaken
     }
 
@@ -249,7 +269,8 @@ impl LocalSearch<'_, '_, '_> {
 
     fn smoothly_at_price(&mut self, guess: &DVector<f64>, price: f64) -> Result<Candidate, Interruption> {
         let smoothed = self.through_smoothing(guess, &SMOOTHING, price, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
-        self.descend(&smoothed, price, RADIUS)
+        let smallest_prediction = ROUGH_PROMISE * smoothed[smoothed.len() - 1];
+        self.descend_until(&smoothed, (price, RADIUS), smallest_prediction)
     }
 
     /// Back into the smoothed laws from a local optimum, to get off the kink on which it sits.
@@ -272,6 +293,7 @@ impl LocalSearch<'_, '_, '_> {
                 first_radius: radius,
                 iteration_limit,
                 restoration: Restoration::Skip,
+                smallest_prediction: ROUGH_PROMISE * decision[decision.len() - 1],
                 ..SequentialLinearSettings::default()
             };
             self.problem.set_slip_smoothing(smoothing);
@@ -285,5 +307,36 @@ impl LocalSearch<'_, '_, '_> {
             radius = RADIUS;
         }
         Ok(decision)
+    }
+}
+
+fn random_stretch(count: usize, rng: &mut Xoshiro256PlusPlus) -> Range<usize> {
+    let (one, other) = (rng.random_range(0..count), rng.random_range(0..count));
+    one.min(other)..one.max(other) + 1
+}
+
+/// Drops the torque of one interval and repeats that of another; those in between move over.
+fn shift(torques: &mut [f64], from: usize, to: usize) {
+    if from < to {
+        torques.copy_within(from + 1..=to, from);
+    } else {
+        torques.copy_within(to..from, to + 1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shift_drops_one_torque_and_repeats_another() {
+        let shifted = |from, to| {
+            let mut torques = [1.0, 2.0, 3.0, 4.0];
+            shift(&mut torques, from, to);
+            torques
+        };
+        assert_eq!(shifted(0, 2), [2.0, 3.0, 3.0, 4.0]);
+        assert_eq!(shifted(3, 1), [1.0, 2.0, 2.0, 3.0]);
+        assert_eq!(shifted(1, 1), [1.0, 2.0, 3.0, 4.0]);
     }
 }
