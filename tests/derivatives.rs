@@ -134,9 +134,10 @@ fn derivatives_agree_under_smoothed_friction() {
         let [above, below] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
             schedule.left[1] += step;
             let rollout = Rollout { start: &start, schedule: &schedule, step_count: 100 };
-            let end = simulator.end_state_and_loads(&rollout, smoothing, &mut LeastLoads::default()).to_vector();
+            let mut moved = EndSensitivity::default();
+            simulator.record(&rollout, smoothing, &mut moved);
             schedule.left[1] -= step;
-            end
+            moved.end.to_vector()
         });
         let difference = (above - below) / (2.0 * DIFFERENCE_STEP);
         let scale = difference.amax().max(1.0);

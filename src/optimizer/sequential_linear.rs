@@ -70,6 +70,9 @@ const SHRINK_RATIO: f64 = 0.1;
 const SHRINK_FACTOR: f64 = 0.4;
 /// A trial that gains less than this share of the prediction is corrected.
 const CORRECTION_RATIO: f64 = 0.1;
+/// Corrections above this share of their step are not tried: of 8,000 in two searches, larger ones helped one time in
+/// fifteen, smaller ones two times in three.
+const LARGEST_CORRECTION: f64 = 0.2;
 /// Residual norm at which small gains start to count as convergence.
 const NEAR_FEASIBLE: f64 = 1e-4;
 /// The first-order measure starts with torques that may change by a tenth of their limits.
@@ -316,6 +319,9 @@ impl<'a> Search<'a> {
         let missed = self.model.rows_of(&trial.constraints) - self.modelled_rows(step);
         let rows = self.violated_rows(&trial.constraints);
         let Some(correction) = self.least_change(&trial.x, &rows, &missed) else { return Ok(trial) };
+        if correction.norm() > LARGEST_CORRECTION * step.norm() {
+            return Ok(trial);
+        }
         let corrected = self.evaluate(&(&trial.x - correction), budget)?;
         Ok(if corrected.merit < trial.merit { corrected } else { trial })
     }

@@ -33,7 +33,8 @@ pub struct ShootingProblem<'a> {
     upper: DVector<f64>,
     schedule: TorqueSchedule,
     sensitivity: EndSensitivity,
-    loads: LeastLoads,
+    /// The decision and the smoothing of the rollout in `sensitivity`.
+    recorded: Option<(DVector<f64>, f64)>,
     slip_smoothing: f64,
 }
 
@@ -98,7 +99,7 @@ impl<'a> ShootingProblem<'a> {
                 right: vec![0.0; control_count],
             },
             sensitivity: EndSensitivity::default(),
-            loads: LeastLoads::default(),
+            recorded: None,
             slip_smoothing: 0.0,
         }
     }
@@ -136,6 +137,25 @@ impl<'a> ShootingProblem<'a> {
     /// Whether some contact would have to pull at a point with these constraint values.
     pub fn lifts_off(&self, constraints: &Constraints) -> bool {
         self.load_limits.are_broken(&constraints.excess)
+    }
+
+    /// Rolls out, unless that is what was done last: a point that a search accepts is the one that it has just tried.
+    fn record(&mut self, decision: &DVector<f64>) {
+        let is_recorded =
+            |(recorded, smoothing): &(DVector<f64>, f64)| recorded == decision && *smoothing == self.slip_smoothing;
+        if self.recorded.as_ref().is_some_and(is_recorded) {
+            return;
+        }
+        write_schedule(decision, &mut self.schedule);
+        let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
+        self.simulator.record(&rollout, self.slip_smoothing, &mut self.sensitivity);
+        match &mut self.recorded {
+            Some((recorded, smoothing)) => {
+                recorded.copy_from(decision);
+                *smoothing = self.slip_smoothing;
+            }
+            None => self.recorded = Some((decision.clone(), self.slip_smoothing)),
+        }
     }
 
     fn write_residual(&self, end: &State, residual: &mut DVector<f64>) {
@@ -201,21 +221,15 @@ impl Problem for ShootingProblem<'_> {
     }
 
     fn evaluate(&mut self, decision: &DVector<f64>, constraints: &mut Constraints) {
-        write_schedule(decision, &mut self.schedule);
-        let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        let end = self.simulator.end_state_and_loads(&rollout, self.slip_smoothing, &mut self.loads);
-        self.write_residual(&end, &mut constraints.residual);
-        self.load_limits.write_excess(&self.loads, &mut constraints.excess);
+        self.record(decision);
+        self.write_residual(&self.sensitivity.end, &mut constraints.residual);
+        self.load_limits.write_excess(&self.sensitivity.loads, &mut constraints.excess);
     }
 
     fn linearise(&mut self, decision: &DVector<f64>, linearisation: &mut Linearisation) {
-        write_schedule(decision, &mut self.schedule);
+        self.record(decision);
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        if self.slip_smoothing > 0.0 {
-            self.simulator.smoothed_end_sensitivity(&rollout, self.slip_smoothing, &mut self.sensitivity);
-        } else {
-            self.simulator.end_sensitivity(&rollout, &mut self.sensitivity);
-        }
+        self.simulator.differentiate(&rollout, self.slip_smoothing, &mut self.sensitivity);
         let Linearisation { constraints, near_limits, jacobian } = linearisation;
         self.load_limits.write_excess(&self.sensitivity.loads, &mut constraints.excess);
         LoadLimits::list_near(&constraints.excess, near_limits);

@@ -1,6 +1,5 @@
 //! Rollouts: a torque schedule integrated from a start state.
 
-use super::least_loads::LeastLoads;
 use super::moreau_step::{Step, StepContact, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
@@ -75,15 +74,6 @@ impl Simulator {
         }
     }
 
-    /// As [`Simulator::end_state`] with the least normal forces on the way, under the exact law or, with
-    /// `slip_smoothing` > 0 m/s, under one without kinks.
-    pub fn end_state_and_loads(&self, rollout: &Rollout, slip_smoothing: f64, loads: &mut LeastLoads) -> State {
-        match &self.model {
-            Model::Wheels(model) => end_and_loads(model, rollout, slip_smoothing, loads),
-            Model::WheelsAndFront(model) => end_and_loads(model, rollout, slip_smoothing, loads),
-        }
-    }
-
     /// As [`Simulator::end_state`], by the paper's fixed point: the slow reference.
     pub fn end_state_by_fixed_point(&self, rollout: &Rollout) -> State {
         let mut solver = FixedPointSolver::new(FixedPointSettings::default());
@@ -99,21 +89,6 @@ impl Simulator {
             Model::Wheels(model) => record(model, self.robot.tangent_jacobian(), rollout, method),
             Model::WheelsAndFront(model) => record(model, self.robot.tangent_jacobian(), rollout, method),
         }
-    }
-}
-
-fn end_and_loads<const N: usize>(
-    model: &StepModel<N>,
-    rollout: &Rollout,
-    slip_smoothing: f64,
-    loads: &mut LeastLoads,
-) -> State {
-    loads.clear(rollout);
-    let note = |index: usize, step: &Step<N>| loads.note(index, &step.contact.normal_impulse);
-    if slip_smoothing > 0.0 {
-        integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), note)
-    } else {
-        integrate(model, rollout, &mut ExactContact::default(), note)
     }
 }
 

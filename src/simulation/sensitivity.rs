@@ -15,7 +15,7 @@
 use nalgebra::{SVector, Vector3};
 
 use super::least_loads::LeastLoads;
-use super::moreau_step::{Step, StepContact, StepModel};
+use super::moreau_step::{Step, StepModel};
 use super::rollout::{ExactContact, Model, Rollout, Simulator, integrate};
 use super::step_derivative::StepDerivative;
 use super::torque_schedule::control_interval;
@@ -59,43 +59,61 @@ pub(super) struct TapeEntry {
 impl Simulator {
     /// Integrates a rollout and differentiates its end state, reusing the memory of `sensitivity`.
     pub fn end_sensitivity(&self, rollout: &Rollout, sensitivity: &mut EndSensitivity) {
+        self.smoothed_end_sensitivity(rollout, 0.0, sensitivity);
+    }
+
+    /// As [`Simulator::end_sensitivity`], under a friction law without kinks; `slip_smoothing` in m/s, 0 for the exact law.
+    pub fn smoothed_end_sensitivity(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
+        self.record(rollout, slip_smoothing, sensitivity);
+        self.differentiate(rollout, slip_smoothing, sensitivity);
+    }
+
+    /// Integrates a rollout and keeps what its derivatives need: end state and least loads are those of the rollout,
+    /// the derivatives are not before [`Simulator::differentiate`]. Allocates nothing once the memory is there.
+    pub fn record(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
         match self.model() {
-            Model::Wheels(model) => differentiate(model, rollout, &mut ExactContact::default(), 0.0, sensitivity),
-            Model::WheelsAndFront(model) => {
-                differentiate(model, rollout, &mut ExactContact::default(), 0.0, sensitivity);
-            }
+            Model::Wheels(model) => record(model, rollout, slip_smoothing, sensitivity),
+            Model::WheelsAndFront(model) => record(model, rollout, slip_smoothing, sensitivity),
         }
     }
 
-    /// As [`Simulator::end_sensitivity`], under a friction law without kinks; `slip_smoothing` > 0 in m/s.
-    pub fn smoothed_end_sensitivity(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
+    /// Differentiates the end state of the rollout that was recorded last, under the same `slip_smoothing`.
+    pub fn differentiate(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
         match self.model() {
-            Model::Wheels(model) => {
-                differentiate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), slip_smoothing, sensitivity);
-            }
-            Model::WheelsAndFront(model) => {
-                differentiate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), slip_smoothing, sensitivity);
-            }
+            Model::Wheels(model) => differentiate(model, rollout, slip_smoothing, sensitivity),
+            Model::WheelsAndFront(model) => differentiate(model, rollout, slip_smoothing, sensitivity),
         }
     }
+}
+
+fn record<const N: usize>(
+    model: &StepModel<N>,
+    rollout: &Rollout,
+    slip_smoothing: f64,
+    sensitivity: &mut EndSensitivity,
+) {
+    let EndSensitivity { end, loads, tape, .. } = sensitivity;
+    tape.clear();
+    tape.reserve(rollout.step_count);
+    loads.clear(rollout);
+    let note = |index: usize, step: &Step<N>| {
+        loads.note(index, &step.contact.normal_impulse);
+        tape.push(TapeEntry::new(step));
+    };
+    *end = if slip_smoothing > 0.0 {
+        integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), note)
+    } else {
+        integrate(model, rollout, &mut ExactContact::default(), note)
+    };
 }
 
 fn differentiate<const N: usize>(
     model: &StepModel<N>,
     rollout: &Rollout,
-    contact_solver: &mut impl StepContact<N>,
     slip_smoothing: f64,
     sensitivity: &mut EndSensitivity,
 ) {
-    let EndSensitivity { end, by_left_torque, by_right_torque, by_final_time, loads, tape } = sensitivity;
-    tape.clear();
-    tape.reserve(rollout.step_count);
-    loads.clear(rollout);
-    *end = integrate(model, rollout, contact_solver, |index, step| {
-        loads.note(index, &step.contact.normal_impulse);
-        tape.push(TapeEntry::new(step));
-    });
-
+    let EndSensitivity { by_left_torque, by_right_torque, by_final_time, tape, .. } = sensitivity;
     let control_count = rollout.schedule.control_count();
     for derivatives in [&mut *by_left_torque, &mut *by_right_torque] {
         derivatives.clear();

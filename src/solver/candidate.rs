@@ -1,10 +1,15 @@
 //! Decisions and their ranking.
 
 use std::cmp::Ordering;
+use std::sync::Arc;
 
 use nalgebra::DVector;
 
 use super::progress::is_nearer;
+use crate::optimizer::ConfirmedDecrease;
+
+/// Predicted decreases of this share of the final time are as good as none: a third of what `converged` asks for.
+pub(super) const STATIONARY_SHARE: f64 = 3e-5;
 
 /// A decision with what the search needs to rank it.
 #[derive(Debug, Clone)]
@@ -16,9 +21,23 @@ pub(super) struct Candidate {
     pub(super) lifts_off: bool,
     /// The winding of the goal heading that it meets.
     pub(super) goal_heading: Option<f64>,
+    /// What its first-order measure came to, where the search has taken it.
+    pub(super) stationarity: Option<Arc<Stationarity>>,
+}
+
+/// The first-order measure of a decision.
+#[derive(Debug)]
+pub(super) struct Stationarity {
+    /// Price of the goal errors that it was taken at, s/m.
+    pub(super) price: f64,
+    pub(super) decrease: ConfirmedDecrease,
 }
 
 impl Candidate {
+    pub(super) fn new(decision: DVector<f64>, goal_error: f64, lifts_off: bool, goal_heading: Option<f64>) -> Self {
+        Self { decision, goal_error, lifts_off, goal_heading, stationarity: None }
+    }
+
     pub(super) fn final_time(&self) -> f64 {
         self.decision[self.decision.len() - 1]
     }

@@ -1,10 +1,11 @@
-//! What an answer states about itself: everything here is computed from the final torques, not from the search.
+//! What an answer states about itself: everything here is computed from the final torques, or was by the search.
 
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::SVector;
 
-use super::candidate::Candidate;
+use super::candidate::{Candidate, STATIONARY_SHARE, Stationarity};
 use super::goal_miss::goal_missed;
 use super::local_search::prices;
 use super::lower_bound::{Grid, largest, lower_bounds};
@@ -24,9 +25,6 @@ const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
 /// Rollouts that the first-order measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
-/// A measure of this share of what is accepted needs not be told more exactly: a tenth saves most of its rollouts.
-const WELL_STATIONARY: f64 = 0.1;
-
 /// A stop flag that nobody sets.
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -42,23 +40,31 @@ pub(super) fn certified(
     if let Some(heading) = best.goal_heading {
         problem.aim_at_heading(heading);
     }
-    // The measure belongs to the answer, not to the search: neither its limit nor its stop flag ends it. But an answer
-    // that is waited for must not take long.
     let is_urgent = result.stop_reason == StopReason::Stopped;
-    let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
-    let [_, price] = prices(problem, best.final_time());
-    let enough = WELL_STATIONARY * FIRST_ORDER_TOLERANCE * schedule.final_time;
-    let confirmed = confirmed_decrease(problem, &best.decision, (price, enough), &mut budget);
-    let measure = confirmed.as_ref().map_or(f64::NAN, |confirmed| confirmed.prediction);
+    let stationarity = best.stationarity.clone().or_else(|| measured(problem, best, is_urgent).map(Arc::new));
+    let measure = stationarity.as_ref().map_or(f64::NAN, |known| known.decrease.prediction);
     // Where nothing is known, all of the final time might be gained, and every sign be wrong.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
-    let violations = confirmed
-        .map_or(best.decision.len(), |confirmed| sign_violations(problem, &best.decision, &confirmed.model, price));
+    let violations = stationarity.map_or(best.decision.len(), |known| {
+        sign_violations(problem, &best.decision, &known.decrease.model, known.price)
+    });
     let evidence = Evidence::collect(input, simulator, schedule, &result);
     let mut solution = evidence.solution(input, result, measure, is_stationary);
     solution.report.switching_sign_violations = violations;
     solution
+}
+
+/// The first-order measure of a decision that the search has not finished.
+///
+/// It belongs to the answer, not to the search: neither the search's limit nor its stop flag ends it. But an answer that is
+/// waited for must not take long.
+fn measured(problem: &mut ShootingProblem, best: &Candidate, is_urgent: bool) -> Option<Stationarity> {
+    let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
+    let [_, price] = prices(problem, best.final_time());
+    let enough = STATIONARY_SHARE * best.final_time();
+    let decrease = confirmed_decrease(problem, &best.decision, (price, enough), &mut budget).ok()?;
+    Some(Stationarity { price, decrease })
 }
 
 /// The answer where no plan exists: the start with its distance from the goal, an empty schedule, and why.

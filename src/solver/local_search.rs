@@ -1,10 +1,11 @@
 //! Descents of the search, all against one budget.
 
 use std::cell::Cell;
+use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::candidate::{Candidate, keep_better};
+use super::candidate::{Candidate, Stationarity, keep_better};
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
@@ -137,7 +138,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
                 report(control, start, x, goal_error);
             }
             if goal_error <= tolerance && !lifts_off {
-                passed = Some(Candidate { decision: x.clone(), goal_error, lifts_off, goal_heading });
+                passed = Some(Candidate::new(x.clone(), goal_error, lifts_off, goal_heading));
             }
         };
         let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut tell);
@@ -155,12 +156,9 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     }
 
     fn candidate(&self, result: &SequentialLinearResult) -> Candidate {
-        Candidate {
-            goal_error: self.scales.largest_goal_error(&result.constraints.residual),
-            lifts_off: self.problem.lifts_off(&result.constraints),
-            decision: result.x.clone(),
-            goal_heading: self.goal_heading,
-        }
+        let goal_error = self.scales.largest_goal_error(&result.constraints.residual);
+        let lifts_off = self.problem.lifts_off(&result.constraints);
+        Candidate::new(result.x.clone(), goal_error, lifts_off, self.goal_heading)
     }
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
@@ -190,7 +188,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
         let (goal_error, lifts_off) = best;
-        let candidate = Candidate { decision, goal_error, lifts_off, goal_heading: self.goal_heading };
+        let candidate = Candidate::new(decision, goal_error, lifts_off, self.goal_heading);
         self.note(&candidate);
         result.interruption.map_or(Ok(candidate), Err)
     }
@@ -201,6 +199,14 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             self.problem.aim_at_heading(heading);
         }
         self.prices = prices(self.problem, final_time);
+    }
+
+    /// Keeps what was found out about a candidate, also for the best one if it is that.
+    pub(super) fn note_stationarity(&mut self, candidate: &mut Candidate, stationarity: Stationarity) {
+        candidate.stationarity = Some(Arc::new(stationarity));
+        if let Some(best) = self.best.as_mut().filter(|best| best.decision == candidate.decision) {
+            best.stationarity.clone_from(&candidate.stationarity);
+        }
     }
 
     fn note(&mut self, candidate: &Candidate) {

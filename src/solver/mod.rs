@@ -90,12 +90,12 @@ fn fallback(input: &SolveInput, problem: &mut ShootingProblem) -> Option<Candida
     problem.evaluate(&decision, &mut constraints);
     let goal_error = problem.goal_scales().largest_goal_error(&constraints.residual);
     let lifts_off = problem.lifts_off(&constraints);
-    goal_error.is_finite().then_some(Candidate { decision, goal_error, lifts_off, goal_heading: start.goal_heading })
+    goal_error.is_finite().then_some(Candidate::new(decision, goal_error, lifts_off, start.goal_heading))
 }
 
 /// No torque, for so short a time that no motion diverges.
 fn standing_still(input: &SolveInput) -> Candidate {
     let mut decision = DVector::zeros(decision_len(input.settings.control_count));
     decision[2 * input.settings.control_count] = STANDING_TIME;
-    Candidate { decision, goal_error: f64::INFINITY, lifts_off: true, goal_heading: None }
+    Candidate::new(decision, f64::INFINITY, true, None)
 }

@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::Method;
-use super::candidate::{Candidate, keep_better};
+use super::candidate::{Candidate, STATIONARY_SHARE, Stationarity, keep_better};
 use super::local_search::LocalSearch;
 use super::run_control::Phase;
 use super::starts::{Start, Way};
@@ -47,8 +47,6 @@ const SHAKES: [Shake; 6] = [
 ];
 /// A disturbed copy takes this much longer.
 const SHAKEN_FINAL_TIME: f64 = 1.003;
-/// Share of the final time that a step from a finished plan may promise.
-const FINISHED_SHARE: f64 = 3e-5;
 const FINISH_LIMIT: usize = 5;
 /// No more disturbed copies once so many rollouts went into one optimum: long descents, on the moon say, would take the
 /// time limit.
@@ -248,9 +246,15 @@ impl LocalSearch<'_, '_, '_> {
     /// Goes on from the very step that would refute the certificate of the plan, while there is one.
     fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
         for _ in 0..FINISH_LIMIT {
-            let (price, enough) = (self.prices[1], FINISHED_SHARE * best.final_time());
-            let confirmed = confirmed_decrease(self.problem, &best.decision, (price, enough), &mut self.budget)?;
-            let Some(better) = confirmed.better else { return confirmed.interruption.map_or(Ok(()), Err) };
+            let (price, enough) = (self.prices[1], STATIONARY_SHARE * best.final_time());
+            let mut decrease = confirmed_decrease(self.problem, &best.decision, (price, enough), &mut self.budget)?;
+            if let Some(interruption) = decrease.interruption {
+                return Err(interruption);
+            }
+            let Some(better) = decrease.better.take() else {
+                self.note_stationarity(best, Stationarity { price, decrease });
+                return Ok(());
+            };
             let next = self.descend(&better, price, RADIUS)?;
             keep_better(best, next, self.settings.goal_tolerance);
         }
