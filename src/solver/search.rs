@@ -19,7 +19,7 @@ const DISTINCT_FINAL_TIME: f64 = 1e-3;
 const MORE_STARTS: usize = 2;
 
 /// Rounds of polishing: how many distinct local optima, fastest first, and how thoroughly each.
-const POLISH_ROUNDS: [(usize, Patience); 2] = [(6, Patience::SHORT), (2, Patience::LONG)];
+const POLISH_ROUNDS: [(usize, Patience); 2] = [(8, Patience::SHORT), (3, Patience::LONG)];
 
 /// What the search found, and what it spent.
 #[derive(Debug)]
