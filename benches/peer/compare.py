@@ -11,6 +11,7 @@ import argparse
 import json
 import math
 import resource
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -66,19 +67,36 @@ class Run:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Both solvers on one maneuver."""
+    """Both solvers on one maneuver; slipdrive from one start, and with its default search."""
 
     maneuver: str
+    one_start: Run
     slipdrive: Run
     peer: Run
+
+    def cpu_ratio(self, ours: Run) -> float:
+        """How many times as much CPU the peer takes."""
+        return ratio(self.peer.solve_s, ours.process_cpu_s)
 
 
 def compare(name: str, slipdrive: Path, cpu_limit: float) -> Comparison:
     """Both solvers on a case of the suite, or on a file."""
     with tempfile.TemporaryDirectory() as directory:
-        request = Path(directory) / "request.json"
-        request.write_text(json.dumps(request_of(name)))
-        return Comparison(name, run_slipdrive(slipdrive, request), run_peer(slipdrive, request, cpu_limit))
+        body = request_of(name)
+        request = write_body(Path(directory) / "request.json", body)
+        one_start = write_body(Path(directory) / "one_start.json", body | {"solver": {"starts": 1}})
+        return Comparison(
+            name,
+            run_slipdrive(slipdrive, one_start),
+            run_slipdrive(slipdrive, request),
+            run_peer(slipdrive, request, cpu_limit),
+        )
+
+
+def write_body(path: Path, body: dict[str, Any]) -> Path:
+    """Writes a request."""
+    path.write_text(json.dumps(body))
+    return path
 
 
 def run_for_answer(command: list[str], accepted: tuple[int, ...] = (0,)) -> tuple[dict[str, Any], float]:
@@ -154,22 +172,32 @@ def build_slipdrive() -> Path:
     return Path(next(path for message in messages if (path := message.get("executable"))))
 
 
+RUN_COLUMNS = f"{'t_f s':>9}{'CPU s':>8}{'miss':>9} {'status':<10}"
 COLUMNS = (
-    f"{'':26}{'slipdrive':^46}{'peer (CasADi + IPOPT)':^40}{'peer / slipdrive':>19}\n"
-    f"{'maneuver':26}{'t_f s':>9}{'solve s':>9}{'CPU s':>8}{'miss':>9} {'status':<11}"
-    f"{'t_f s':>9}{'CPU s':>9}{'miss':>9}  {'status':<11}{'t_f':>9}{'CPU':>10}"
+    f"{'':26}{'slipdrive, one start':^36}{'slipdrive, default search':^36}{'peer (CasADi + IPOPT)':^36}"
+    f"{'CPU, peer / slipdrive':>22}\n"
+    f"{'maneuver':26}{RUN_COLUMNS}{RUN_COLUMNS}{RUN_COLUMNS}{'one start':>12}{'default':>10}"
 )
 
 
 def table_row(comparison: Comparison) -> str:
     """One line of the table."""
-    ours, peers = comparison.slipdrive, comparison.peer
-    return (
-        f"{comparison.maneuver:26}{ours.final_time_s:9.4f}{ours.solve_s:9.3f}{ours.process_cpu_s:8.3f}"
-        f"{ours.largest_miss:9.1e} {ours.status:<11}"
-        f"{peers.final_time_s:9.4f}{peers.solve_s:9.2f}{peers.largest_miss:9.1e}  {peers.status:<11}"
-        f"{ratio(peers.final_time_s, ours.final_time_s):9.4f}{ratio(peers.solve_s, ours.process_cpu_s):9.0f}x"
-    )
+    ours, peers = [comparison.one_start, comparison.slipdrive], comparison.peer
+    columns = "".join(run_columns(run, run.process_cpu_s) for run in ours) + run_columns(peers, peers.solve_s)
+    one_start, default = (comparison.cpu_ratio(run) for run in ours)
+    return f"{comparison.maneuver:26}{columns}{one_start:11.0f}x{default:9.0f}x"
+
+
+def run_columns(run: Run, cpu_s: float) -> str:
+    """The columns of one solver."""
+    return f"{run.final_time_s:9.4f}{cpu_s:8.3f}{run.largest_miss:9.1e} {run.status:<10}"
+
+
+def median_row(comparisons: list[Comparison]) -> str:
+    """The medians of the ratios."""
+    one_start = statistics.median(each.cpu_ratio(each.one_start) for each in comparisons)
+    default = statistics.median(each.cpu_ratio(each.slipdrive) for each in comparisons)
+    return f"{'median':26}{'':108}{one_start:11.0f}x{default:9.0f}x"
 
 
 def ratio(numerator: float, denominator: float) -> float:
@@ -207,6 +235,8 @@ def main() -> int:
             print(f"{name:26}no answer: {error}", flush=True)
             continue
         print(table_row(comparisons[-1]), flush=True)
+    if comparisons:
+        print(median_row(comparisons))
     print(LEGEND)
     if asked.json:
         asked.json.write_text(json.dumps([asdict(comparison) for comparison in comparisons], indent=2) + "\n")

@@ -8,7 +8,7 @@ use nalgebra::SVector;
 use super::candidate::{Candidate, STATIONARY_SHARE, Stationarity};
 use super::goal_miss::goal_missed;
 use super::local_search::prices;
-use super::lower_bound::{Grid, largest, lower_bounds};
+use super::lower_bound::{Grid, LowerBound, largest, lower_bounds};
 use super::search::SearchResult;
 use super::settings::{Refinement, SolveInput};
 use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
@@ -32,7 +32,7 @@ static NEVER: AtomicBool = AtomicBool::new(false);
 pub(super) fn certified(
     input: &SolveInput,
     simulator: &Simulator,
-    problem: &mut ShootingProblem,
+    (problem, bound): (&mut ShootingProblem, LowerBound),
     best: &Candidate,
     result: SearchResult,
 ) -> Solution {
@@ -50,7 +50,7 @@ pub(super) fn certified(
         sign_violations(problem, &best.decision, &known.decrease.model, known.price)
     });
     let evidence = Evidence::collect(input, simulator, schedule, &result);
-    let mut solution = evidence.solution(input, result, measure, is_stationary);
+    let mut solution = evidence.solution(input, result, bound, (measure, is_stationary));
     solution.report.switching_sign_violations = violations;
     solution
 }
@@ -101,7 +101,8 @@ pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) 
         refinement,
         replay: None,
     };
-    let mut solution = evidence.solution(input, result, 0.0, true);
+    let bound = largest(&lower_bounds(input, Grid::Steps(input.settings.step_count)));
+    let mut solution = evidence.solution(input, result, bound, (0.0, true));
     solution.report.control_count = 0;
     solution
 }
@@ -128,7 +129,13 @@ impl Evidence {
         Self { schedule, trajectory, goal_error, replay }
     }
 
-    fn solution(self, input: &SolveInput, result: SearchResult, measure: f64, is_stationary: bool) -> Solution {
+    fn solution(
+        self,
+        input: &SolveInput,
+        result: SearchResult,
+        bound: LowerBound,
+        (measure, is_stationary): (f64, bool),
+    ) -> Solution {
         let separations = self.trajectory.separations();
         let meets_goal = self.goal_error.amax() <= input.settings.goal_tolerance;
         let keeps_law = self.trajectory.worst_contact_residual <= CONTACT_RESIDUAL_TOLERANCE;
@@ -139,8 +146,6 @@ impl Evidence {
         } else {
             Status::Feasible
         };
-        let step_count = if result.step_count == 0 { input.settings.step_count } else { result.step_count };
-        let bound = largest(&lower_bounds(input, Grid::Steps(step_count)));
         Solution {
             status,
             stop_reason: result.stop_reason,

@@ -32,7 +32,7 @@ pub use solution::{
 };
 
 use candidate::Candidate;
-use lower_bound::{Grid, largest, lower_bounds};
+use lower_bound::{Grid, LowerBound, largest, lower_bounds};
 use nalgebra::DVector;
 
 use crate::optimizer::Problem as _;
@@ -57,11 +57,11 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     }
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
-    let mut problem = problem_on(input, &simulator, settings.step_count);
+    let (mut problem, mut bound) = problem_on(input, &simulator, settings.step_count);
     let mut result = search::search(input, &problem, control);
     if let Refinement::UntilExecutable { step_limit } = settings.refinement {
         refinement::refine(input, &simulator, step_limit, control, &mut result);
-        problem = problem_on(input, &simulator, result.step_count);
+        (problem, bound) = problem_on(input, &simulator, result.step_count);
     }
     if control.is_abandoned() {
         // The worker is free one rollout after the flag.
@@ -70,16 +70,22 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     let _phase = control.enter(Phase::Certificate);
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
     let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));
-    certificate::certified(input, &simulator, &mut problem, &best, result)
+    certificate::certified(input, &simulator, (&mut problem, bound), &best, result)
 }
 
-/// The problem on a grid, without final times that are too short for any plan: trading the goal for time ends there,
-/// which keeps the search from standing still.
-fn problem_on<'a>(input: &SolveInput, simulator: &'a Simulator, step_count: usize) -> ShootingProblem<'a> {
+/// The problem on a grid and the lower bound of its final time.
+///
+/// Final times that are too short for any plan are ruled out: trading the goal for time ends there, which keeps the search
+/// from standing still.
+fn problem_on<'a>(
+    input: &SolveInput,
+    simulator: &'a Simulator,
+    step_count: usize,
+) -> (ShootingProblem<'a>, LowerBound) {
     let mut problem = ShootingProblem::new(simulator, &input.maneuver, step_count, input.settings.control_count);
     let bound = largest(&lower_bounds(input, Grid::Steps(step_count)));
     problem.rule_out_before(SHARE_OF_BOUND * bound.time);
-    problem
+    (problem, bound)
 }
 
 /// The first start, as the answer of a solve that was stopped before its first rollout; none when its motion diverges.

@@ -196,7 +196,7 @@ impl Refiner<'_, '_, '_> {
     /// Searches on a grid with what is left of the rollouts, and counts what that takes.
     fn searching_on<T>(&mut self, step_count: usize, run: impl FnOnce(&mut LocalSearch) -> T) -> T {
         let settings = &self.input.settings;
-        let mut problem = problem_on(self.input, self.simulator, step_count);
+        let (mut problem, _) = problem_on(self.input, self.simulator, step_count);
         let rollout_limit = settings.rollout_limit - self.result.rollouts;
         let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
         let found = run(&mut search);
