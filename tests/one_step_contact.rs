@@ -10,7 +10,7 @@ use slipdrive::contact::{
     ContactPattern, ContactSolution, ExactSolver, FixedPointSettings, FixedPointSolver, FrictionProblem,
     FrictionSystem, Guess, SolvePath, WheelPattern, natural_map,
 };
-use slipdrive::robot::{BodyVector, Robot};
+use slipdrive::robot::{BodyVector, Robot, RobotParameters};
 
 /// Acceptance of the contact law, relative to m g dt.
 const RESIDUAL_TOLERANCE: f64 = 1e-10;
@@ -247,7 +247,7 @@ fn indeterminate_problem_is_flagged() {
 /// too fast for equations in it, while fixed-point sweeps take millions.
 #[test]
 #[expect(clippy::unreadable_literal, reason = "figures as they were met")]
-fn a_wheel_that_hardly_slips_is_solved() {
+fn wheels_that_hardly_slip_are_solved() {
     let delassus = SMatrix::<f64, 3, 3>::from_row_slice(&[
         1.9489007724301846,
         -0.060011883541295344,
@@ -278,4 +278,36 @@ fn a_wheel_that_hardly_slips_is_solved() {
     let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
     assert!(solution.residual <= 1e-12, "residual {}", solution.residual);
     assert_eq!(solution.pattern.wheels, WheelPattern::BothSlip);
+}
+
+/// Met by the search on a slippery floor: both wheels are at the very edge of sticking, and all slips vanish.
+#[test]
+#[expect(clippy::unreadable_literal, reason = "figures as they were met")]
+fn steps_at_the_very_edge_of_sticking_are_solved() {
+    let slippery = RobotParameters { wheel_friction_coefficient: 0.15, ..RobotParameters::default() };
+    let robot = Robot::new(slippery).unwrap();
+    let system = FrictionSystem::new(
+        robot.delassus().fixed_view::<3, 3>(0, 0).into_owned(),
+        robot.normal_response().fixed_columns::<3>(0).into_owned(),
+        [0.15, 0.15, 0.0],
+    );
+    let met = [
+        (
+            [-0.00045835656075127965, 0.00020633212324637235, -2.1559730940638733e-9],
+            [0.002196301638257598, 0.0016163307636829097, 0.0010424383310242],
+        ),
+        (
+            [-0.025793805320437835, -0.004692566032197776, -0.0009160449875594224],
+            [0.12321575018050276, 0.09054760799214018, 0.059710393997627724],
+        ),
+        (
+            [-0.03150256043098665, 0.016415302103229064, -8.805129871735512e-7],
+            [0.1516705969698519, 0.11156386834633922, 0.07250494764006218],
+        ),
+    ];
+    for (free_slip, free_normal) in met {
+        let problem = FrictionProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
+        let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+        assert!(solution.residual <= RESIDUAL_TOLERANCE, "residual {}", solution.residual);
+    }
 }

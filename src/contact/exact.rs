@@ -27,6 +27,12 @@ const FIRST_SWEEPS: usize = 20;
 /// Most sweeps between two looks. Ill-conditioned problems would take millions; a rollout must end in bounded time, and
 /// the residual tells what was not reached.
 const MOST_SWEEPS: usize = 640;
+/// Slip smoothing of the last resort, m/s: the first, the last, and from one to the next.
+const COARSE_SMOOTHING: f64 = 10.0;
+const FINE_SMOOTHING: f64 = 1e-18;
+const SMOOTHING_FACTOR: f64 = 0.25;
+/// Its solution is followed to this share of the smoothing.
+const SMOOTHED_UPDATE: f64 = 0.01;
 /// Newton steps of the check for further solutions, from each of its starts: where there is one, 4 are usual.
 const CHECK_LIMIT: usize = 8;
 /// Solutions that differ by more than this, relative to m g dt, are different motions.
@@ -148,8 +154,13 @@ impl<'a, const N: usize> Search<'a, N> {
     fn by_newton(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
         let (system, problem, iteration_limit) = (self.system, self.problem, self.iteration_limit);
         let newton = Newton { system, problem, pattern, slip_smoothing: 0.0, iteration_limit };
-        let small_update = NEWTON_UPDATE * self.problem.weight_impulse();
-        newton.solve(start, small_update, |impulse| self.accepted(self.candidate(pattern, impulse)))
+        newton.solve(start, self.small_update(), |impulse| self.accepted(self.candidate(pattern, impulse)))
+    }
+
+    /// N s.
+    #[inline]
+    fn small_update(&self) -> f64 {
+        NEWTON_UPDATE * self.problem.weight_impulse()
     }
 
     fn in_other_patterns(&self, guess: &Guess<N>) -> Option<ContactSolution<N>> {
@@ -180,7 +191,36 @@ impl<'a, const N: usize> Search<'a, N> {
             }
             sweeps *= 2;
         }
-        fixed_point.solution(self.system, self.problem)
+        let swept = fixed_point.solution(self.system, self.problem);
+        let followed = if is_finite { self.by_vanishing_smoothing() } else { None };
+        followed.filter(|followed| followed.residual < swept.residual).unwrap_or(swept)
+    }
+
+    /// Follows the solution from a nearly linear law, in which all contacts slip, to one that differs from Coulomb's by next
+    /// to nothing. At the very edge of sticking, which searches like, slips vanish in every direction: sweeps would take
+    /// millions, and there is nothing that Newton could tell them apart by.
+    #[cold]
+    fn by_vanishing_smoothing(&self) -> Option<ContactSolution<N>> {
+        let pattern = ContactPattern { wheels: WheelPattern::BothSlip, front: ContactMode::Slip };
+        let (system, problem, iteration_limit) = (self.system, self.problem, self.iteration_limit);
+        let mut best: Option<ContactSolution<N>> = None;
+        let mut impulse = self.impulse_against_free_slip();
+        let mut slip_smoothing = COARSE_SMOOTHING;
+        while slip_smoothing > FINE_SMOOTHING {
+            let newton = Newton { system, problem, pattern, slip_smoothing, iteration_limit };
+            let small_update = SMOOTHED_UPDATE * slip_smoothing * system.prox_step()[0];
+            let Some(followed) = newton.solve(&impulse, small_update.min(self.small_update()), Some) else { break };
+            impulse = followed;
+            let solution = self.candidate(pattern, impulse);
+            if best.is_none_or(|best| solution.residual < best.residual) {
+                best = Some(solution);
+            }
+            if solution.residual <= self.tolerance {
+                break;
+            }
+            slip_smoothing *= SMOOTHING_FACTOR;
+        }
+        best
     }
 
     /// In every pattern with spatial slip, from what the fixed point has seen: it may be so little that it looks like
@@ -188,7 +228,7 @@ impl<'a, const N: usize> Search<'a, N> {
     #[cold]
     fn by_slip_ratios(&self, seen: &ContactSolution<N>) -> Option<ContactSolution<N>> {
         let start = contact_impulses(self.system, seen);
-        let small_update = NEWTON_UPDATE * self.problem.weight_impulse();
+        let small_update = self.small_update();
         all_patterns::<N>().filter(|pattern| FrictionSystem::<N>::linear_index(*pattern).is_none()).find_map(
             |pattern| {
                 let newton = RatioNewton { system: self.system, problem: self.problem, pattern };

@@ -50,7 +50,7 @@ const SHAKEN_FINAL_TIME: f64 = 1.003;
 const FINISH_LIMIT: usize = 5;
 /// No more disturbed copies once so many rollouts went into one optimum: long descents, on the moon say, would take the
 /// time limit.
-const SHAKEN_ROLLOUTS: u64 = 8000;
+const SHAKEN_ROLLOUTS: u64 = 5000;
 /// Gains below this share of the final time count as nothing.
 const SHAKEN_GAIN: f64 = 1e-4;
 const POLISH_LIMIT: usize = 4;
