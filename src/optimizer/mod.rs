@@ -4,6 +4,7 @@ mod elastic_program;
 mod evaluation;
 mod linear_program;
 mod nelder_mead;
+mod pseudo_solve;
 mod sequential_linear;
 mod switching;
 

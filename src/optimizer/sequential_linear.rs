@@ -9,11 +9,12 @@
 //! decides: at a contact's slip reversal the derivative can be wrong. Time-optimal torques are bang-bang, so most
 //! variables end at a bound and the linear model is as good as a quadratic one.
 
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use nalgebra::DVector;
 
 use super::elastic_program::{ElasticProgram, violation_sum};
 use super::evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 use super::linear_program::ElasticSolver;
+use super::pseudo_solve::pseudo_solve;
 
 /// Parameters of the iteration; the defaults were measured on the paper's forward drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -81,10 +82,6 @@ const LARGEST_CONFIRMED_RADIUS: f64 = 0.1;
 const CONFIRMED_SHARE: f64 = 0.1;
 const RESTORATION_LIMIT: usize = 20;
 const SHORTENING_LIMIT: usize = 4;
-/// Singular values below this share of the largest carry no information: a plan that ends sticking has dependent rows.
-const RANK_TOLERANCE: f64 = 1e-7;
-/// An 8x8 matrix takes some 20.
-const EIGENVALUE_SWEEPS: usize = 1000;
 
 /// Why the iteration ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -411,42 +408,6 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The least solution of `gram w = residual` for a positive semidefinite matrix; none when it is not finite.
-///
-/// The rows are few, so the Gram matrix keeps the cost at m^2 n. Its eigenvalues are iterated with a limit: nalgebra's
-/// pseudo-inverse never returns for a NaN.
-fn pseudo_solve(gram: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
-    if !gram.iter().chain(residual.iter()).all(|value| value.is_finite()) {
-        return None;
-    }
-    let eigen = SymmetricEigen::try_new(gram.clone(), f64::EPSILON, EIGENVALUE_SWEEPS)?;
-    let smallest = RANK_TOLERANCE * RANK_TOLERANCE * eigen.eigenvalues.amax();
-    let mut weights = eigen.eigenvectors.tr_mul(residual);
-    for (weight, eigenvalue) in weights.iter_mut().zip(eigen.eigenvalues.iter()) {
-        *weight = if *eigenvalue > smallest { *weight / eigenvalue } else { 0.0 };
-    }
-    Some(eigen.eigenvectors * weights)
-}
-
 fn clamped(x: &DVector<f64>, lower: &DVector<f64>, upper: &DVector<f64>) -> DVector<f64> {
     x.zip_zip_map(lower, upper, f64::clamp)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn dependent_rows_get_the_least_solution() {
-        let gram = DMatrix::from_row_slice(2, 2, &[2.0, 2.0, 2.0, 2.0]);
-        let weights = pseudo_solve(&gram, &DVector::from_vec(vec![1.0, 1.0])).unwrap();
-        // Eigenvectors of a 2x2 matrix round to an ulp.
-        assert!((weights - DVector::from_vec(vec![0.25, 0.25])).amax() < 1e-15);
-    }
-
-    #[test]
-    fn matrices_that_are_not_finite_have_no_solution() {
-        let gram = DMatrix::from_row_slice(1, 1, &[f64::NAN]);
-        assert_eq!(pseudo_solve(&gram, &DVector::from_vec(vec![1.0])), None);
-    }
 }

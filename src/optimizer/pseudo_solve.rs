@@ -1,0 +1,44 @@
+//! Least solutions of small linear systems that may be singular.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+/// Singular values below this share of the largest carry no information: a plan that ends sticking has dependent rows.
+const RANK_TOLERANCE: f64 = 1e-7;
+/// An 8x8 matrix takes some 20.
+const EIGENVALUE_SWEEPS: usize = 1000;
+
+/// The least solution of `gram w = residual` for a positive semidefinite matrix; none when it is not finite.
+///
+/// The rows are few, so the Gram matrix keeps the cost at m^2 n. Its eigenvalues are iterated with a limit: nalgebra's
+/// pseudo-inverse never returns for a NaN.
+pub(super) fn pseudo_solve(gram: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
+    if !gram.iter().chain(residual.iter()).all(|value| value.is_finite()) {
+        return None;
+    }
+    let eigen = SymmetricEigen::try_new(gram.clone(), f64::EPSILON, EIGENVALUE_SWEEPS)?;
+    let smallest = RANK_TOLERANCE * RANK_TOLERANCE * eigen.eigenvalues.amax();
+    let mut weights = eigen.eigenvectors.tr_mul(residual);
+    for (weight, eigenvalue) in weights.iter_mut().zip(eigen.eigenvalues.iter()) {
+        *weight = if *eigenvalue > smallest { *weight / eigenvalue } else { 0.0 };
+    }
+    Some(eigen.eigenvectors * weights)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dependent_rows_get_the_least_solution() {
+        let gram = DMatrix::from_row_slice(2, 2, &[2.0, 2.0, 2.0, 2.0]);
+        let weights = pseudo_solve(&gram, &DVector::from_vec(vec![1.0, 1.0])).unwrap();
+        // Eigenvectors of a 2x2 matrix round to an ulp.
+        assert!((weights - DVector::from_vec(vec![0.25, 0.25])).amax() < 1e-15);
+    }
+
+    #[test]
+    fn matrices_that_are_not_finite_have_no_solution() {
+        let gram = DMatrix::from_row_slice(1, 1, &[f64::NAN]);
+        assert_eq!(pseudo_solve(&gram, &DVector::from_vec(vec![1.0])), None);
+    }
+}
