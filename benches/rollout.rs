@@ -28,7 +28,7 @@ fn rollouts(criterion: &mut Criterion) {
         group.bench_function("exact", |bench| bench.iter(|| simulator.end_state(black_box(&rollout))));
         let mut sensitivity = EndSensitivity::default();
         group.bench_function("exact_with_derivatives", |bench| {
-            bench.iter(|| simulator.end_sensitivity(black_box(&rollout), &mut sensitivity));
+            bench.iter(|| simulator.end_sensitivity(black_box(&rollout), 0.0, &mut sensitivity));
         });
         group.sample_size(10);
         group.bench_function("fixed_point", |bench| {

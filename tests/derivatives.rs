@@ -57,7 +57,7 @@ fn assert_agree(what: &str, derivative: &EndDerivative, difference: &EndDerivati
 fn compare_all(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
     let mut sensitivity = EndSensitivity::default();
     let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
-    case.simulator.end_sensitivity(&rollout, &mut sensitivity);
+    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
     assert_eq!(sensitivity.end, case.simulator.end_state(&rollout));
     let mut compared = 0;
     for interval in 0..schedule.control_count() {
@@ -126,7 +126,7 @@ fn derivatives_agree_under_smoothed_friction() {
         let mut schedule = cases.schedule(4, 1.0, 2.0);
         let smoothing = 0.05;
         let mut sensitivity = EndSensitivity::default();
-        simulator.smoothed_end_sensitivity(
+        simulator.end_sensitivity(
             &Rollout { start: &start, schedule: &schedule, step_count: 100 },
             smoothing,
             &mut sensitivity,
@@ -158,7 +158,7 @@ fn derivatives_agree_on_the_reference_robot_and_grid() {
 fn compare_loads(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
     let mut sensitivity = EndSensitivity::default();
     let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
-    case.simulator.end_sensitivity(&rollout, &mut sensitivity);
+    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
     let chosen: Vec<usize> = (0..LeastLoads::count(schedule.control_count())).collect();
     let derivatives = case.simulator.load_sensitivity(&rollout, 0.0, &sensitivity, &chosen);
     let mut compared = 0;

@@ -13,6 +13,7 @@ use super::natural_map::{contact_impulses, residual, split};
 use super::newton::{NEWTON_LIMIT, Newton};
 use super::pattern::{ContactPattern, WheelPattern};
 use super::ratio_newton::RatioNewton;
+use super::smoothed::falling_smoothings;
 use super::solution::{ContactMode, ContactSolution};
 
 /// Accepted residual relative to m g dt: well above the rounding of a solved pattern (1e-15), and far below what a
@@ -27,8 +28,7 @@ const FIRST_SWEEPS: usize = 20;
 /// Most sweeps between two looks. Ill-conditioned problems would take millions; a rollout must end in bounded time, and
 /// the residual tells what was not reached.
 const MOST_SWEEPS: usize = 640;
-/// Slip smoothing of the last resort, m/s: the first, the last, and from one to the next.
-const COARSE_SMOOTHING: f64 = 10.0;
+/// Slip smoothing with which the last resort ends, m/s, and the factor from one to the next.
 const FINE_SMOOTHING: f64 = 1e-18;
 const SMOOTHING_FACTOR: f64 = 0.25;
 /// Its solution is followed to this share of the smoothing.
@@ -201,12 +201,11 @@ impl<'a, const N: usize> Search<'a, N> {
     /// millions, and there is nothing that Newton could tell them apart by.
     #[cold]
     fn by_vanishing_smoothing(&self) -> Option<ContactSolution<N>> {
-        let pattern = ContactPattern { wheels: WheelPattern::BothSlip, front: ContactMode::Slip };
         let (system, problem, iteration_limit) = (self.system, self.problem, self.iteration_limit);
+        let pattern = ContactPattern::ALL_SLIP;
         let mut best: Option<ContactSolution<N>> = None;
         let mut impulse = self.impulse_against_free_slip();
-        let mut slip_smoothing = COARSE_SMOOTHING;
-        while slip_smoothing > FINE_SMOOTHING {
+        for slip_smoothing in falling_smoothings(SMOOTHING_FACTOR, FINE_SMOOTHING) {
             let newton = Newton { system, problem, pattern, slip_smoothing, iteration_limit };
             let small_update = SMOOTHED_UPDATE * slip_smoothing * system.prox_step()[0];
             let Some(followed) = newton.solve(&impulse, small_update.min(self.small_update()), Some) else { break };
@@ -218,7 +217,6 @@ impl<'a, const N: usize> Search<'a, N> {
             if solution.residual <= self.tolerance {
                 break;
             }
-            slip_smoothing *= SMOOTHING_FACTOR;
         }
         best
     }
@@ -239,10 +237,15 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// Full friction against the slip that the step would have without friction.
     fn impulse_against_free_slip(&self) -> SVector<f64, N> {
-        let slipping = ContactPattern { wheels: WheelPattern::BothSlip, front: ContactMode::Slip };
         let zero = SVector::zeros();
-        ModeEquations::at(self.system, slipping, &self.problem.free_slip, &self.problem.free_normal, 0.0)
-            .map_or(zero, |equations| -equations.residual(&zero))
+        ModeEquations::at(
+            self.system,
+            ContactPattern::ALL_SLIP,
+            &self.problem.free_slip,
+            &self.problem.free_normal,
+            0.0,
+        )
+        .map_or(zero, |equations| -equations.residual(&zero))
     }
 
     #[inline]

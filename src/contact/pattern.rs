@@ -75,6 +75,9 @@ impl WheelPattern {
 }
 
 impl ContactPattern {
+    /// Every contact slips.
+    pub const ALL_SLIP: Self = Self { wheels: WheelPattern::BothSlip, front: ContactMode::Slip };
+
     /// Modes of left wheel, right wheel and front support.
     pub const fn modes(self) -> [ContactMode; 3] {
         let (left, right) = match self.wheels {

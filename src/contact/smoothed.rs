@@ -3,20 +3,21 @@
 //! Not a contact solver to answer with: sticking becomes a slow creep. The search uses it on the way to the exact law,
 //! because its derivatives stay right where a contact changes its mode or reverses its slip.
 
+use std::iter::successors;
+
 use nalgebra::SVector;
 
 use super::friction_system::{FrictionProblem, FrictionSystem};
 use super::newton::{NEWTON_LIMIT, Newton};
-use super::pattern::{ContactPattern, WheelPattern};
-use super::solution::{ContactMode, ContactSolution};
+use super::pattern::ContactPattern;
+use super::solution::ContactSolution;
 
 /// Newton's update relative to m g dt at which it has converged: the search needs merits to 1e-7, not to rounding.
 const SMALL_UPDATE: f64 = 1e-9;
-/// Slip at which the smoothing starts when Newton fails from the last step's impulse, m/s.
+/// Slip smoothing with which a continuation starts, m/s: the law is nearly linear, and Newton converges from anywhere.
 const COARSE_SMOOTHING: f64 = 10.0;
-
-/// Every contact slips.
-const SLIPPING: ContactPattern = ContactPattern { wheels: WheelPattern::BothSlip, front: ContactMode::Slip };
+/// From one smoothing to the next on that way.
+const SMOOTHING_FACTOR: f64 = 0.5;
 
 /// Newton on the smoothed law, warm-started from the last step.
 #[derive(Debug, Clone)]
@@ -37,7 +38,13 @@ impl<const N: usize> SmoothedSolver<N> {
     pub fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
         let newton = |slip_smoothing: f64, start: &SVector<f64, N>| {
             let small_update = SMALL_UPDATE * problem.weight_impulse();
-            let newton = Newton { system, problem, pattern: SLIPPING, slip_smoothing, iteration_limit: NEWTON_LIMIT };
+            let newton = Newton {
+                system,
+                problem,
+                pattern: ContactPattern::ALL_SLIP,
+                slip_smoothing,
+                iteration_limit: NEWTON_LIMIT,
+            };
             newton.solve(start, small_update, Some)
         };
         let found = newton(self.slip_smoothing, &self.impulse).or_else(|| self.by_continuation(newton));
@@ -46,7 +53,7 @@ impl<const N: usize> SmoothedSolver<N> {
             impulse: self.impulse,
             impact_slip: system.impact_slip(problem, &self.impulse),
             normal_impulse: system.normal_impulse(problem, &self.impulse),
-            pattern: SLIPPING,
+            pattern: ContactPattern::ALL_SLIP,
             residual: if found.is_some() { 0.0 } else { f64::NAN },
         }
     }
@@ -57,12 +64,16 @@ impl<const N: usize> SmoothedSolver<N> {
         &self,
         newton: impl Fn(f64, &SVector<f64, N>) -> Option<SVector<f64, N>>,
     ) -> Option<SVector<f64, N>> {
-        let mut smoothing = COARSE_SMOOTHING;
         let mut impulse = SVector::zeros();
-        while smoothing > self.slip_smoothing {
-            impulse = newton(smoothing, &impulse)?;
-            smoothing *= 0.5;
+        for slip_smoothing in falling_smoothings(SMOOTHING_FACTOR, self.slip_smoothing) {
+            impulse = newton(slip_smoothing, &impulse)?;
         }
         newton(self.slip_smoothing, &impulse)
     }
+}
+
+/// Slip smoothings of a continuation, m/s: from a nearly linear law down to `last`, without it.
+pub(super) fn falling_smoothings(factor: f64, last: f64) -> impl Iterator<Item = f64> {
+    successors(Some(COARSE_SMOOTHING), move |smoothing| Some(smoothing * factor))
+        .take_while(move |smoothing| *smoothing > last)
 }

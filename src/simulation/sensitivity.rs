@@ -57,13 +57,9 @@ pub(super) struct TapeEntry {
 }
 
 impl Simulator {
-    /// Integrates a rollout and differentiates its end state, reusing the memory of `sensitivity`.
-    pub fn end_sensitivity(&self, rollout: &Rollout, sensitivity: &mut EndSensitivity) {
-        self.smoothed_end_sensitivity(rollout, 0.0, sensitivity);
-    }
-
-    /// As [`Simulator::end_sensitivity`], under a friction law without kinks; `slip_smoothing` in m/s, 0 for the exact law.
-    pub fn smoothed_end_sensitivity(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
+    /// Integrates a rollout and differentiates its end state, reusing the memory of `sensitivity`; `slip_smoothing` in
+    /// m/s, 0 for the exact friction law.
+    pub fn end_sensitivity(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
         self.record(rollout, slip_smoothing, sensitivity);
         self.differentiate(rollout, slip_smoothing, sensitivity);
     }

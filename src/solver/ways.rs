@@ -185,12 +185,16 @@ impl LocalSearch<'_, '_, '_> {
     /// direct way where neither arrives.
     fn warmly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let smallest_prediction = ROUGH_PROMISE * guess[guess.len() - 1];
-        for price in self.prices {
-            let mut warm = self.descend_until(guess, (price, WARM_RADIUS), smallest_prediction)?;
-            if warm.is_feasible(self.settings.goal_tolerance) {
-                self.finish(&mut warm)?;
-                return Ok(warm);
-            }
+        let [usual, dear] = self.prices;
+        let mut warm = self.descend_until(guess, (usual, WARM_RADIUS), smallest_prediction)?;
+        // A descent that gave the maneuver up has descended from the guess at the higher price already.
+        let gave_up = self.prices[0] == dear;
+        if !gave_up && !warm.is_feasible(self.settings.goal_tolerance) {
+            warm = self.descend_until(guess, (dear, WARM_RADIUS), smallest_prediction)?;
+        }
+        if warm.is_feasible(self.settings.goal_tolerance) {
+            self.finish(&mut warm)?;
+            return Ok(warm);
         }
         self.directly(guess)
     }
