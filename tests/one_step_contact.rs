@@ -285,12 +285,7 @@ fn wheels_that_hardly_slip_are_solved() {
 #[expect(clippy::unreadable_literal, reason = "figures as they were met")]
 fn steps_at_the_very_edge_of_sticking_are_solved() {
     let slippery = RobotParameters { wheel_friction_coefficient: 0.15, ..RobotParameters::default() };
-    let robot = Robot::new(slippery).unwrap();
-    let system = FrictionSystem::new(
-        robot.delassus().fixed_view::<3, 3>(0, 0).into_owned(),
-        robot.normal_response().fixed_columns::<3>(0).into_owned(),
-        [0.15, 0.15, 0.0],
-    );
+    let system = wheels_system(slippery);
     let met = [
         (
             [-0.00045835656075127965, 0.00020633212324637235, -2.1559730940638733e-9],
@@ -310,4 +305,44 @@ fn steps_at_the_very_edge_of_sticking_are_solved() {
         let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
         assert!(solution.residual <= RESIDUAL_TOLERANCE, "residual {}", solution.residual);
     }
+}
+
+/// Met by the search on a grippy floor: slips of 1e-10 m/s, of which rounding blurs the directions.
+#[test]
+#[expect(clippy::unreadable_literal, reason = "figures as they were met")]
+fn hardly_any_slip_is_as_accurate_as_any_other() {
+    let grippy = RobotParameters {
+        chassis_mass: 8.0,
+        wheel_mass: 0.5,
+        chassis_yaw_inertia: 0.12,
+        wheel_diametral_inertia: 0.0004,
+        wheel_spin_inertia: 0.0015,
+        wheel_radius: 0.05,
+        track_width: 0.32,
+        axle_to_front_support: 0.24,
+        center_of_mass_right: 0.0,
+        center_of_mass_forward: 0.06,
+        center_of_mass_height: 0.07,
+        wheel_friction_coefficient: 0.9,
+        ..RobotParameters::default()
+    };
+    let system = wheels_system(grippy);
+    let problem = FrictionProblem {
+        free_slip: SVector::from([-0.02919800149170238, 0.02831499033589286, -5.13575060560531e-9]),
+        free_normal: SVector::from([0.018852339879564868, 0.018852339592927328, 0.01063081329466258]),
+    };
+    let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+    assert!(solution.impact_slip.amax() < 1e-7, "slip {}", solution.impact_slip);
+    assert!(solution.residual <= 4e-12, "residual {}", solution.residual);
+}
+
+/// The friction system of a robot whose front support has no friction.
+fn wheels_system(parameters: RobotParameters) -> FrictionSystem<3> {
+    let friction = parameters.wheel_friction_coefficient;
+    let robot = Robot::new(parameters).unwrap();
+    FrictionSystem::new(
+        robot.delassus().fixed_view::<3, 3>(0, 0).into_owned(),
+        robot.normal_response().fixed_columns::<3>(0).into_owned(),
+        [friction, friction, 0.0],
+    )
 }

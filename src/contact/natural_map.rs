@@ -12,6 +12,10 @@ use super::pattern::{ContactPattern, WheelPattern};
 use super::prox::{project_onto_disc, project_onto_half_line};
 use super::solution::{ContactImpulse, ContactSolution};
 
+/// Slips that shift the argument of the prox map by less than this share of the friction radius have vague directions:
+/// those of larger ones are good to 2e-12, and below the friction radii tell the lateral impulses as well as that.
+const VAGUE_SLIP: f64 = 1e-4;
+
 /// Relative residual of the friction law at given impulses per contact.
 #[inline]
 pub fn residual<const N: usize>(
@@ -75,25 +79,44 @@ pub(super) fn split<const N: usize>(
     normal_impulse: &Vector3<f64>,
 ) -> [ContactImpulse; 3] {
     let lateral = impulse[AXLE];
+    let in_proportion = |[left, right]: [f64; 2]| {
+        if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
+    };
+    let capacities = || [0, 1].map(|wheel| lateral_capacity(system, wheel, impulse, normal_impulse));
     let left_lateral = match pattern.wheels {
         WheelPattern::RightSlips(_) => lateral,
         WheelPattern::LeftSlips(_) => 0.0,
-        WheelPattern::BothStick => {
-            let left = lateral_capacity(system, 0, impulse, normal_impulse);
-            let right = lateral_capacity(system, 1, impulse, normal_impulse);
-            if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
-        }
+        WheelPattern::BothStick => in_proportion(capacities()),
+        WheelPattern::BothSlip if slips_vaguely(system, impact_slip, normal_impulse) => in_proportion(capacities()),
         WheelPattern::BothSlip => {
-            let left = lateral_share(system, 0, impact_slip, normal_impulse);
-            let right = lateral_share(system, 1, impact_slip, normal_impulse);
-            if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
+            in_proportion([0, 1].map(|wheel| lateral_share(system, wheel, impact_slip, normal_impulse)))
         }
     };
     let front = if N == 5 { [impulse[ROWS[2][0]], impulse[ROWS[2][1]]] } else { [0.0, 0.0] };
     [[impulse[0], left_lateral], [impulse[1], lateral - left_lateral], front]
 }
 
-/// What a sticking wheel can still take sideways, N s.
+/// Whether both wheels slip so little that rounding blurs the directions, which then hardly count either: the friction
+/// radii tell better how the wheels share the lateral impulse.
+#[inline]
+fn slips_vaguely<const N: usize>(
+    system: &FrictionSystem<N>,
+    impact_slip: &SVector<f64, N>,
+    normal_impulse: &Vector3<f64>,
+) -> bool {
+    [0, 1].into_iter().all(|wheel| {
+        let shift = system.prox_step()[wheel] * wheel_slip_speed(wheel, impact_slip);
+        shift < VAGUE_SLIP * friction_radius(system, wheel, normal_impulse)
+    })
+}
+
+/// m/s.
+#[inline]
+fn wheel_slip_speed<const N: usize>(wheel: usize, impact_slip: &SVector<f64, N>) -> f64 {
+    (impact_slip[wheel] * impact_slip[wheel] + impact_slip[AXLE] * impact_slip[AXLE]).sqrt()
+}
+
+/// What a wheel can take sideways beside its longitudinal impulse, N s.
 #[inline]
 fn lateral_capacity<const N: usize>(
     system: &FrictionSystem<N>,
@@ -113,6 +136,6 @@ fn lateral_share<const N: usize>(
     impact_slip: &SVector<f64, N>,
     normal_impulse: &Vector3<f64>,
 ) -> f64 {
-    let speed = (impact_slip[wheel] * impact_slip[wheel] + impact_slip[AXLE] * impact_slip[AXLE]).sqrt();
+    let speed = wheel_slip_speed(wheel, impact_slip);
     if speed > 0.0 { friction_radius(system, wheel, normal_impulse) / speed } else { 0.0 }
 }
