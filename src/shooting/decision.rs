@@ -17,7 +17,8 @@ pub fn decision_from_schedule(schedule: &TorqueSchedule) -> DVector<f64> {
     DVector::from_iterator(decision_len(schedule.control_count()), torques.chain([schedule.final_time]))
 }
 
-/// The schedule of a decision vector; the inverse of [`decision_from_schedule`].
+/// The schedule of a decision vector; the inverse of [`decision_from_schedule`], to the last bit or two of the final time:
+/// that is a product of the interval, so that whoever gets only the interval rolls out the very same motion.
 pub fn schedule_from_decision(decision: &DVector<f64>) -> TorqueSchedule {
     let control_count = (decision.len() - 1) / 2;
     let mut schedule =
@@ -32,7 +33,8 @@ pub(super) fn write_schedule(decision: &DVector<f64>, schedule: &mut TorqueSched
     let torques = decision.as_slice();
     schedule.left.copy_from_slice(&torques[..control_count]);
     schedule.right.copy_from_slice(&torques[control_count..2 * control_count]);
-    schedule.final_time = torques[2 * control_count];
+    let interval = torques[2 * control_count] / control_count as f64;
+    schedule.final_time = interval * control_count as f64;
 }
 
 #[cfg(test)]
@@ -45,5 +47,17 @@ mod tests {
         let decision = decision_from_schedule(&schedule);
         assert_eq!(decision.as_slice(), [1.0, 2.0, -3.0, 4.0, 2.5]);
         assert_eq!(schedule_from_decision(&decision), schedule);
+    }
+
+    #[test]
+    fn the_interval_tells_the_final_time_to_the_last_bit() {
+        for control_count in 1..500 {
+            let mut decision = DVector::zeros(decision_len(control_count));
+            for tenths in 1..100 {
+                decision[2 * control_count] = f64::from(tenths) * 0.1;
+                let schedule = schedule_from_decision(&decision);
+                assert_eq!(schedule.interval() * control_count as f64, schedule.final_time);
+            }
+        }
     }
 }
