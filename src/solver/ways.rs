@@ -32,6 +32,8 @@ const FIRST_RADII: [f64; 2] = [0.5, 0.3];
 const START_RADIUS: f64 = 0.3;
 /// Trust radius of a plan of a similar maneuver: small enough to stay near it.
 const WARM_RADIUS: f64 = 0.05;
+/// A descent that loses more than this share of that plan's final time has left its local optimum.
+const WARM_LOSS: f64 = 0.05;
 /// Trust radius of all later descents: large enough to jump off a kink.
 const RADIUS: f64 = 0.1;
 /// Share of the final time that each step of a rough descent must promise: the last third of the rollouts gains less.
@@ -181,18 +183,17 @@ impl LocalSearch<'_, '_, '_> {
         Ok(best)
     }
 
-    /// From a plan of a similar maneuver: one descent, again at the higher price where that gives up the goal, and the
-    /// direct way where neither arrives.
+    /// From a plan of a similar maneuver: one descent near it, another one with more room where that loses the goal or much
+    /// time, and the direct way where neither meets the goal.
     fn warmly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let smallest_prediction = ROUGH_PROMISE * guess[guess.len() - 1];
-        let [usual, dear] = self.prices;
-        let mut warm = self.descend_until(guess, (usual, WARM_RADIUS), smallest_prediction)?;
-        // A descent that gave the maneuver up has descended from the guess at the higher price already.
-        let gave_up = self.prices[0] == dear;
-        if !gave_up && !warm.is_feasible(self.settings.goal_tolerance) {
-            warm = self.descend_until(guess, (dear, WARM_RADIUS), smallest_prediction)?;
+        let (tolerance, guessed) = (self.settings.goal_tolerance, guess[guess.len() - 1]);
+        let smallest_prediction = ROUGH_PROMISE * guessed;
+        let mut warm = self.descend_until(guess, (self.prices[0], WARM_RADIUS), smallest_prediction)?;
+        if !warm.is_feasible(tolerance) || warm.final_time() > (1.0 + WARM_LOSS) * guessed {
+            let next = self.descend_until(guess, (self.prices[0], START_RADIUS), smallest_prediction)?;
+            keep_better(&mut warm, next, tolerance);
         }
-        if warm.is_feasible(self.settings.goal_tolerance) {
+        if warm.is_feasible(tolerance) {
             self.finish(&mut warm)?;
             return Ok(warm);
         }
