@@ -5,6 +5,7 @@ mod evaluation;
 mod linear_program;
 mod nelder_mead;
 mod pseudo_solve;
+mod relaxed;
 mod sequential_linear;
 mod switching;
 
@@ -13,7 +14,7 @@ pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 pub use linear_program::ElasticSolver;
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
 pub use sequential_linear::{
-    ConfirmedDecrease, Ending, Restoration, SequentialLinearResult, SequentialLinearSettings, confirmed_decrease,
-    minimise_sequentially,
+    ConfirmedDecrease, Ending, FirstOrderSettings, Restoration, SequentialLinearResult, SequentialLinearSettings,
+    confirmed_decrease, minimise_sequentially,
 };
 pub use switching::sign_violations;

@@ -15,6 +15,7 @@ use super::elastic_program::{ElasticProgram, violation_sum};
 use super::evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 use super::linear_program::ElasticSolver;
 use super::pseudo_solve::pseudo_solve;
+use super::relaxed::Relaxed;
 
 /// Parameters of the iteration; the defaults were measured on the paper's forward drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -138,6 +139,18 @@ pub fn minimise_sequentially(
     SequentialLinearResult { x, constraints: model.constraints, unrestored, iterations, ending }
 }
 
+/// Parameters of [`confirmed_decrease`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FirstOrderSettings {
+    /// Price of a unit of violation.
+    pub weight: f64,
+    /// A predicted decrease of at most this much needs no confirmation.
+    pub enough: f64,
+    /// Limits that the point exceeds by at most this much are taken to lie where the point has them: a search that
+    /// accepts such an excess would otherwise be told to take it back.
+    pub excess_tolerance: f64,
+}
+
 /// What [`confirmed_decrease`] found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConfirmedDecrease {
@@ -164,7 +177,7 @@ pub struct ConfirmedDecrease {
 pub fn confirmed_decrease(
     problem: &mut dyn Problem,
     x: &DVector<f64>,
-    (weight, enough): (f64, f64),
+    &FirstOrderSettings { weight, enough, excess_tolerance }: &FirstOrderSettings,
     budget: &mut Budget,
 ) -> Result<ConfirmedDecrease, Interruption> {
     let settings = SequentialLinearSettings {
@@ -172,8 +185,12 @@ pub fn confirmed_decrease(
         first_radius: LARGEST_CONFIRMED_RADIUS,
         ..SequentialLinearSettings::default()
     };
-    let mut search = Search::new(problem, x, &settings);
-    search.linearise(budget)?;
+    let mut model = Linearisation::new(problem.constraints(), x.len());
+    budget.spend()?;
+    problem.linearise(x, &mut model);
+    let mut relaxed = Relaxed::at(problem, &model.constraints, excess_tolerance);
+    relaxed.relax(&mut model.constraints);
+    let mut search = Search { model, model_is_current: true, ..Search::new(&mut relaxed, x, &settings) };
     let merit = search.merit(&search.x, &search.model.constraints);
     let (prediction, better, interruption) = loop {
         let step = search.linear_step(budget)?;

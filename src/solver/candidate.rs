@@ -6,10 +6,11 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use super::progress::is_nearer;
-use crate::optimizer::ConfirmedDecrease;
+use crate::optimizer::{ConfirmedDecrease, FirstOrderSettings};
+use crate::shooting::LOAD_TOLERANCE;
 
 /// Predicted decreases of this share of the final time are as good as none: a third of what `converged` asks for.
-pub(super) const STATIONARY_SHARE: f64 = 3e-5;
+const STATIONARY_SHARE: f64 = 3e-5;
 
 /// A decision with what the search needs to rank it.
 #[derive(Debug, Clone)]
@@ -31,6 +32,13 @@ pub(super) struct Stationarity {
     /// Price of the goal errors that it was taken at, s/m.
     pub(super) price: f64,
     pub(super) decrease: ConfirmedDecrease,
+}
+
+impl Stationarity {
+    /// How it is measured for a plan of this final time.
+    pub(super) fn settings(price: f64, final_time: f64) -> FirstOrderSettings {
+        FirstOrderSettings { weight: price, enough: STATIONARY_SHARE * final_time, excess_tolerance: LOAD_TOLERANCE }
+    }
 }
 
 impl Candidate {

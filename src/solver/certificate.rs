@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::SVector;
 
-use super::candidate::{Candidate, STATIONARY_SHARE, Stationarity};
+use super::candidate::{Candidate, Stationarity};
 use super::goal_miss::goal_missed;
 use super::local_search::prices;
 use super::lower_bound::{Grid, LowerBound, largest, lower_bounds};
@@ -62,8 +62,8 @@ pub(super) fn certified(
 fn measured(problem: &mut ShootingProblem, best: &Candidate, is_urgent: bool) -> Option<Stationarity> {
     let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
     let [_, price] = prices(problem, best.final_time());
-    let enough = STATIONARY_SHARE * best.final_time();
-    let decrease = confirmed_decrease(problem, &best.decision, (price, enough), &mut budget).ok()?;
+    let first_order = Stationarity::settings(price, best.final_time());
+    let decrease = confirmed_decrease(problem, &best.decision, &first_order, &mut budget).ok()?;
     Some(Stationarity { price, decrease })
 }
 

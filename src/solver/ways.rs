@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::Method;
-use super::candidate::{Candidate, STATIONARY_SHARE, Stationarity, keep_better};
+use super::candidate::{Candidate, Stationarity, keep_better};
 use super::local_search::LocalSearch;
 use super::run_control::Phase;
 use super::starts::{Start, Way};
@@ -50,6 +50,7 @@ const SHAKES: [Shake; 6] = [
 /// A disturbed copy takes this much longer.
 const SHAKEN_FINAL_TIME: f64 = 1.003;
 const FINISH_LIMIT: usize = 5;
+const FINISH_SHRINK_FACTOR: f64 = 0.1;
 /// No more disturbed copies once so many rollouts went into one optimum: long descents, on the moon say, would take the
 /// time limit.
 const SHAKEN_ROLLOUTS: u64 = 5000;
@@ -250,9 +251,11 @@ impl LocalSearch<'_, '_, '_> {
 
     /// Goes on from the very step that would refute the certificate of the plan, while there is one.
     fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
+        let price = self.prices[1];
+        let mut radius = RADIUS;
         for _ in 0..FINISH_LIMIT {
-            let (price, enough) = (self.prices[1], STATIONARY_SHARE * best.final_time());
-            let mut decrease = confirmed_decrease(self.problem, &best.decision, (price, enough), &mut self.budget)?;
+            let first_order = Stationarity::settings(price, best.final_time());
+            let mut decrease = confirmed_decrease(self.problem, &best.decision, &first_order, &mut self.budget)?;
             if let Some(interruption) = decrease.interruption {
                 return Err(interruption);
             }
@@ -260,8 +263,13 @@ impl LocalSearch<'_, '_, '_> {
                 self.note_stationarity(best, Stationarity { price, decrease });
                 return Ok(());
             };
-            let next = self.descend(&better, price, RADIUS)?;
-            keep_better(best, next, self.settings.goal_tolerance);
+            let next = self.descend(&better, price, radius)?;
+            if next.is_better_than(best, self.settings.goal_tolerance) {
+                *best = next;
+            } else {
+                // Nearer to the step that has been confirmed.
+                radius *= FINISH_SHRINK_FACTOR;
+            }
         }
         Ok(())
     }
