@@ -1,26 +1,33 @@
-//! A problem whose limits are let out to where a point has them.
+//! A problem whose goal and limits are moved to where a point has them.
 
 use nalgebra::DVector;
 
 use super::evaluation::{Constraints, Linearisation, Problem};
 
-/// The same problem, except that each limit may be exceeded by its allowance.
+/// The same problem with a constant offset of its constraint values.
 pub(super) struct Relaxed<'a> {
     problem: &'a mut dyn Problem,
-    /// >= 0, per limit.
-    allowance: DVector<f64>,
+    accepted: Constraints,
 }
 
 impl<'a> Relaxed<'a> {
-    /// Allows what a point with these constraint values exceeds by no more than `tolerance`.
-    pub(super) fn at(problem: &'a mut dyn Problem, constraints: &Constraints, tolerance: f64) -> Self {
-        let allowed = |excess: f64| if excess <= tolerance { excess.max(0.0) } else { 0.0 };
-        Self { problem, allowance: constraints.excess.map(allowed) }
+    /// Accepts the violations of a point with these constraint values, as far as they are within the tolerances of
+    /// residuals and limits.
+    pub(super) fn at(
+        problem: &'a mut dyn Problem,
+        constraints: &Constraints,
+        (residual_tolerance, excess_tolerance): (f64, f64),
+    ) -> Self {
+        let within = |value: f64, tolerance: f64| if value.abs() <= tolerance { value } else { 0.0 };
+        let residual = constraints.residual.map(|value| within(value, residual_tolerance));
+        let excess = constraints.excess.map(|value| within(value.max(0.0), excess_tolerance));
+        Self { problem, accepted: Constraints { residual, excess } }
     }
 
     /// Constraint values of the problem become those of the relaxed one.
     pub(super) fn relax(&self, constraints: &mut Constraints) {
-        constraints.excess -= &self.allowance;
+        constraints.residual -= &self.accepted.residual;
+        constraints.excess -= &self.accepted.excess;
     }
 }
 
@@ -63,14 +70,22 @@ mod tests {
     use super::*;
     use crate::optimizer::{Budget, FirstOrderSettings, confirmed_decrease};
 
-    /// Minimise the only variable, which should be at least 1.
-    struct AtLeastOne {
+    /// Minimise the only variable, which should be 1, or at least 1.
+    struct ToOne {
+        at_least: bool,
         cost: DVector<f64>,
         lower: DVector<f64>,
         upper: DVector<f64>,
     }
 
-    impl Problem for AtLeastOne {
+    impl ToOne {
+        fn new(at_least: bool) -> Self {
+            let [cost, lower, upper] = [1.0, 0.0, 10.0].map(|value| DVector::repeat(1, value));
+            Self { at_least, cost, lower, upper }
+        }
+    }
+
+    impl Problem for ToOne {
         fn cost(&self) -> &DVector<f64> {
             &self.cost
         }
@@ -88,38 +103,45 @@ mod tests {
         }
 
         fn constraints(&self) -> Constraints {
-            Constraints { residual: DVector::zeros(0), excess: DVector::zeros(1) }
+            let limits = usize::from(self.at_least);
+            Constraints { residual: DVector::zeros(1 - limits), excess: DVector::zeros(limits) }
         }
 
         fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints) {
-            constraints.excess[0] = 1.0 - x[0];
+            let values = if self.at_least { &mut constraints.excess } else { &mut constraints.residual };
+            values[0] = 1.0 - x[0];
         }
 
         fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation) {
             self.evaluate(x, &mut model.constraints);
-            model.near_limits = vec![0];
+            model.near_limits = if self.at_least { vec![0] } else { Vec::new() };
             model.jacobian.resize_vertically_mut(1, 0.0);
             model.jacobian[(0, 0)] = -1.0;
         }
     }
 
-    fn decrease_at(x: f64, excess_tolerance: f64) -> f64 {
-        let [cost, lower, upper] = [1.0, 0.0, 10.0].map(|value| DVector::repeat(1, value));
-        let mut problem = AtLeastOne { cost, lower, upper };
+    fn decrease_at(mut problem: ToOne, x: f64, tolerance: f64) -> f64 {
+        let settings = FirstOrderSettings {
+            weight: 50.0,
+            enough: 1e-9,
+            residual_tolerance: tolerance,
+            excess_tolerance: tolerance,
+        };
         let stop = AtomicBool::new(false);
-        let settings = FirstOrderSettings { weight: 50.0, enough: 1e-9, excess_tolerance };
         let mut budget = Budget::new(&stop, 100);
         confirmed_decrease(&mut problem, &DVector::repeat(1, x), &settings, &mut budget).unwrap().prediction
     }
 
     #[test]
-    fn an_accepted_excess_need_not_be_taken_back() {
-        assert!(decrease_at(0.999, 1e-2) < 1e-12);
-        assert!(decrease_at(0.999, 1e-4) > 0.04);
+    fn accepted_violations_need_not_be_taken_back() {
+        for at_least in [true, false] {
+            assert!(decrease_at(ToOne::new(at_least), 0.999, 1e-2) < 1e-12);
+            assert!(decrease_at(ToOne::new(at_least), 0.999, 1e-4) > 0.04);
+        }
     }
 
     #[test]
     fn room_below_a_limit_still_counts() {
-        assert!((decrease_at(1.001, 1e-2) - 0.001).abs() < 1e-12);
+        assert!((decrease_at(ToOne::new(true), 1.001, 1e-2) - 0.001).abs() < 1e-12);
     }
 }

@@ -146,8 +146,10 @@ pub struct FirstOrderSettings {
     pub weight: f64,
     /// A predicted decrease of at most this much needs no confirmation.
     pub enough: f64,
-    /// Limits that the point exceeds by at most this much are taken to lie where the point has them: a search that
-    /// accepts such an excess would otherwise be told to take it back.
+    /// The goal lies where the point has it, as far as its residuals are at most this large, and so do limits that it
+    /// exceeds by at most `excess_tolerance`: what a search accepts, the measure must not ask to take back.
+    pub residual_tolerance: f64,
+    /// See `residual_tolerance`.
     pub excess_tolerance: f64,
 }
 
@@ -177,9 +179,10 @@ pub struct ConfirmedDecrease {
 pub fn confirmed_decrease(
     problem: &mut dyn Problem,
     x: &DVector<f64>,
-    &FirstOrderSettings { weight, enough, excess_tolerance }: &FirstOrderSettings,
+    first_order: &FirstOrderSettings,
     budget: &mut Budget,
 ) -> Result<ConfirmedDecrease, Interruption> {
+    let &FirstOrderSettings { weight, enough, residual_tolerance, excess_tolerance } = first_order;
     let settings = SequentialLinearSettings {
         weight,
         first_radius: LARGEST_CONFIRMED_RADIUS,
@@ -188,7 +191,7 @@ pub fn confirmed_decrease(
     let mut model = Linearisation::new(problem.constraints(), x.len());
     budget.spend()?;
     problem.linearise(x, &mut model);
-    let mut relaxed = Relaxed::at(problem, &model.constraints, excess_tolerance);
+    let mut relaxed = Relaxed::at(problem, &model.constraints, (residual_tolerance, excess_tolerance));
     relaxed.relax(&mut model.constraints);
     let mut search = Search { model, model_is_current: true, ..Search::new(&mut relaxed, x, &settings) };
     let merit = search.merit(&search.x, &search.model.constraints);

@@ -57,6 +57,11 @@ impl GoalScales {
         errors.fold(0.0, |worst, error| if error > worst || error.is_nan() { error } else { worst })
     }
 
+    /// Where every goal error is in tolerance, residuals are at most `goal_tolerance * largest`.
+    pub fn largest(&self) -> f64 {
+        self.0.iter().copied().fold(0.0, f64::max)
+    }
+
     /// Residuals below `goal_tolerance * smallest` keep every goal error in tolerance.
     pub fn smallest(&self) -> f64 {
         self.0.iter().copied().fold(f64::INFINITY, f64::min)

@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::progress::is_nearer;
 use crate::optimizer::{ConfirmedDecrease, FirstOrderSettings};
-use crate::shooting::LOAD_TOLERANCE;
+use crate::shooting::{LOAD_TOLERANCE, ShootingProblem};
 
 /// Predicted decreases of this share of the final time are as good as none: a third of what `converged` asks for.
 const STATIONARY_SHARE: f64 = 3e-5;
@@ -36,8 +36,17 @@ pub(super) struct Stationarity {
 
 impl Stationarity {
     /// How it is measured for a plan of this final time.
-    pub(super) fn settings(price: f64, final_time: f64) -> FirstOrderSettings {
-        FirstOrderSettings { weight: price, enough: STATIONARY_SHARE * final_time, excess_tolerance: LOAD_TOLERANCE }
+    pub(super) fn settings(
+        problem: &ShootingProblem,
+        (price, final_time): (f64, f64),
+        goal_tolerance: f64,
+    ) -> FirstOrderSettings {
+        FirstOrderSettings {
+            weight: price,
+            enough: STATIONARY_SHARE * final_time,
+            residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
+            excess_tolerance: LOAD_TOLERANCE,
+        }
     }
 }
 

@@ -41,7 +41,9 @@ pub(super) fn certified(
         problem.aim_at_heading(heading);
     }
     let is_urgent = result.stop_reason == StopReason::Stopped;
-    let stationarity = best.stationarity.clone().or_else(|| measured(problem, best, is_urgent).map(Arc::new));
+    let tolerance = input.settings.goal_tolerance;
+    let measured = || measured(problem, best, tolerance, is_urgent).map(Arc::new);
+    let stationarity = best.stationarity.clone().or_else(measured);
     let measure = stationarity.as_ref().map_or(f64::NAN, |known| known.decrease.prediction);
     // Where nothing is known, all of the final time might be gained, and every sign be wrong.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
@@ -59,10 +61,15 @@ pub(super) fn certified(
 ///
 /// It belongs to the answer, not to the search: neither the search's limit nor its stop flag ends it. But an answer that is
 /// waited for must not take long.
-fn measured(problem: &mut ShootingProblem, best: &Candidate, is_urgent: bool) -> Option<Stationarity> {
+fn measured(
+    problem: &mut ShootingProblem,
+    best: &Candidate,
+    goal_tolerance: f64,
+    is_urgent: bool,
+) -> Option<Stationarity> {
     let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
     let [_, price] = prices(problem, best.final_time());
-    let first_order = Stationarity::settings(price, best.final_time());
+    let first_order = Stationarity::settings(problem, (price, best.final_time()), goal_tolerance);
     let decrease = confirmed_decrease(problem, &best.decision, &first_order, &mut budget).ok()?;
     Some(Stationarity { price, decrease })
 }

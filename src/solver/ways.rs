@@ -251,10 +251,10 @@ impl LocalSearch<'_, '_, '_> {
 
     /// Goes on from the very step that would refute the certificate of the plan, while there is one.
     fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
-        let price = self.prices[1];
+        let (price, tolerance) = (self.prices[1], self.settings.goal_tolerance);
         let mut radius = RADIUS;
         for _ in 0..FINISH_LIMIT {
-            let first_order = Stationarity::settings(price, best.final_time());
+            let first_order = Stationarity::settings(self.problem, (price, best.final_time()), tolerance);
             let mut decrease = confirmed_decrease(self.problem, &best.decision, &first_order, &mut self.budget)?;
             if let Some(interruption) = decrease.interruption {
                 return Err(interruption);
@@ -264,7 +264,7 @@ impl LocalSearch<'_, '_, '_> {
                 return Ok(());
             };
             let next = self.descend(&better, price, radius)?;
-            if next.is_better_than(best, self.settings.goal_tolerance) {
+            if next.is_better_than(best, tolerance) {
                 *best = next;
             } else {
                 // Nearer to the step that has been confirmed.
