@@ -210,7 +210,7 @@ impl<'a, const N: usize> Search<'a, N> {
             let small_update = SMOOTHED_UPDATE * slip_smoothing * system.prox_step()[0];
             let Some(followed) = newton.solve(&impulse, small_update.min(self.small_update()), Some) else { break };
             impulse = followed;
-            let solution = self.candidate(pattern, impulse);
+            let solution = self.with_vague_slips(self.candidate(pattern, impulse));
             if best.is_none_or(|best| solution.residual < best.residual) {
                 best = Some(solution);
             }
@@ -259,7 +259,24 @@ impl<'a, const N: usize> Search<'a, N> {
 
     #[inline]
     fn accepted(&self, candidate: ContactSolution<N>) -> Option<ContactSolution<N>> {
+        if candidate.residual <= self.tolerance {
+            return Some(candidate);
+        }
+        if candidate.pattern.wheels == WheelPattern::BothSlip { self.accepted_vaguely(candidate) } else { None }
+    }
+
+    #[cold]
+    fn accepted_vaguely(&self, candidate: ContactSolution<N>) -> Option<ContactSolution<N>> {
+        let candidate = self.with_vague_slips(candidate);
         (candidate.residual <= self.tolerance).then_some(candidate)
+    }
+
+    /// Its residual where rounding blurs the directions of the slips, which costs more to compute.
+    fn with_vague_slips(&self, candidate: ContactSolution<N>) -> ContactSolution<N> {
+        let ContactSolution { impact_slip, normal_impulse, .. } = &candidate;
+        let parts = contact_impulses(self.system, &candidate);
+        let residual = residual(self.system, self.problem, &parts, impact_slip, normal_impulse);
+        ContactSolution { residual, ..candidate }
     }
 }
 

@@ -61,15 +61,22 @@ pub(super) fn friction_radius<const N: usize>(
 /// Friction impulse per contact (left, right, front) of a solution.
 ///
 /// While both wheels stick, only the sum of their lateral impulses is physical: it is split in proportion to the
-/// remaining friction capacity, by convention.
+/// remaining friction capacity, by convention. Wheels that hardly slip share it in the same way: rounding blurs the
+/// directions of their slips, which then hardly count either.
 #[inline]
 pub fn contact_impulses<const N: usize>(
     system: &FrictionSystem<N>,
     solution: &ContactSolution<N>,
 ) -> [ContactImpulse; 3] {
-    split(system, solution.pattern, &solution.impulse, &solution.impact_slip, &solution.normal_impulse)
+    let ContactSolution { impulse, impact_slip, normal_impulse, .. } = solution;
+    let mut pattern = solution.pattern;
+    if pattern.wheels == WheelPattern::BothSlip && slips_vaguely(system, impact_slip, normal_impulse) {
+        pattern.wheels = WheelPattern::BothStick;
+    }
+    split(system, pattern, impulse, impact_slip, normal_impulse)
 }
 
+/// Friction impulse per contact, with the directions of the slips as they are.
 #[inline]
 pub(super) fn split<const N: usize>(
     system: &FrictionSystem<N>,
@@ -79,26 +86,24 @@ pub(super) fn split<const N: usize>(
     normal_impulse: &Vector3<f64>,
 ) -> [ContactImpulse; 3] {
     let lateral = impulse[AXLE];
-    let in_proportion = |[left, right]: [f64; 2]| {
-        if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
-    };
-    let capacities = || [0, 1].map(|wheel| lateral_capacity(system, wheel, impulse, normal_impulse));
     let left_lateral = match pattern.wheels {
         WheelPattern::RightSlips(_) => lateral,
         WheelPattern::LeftSlips(_) => 0.0,
-        WheelPattern::BothStick => in_proportion(capacities()),
-        WheelPattern::BothSlip if slips_vaguely(system, impact_slip, normal_impulse) => in_proportion(capacities()),
+        WheelPattern::BothStick => {
+            let left = lateral_capacity(system, 0, impulse, normal_impulse);
+            let right = lateral_capacity(system, 1, impulse, normal_impulse);
+            if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
+        }
         WheelPattern::BothSlip => {
-            in_proportion([0, 1].map(|wheel| lateral_share(system, wheel, impact_slip, normal_impulse)))
+            let left = lateral_share(system, 0, impact_slip, normal_impulse);
+            let right = lateral_share(system, 1, impact_slip, normal_impulse);
+            if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
         }
     };
     let front = if N == 5 { [impulse[ROWS[2][0]], impulse[ROWS[2][1]]] } else { [0.0, 0.0] };
     [[impulse[0], left_lateral], [impulse[1], lateral - left_lateral], front]
 }
 
-/// Whether both wheels slip so little that rounding blurs the directions, which then hardly count either: the friction
-/// radii tell better how the wheels share the lateral impulse.
-#[inline]
 fn slips_vaguely<const N: usize>(
     system: &FrictionSystem<N>,
     impact_slip: &SVector<f64, N>,
@@ -116,7 +121,7 @@ fn wheel_slip_speed<const N: usize>(wheel: usize, impact_slip: &SVector<f64, N>)
     (impact_slip[wheel] * impact_slip[wheel] + impact_slip[AXLE] * impact_slip[AXLE]).sqrt()
 }
 
-/// What a wheel can take sideways beside its longitudinal impulse, N s.
+/// What a sticking wheel can still take sideways, N s.
 #[inline]
 fn lateral_capacity<const N: usize>(
     system: &FrictionSystem<N>,
