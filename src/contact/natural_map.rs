@@ -104,6 +104,7 @@ pub(super) fn split<const N: usize>(
     [[impulse[0], left_lateral], [impulse[1], lateral - left_lateral], front]
 }
 
+/// Whether both wheels slip so little that the friction radii tell better than the slips how they share the lateral impulse.
 fn slips_vaguely<const N: usize>(
     system: &FrictionSystem<N>,
     impact_slip: &SVector<f64, N>,

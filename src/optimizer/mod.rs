@@ -2,6 +2,8 @@
 
 mod elastic_program;
 mod evaluation;
+#[cfg(test)]
+mod linear_problem;
 mod linear_program;
 mod nelder_mead;
 mod pseudo_solve;

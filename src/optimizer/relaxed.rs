@@ -67,60 +67,20 @@ impl Problem for Relaxed<'_> {
 mod tests {
     use std::sync::atomic::AtomicBool;
 
+    use nalgebra::DMatrix;
+
     use super::*;
+    use crate::optimizer::linear_problem::LinearProblem;
     use crate::optimizer::{Budget, FirstOrderSettings, confirmed_decrease};
 
     /// Minimise the only variable, which should be 1, or at least 1.
-    struct ToOne {
-        at_least: bool,
-        cost: DVector<f64>,
-        lower: DVector<f64>,
-        upper: DVector<f64>,
+    fn to_one(at_least: bool) -> LinearProblem {
+        let [cost, lower, upper, target] = [1.0, 0.0, 10.0, -1.0].map(|value| DVector::repeat(1, value));
+        let matrix = DMatrix::repeat(1, 1, -1.0);
+        LinearProblem { cost, lower, upper, matrix, target, residual_count: usize::from(!at_least) }
     }
 
-    impl ToOne {
-        fn new(at_least: bool) -> Self {
-            let [cost, lower, upper] = [1.0, 0.0, 10.0].map(|value| DVector::repeat(1, value));
-            Self { at_least, cost, lower, upper }
-        }
-    }
-
-    impl Problem for ToOne {
-        fn cost(&self) -> &DVector<f64> {
-            &self.cost
-        }
-
-        fn lower(&self) -> &DVector<f64> {
-            &self.lower
-        }
-
-        fn upper(&self) -> &DVector<f64> {
-            &self.upper
-        }
-
-        fn reach(&self, _x: &DVector<f64>) -> DVector<f64> {
-            self.upper.clone()
-        }
-
-        fn constraints(&self) -> Constraints {
-            let limits = usize::from(self.at_least);
-            Constraints { residual: DVector::zeros(1 - limits), excess: DVector::zeros(limits) }
-        }
-
-        fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints) {
-            let values = if self.at_least { &mut constraints.excess } else { &mut constraints.residual };
-            values[0] = 1.0 - x[0];
-        }
-
-        fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation) {
-            self.evaluate(x, &mut model.constraints);
-            model.near_limits = if self.at_least { vec![0] } else { Vec::new() };
-            model.jacobian.resize_vertically_mut(1, 0.0);
-            model.jacobian[(0, 0)] = -1.0;
-        }
-    }
-
-    fn decrease_at(mut problem: ToOne, x: f64, tolerance: f64) -> f64 {
+    fn decrease_at(mut problem: LinearProblem, x: f64, tolerance: f64) -> f64 {
         let settings = FirstOrderSettings {
             weight: 50.0,
             enough: 1e-9,
@@ -135,13 +95,13 @@ mod tests {
     #[test]
     fn accepted_violations_need_not_be_taken_back() {
         for at_least in [true, false] {
-            assert!(decrease_at(ToOne::new(at_least), 0.999, 1e-2) < 1e-12);
-            assert!(decrease_at(ToOne::new(at_least), 0.999, 1e-4) > 0.04);
+            assert!(decrease_at(to_one(at_least), 0.999, 1e-2) < 1e-12);
+            assert!(decrease_at(to_one(at_least), 0.999, 1e-4) > 0.04);
         }
     }
 
     #[test]
     fn room_below_a_limit_still_counts() {
-        assert!((decrease_at(ToOne::new(true), 1.001, 1e-2) - 0.001).abs() < 1e-12);
+        assert!((decrease_at(to_one(true), 1.001, 1e-2) - 0.001).abs() < 1e-12);
     }
 }

@@ -146,10 +146,10 @@ pub struct FirstOrderSettings {
     pub weight: f64,
     /// A predicted decrease of at most this much needs no confirmation.
     pub enough: f64,
-    /// The goal lies where the point has it, as far as its residuals are at most this large, and so do limits that it
-    /// exceeds by at most `excess_tolerance`: what a search accepts, the measure must not ask to take back.
+    /// Residuals of at most this magnitude are accepted as they are: the measure must not ask to take back what a search
+    /// accepts.
     pub residual_tolerance: f64,
-    /// See `residual_tolerance`.
+    /// Limits that are exceeded by at most this much likewise.
     pub excess_tolerance: f64,
 }
 

@@ -46,57 +46,26 @@ pub fn sign_violations(problem: &dyn Problem, x: &DVector<f64>, model: &Linearis
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::DMatrix;
+
     use super::*;
-    use crate::optimizer::Constraints;
+    use crate::optimizer::linear_problem::LinearProblem;
 
     /// Minimise the last variable; the first two must sum to it and lie between -1 and 1.
-    struct Sum {
-        cost: DVector<f64>,
-        lower: DVector<f64>,
-        upper: DVector<f64>,
-    }
-
-    impl Sum {
-        fn new() -> Self {
-            let cost = DVector::from_vec(vec![0.0, 0.0, 1.0]);
-            let bound = DVector::from_vec(vec![1.0, 1.0, 10.0]);
-            Self { cost, lower: -&bound, upper: bound }
-        }
-    }
-
-    impl Problem for Sum {
-        fn cost(&self) -> &DVector<f64> {
-            &self.cost
-        }
-
-        fn lower(&self) -> &DVector<f64> {
-            &self.lower
-        }
-
-        fn upper(&self) -> &DVector<f64> {
-            &self.upper
-        }
-
-        fn reach(&self, _x: &DVector<f64>) -> DVector<f64> {
-            self.upper.clone()
-        }
-
-        fn constraints(&self) -> Constraints {
-            Constraints { residual: DVector::zeros(1), excess: DVector::zeros(0) }
-        }
-
-        fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints) {
-            constraints.residual[0] = x[0] + x[1] - x[2];
-        }
-
-        fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation) {
-            self.evaluate(x, &mut model.constraints);
-            model.jacobian.copy_from_slice(&[1.0, 1.0, -1.0]);
+    fn sum() -> LinearProblem {
+        let bound = DVector::from_vec(vec![1.0, 1.0, 10.0]);
+        LinearProblem {
+            cost: DVector::from_vec(vec![0.0, 0.0, 1.0]),
+            lower: -&bound,
+            upper: bound,
+            matrix: DMatrix::from_row_slice(1, 3, &[1.0, 1.0, -1.0]),
+            target: DVector::zeros(1),
+            residual_count: 1,
         }
     }
 
     fn violations(x: [f64; 3]) -> usize {
-        let (mut problem, x) = (Sum::new(), DVector::from_row_slice(&x));
+        let (mut problem, x) = (sum(), DVector::from_row_slice(&x));
         let mut model = Linearisation::new(problem.constraints(), x.len());
         problem.linearise(&x, &mut model);
         sign_violations(&problem, &x, &model, 5.0)

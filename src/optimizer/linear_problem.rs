@@ -1,0 +1,51 @@
+//! A problem with constant derivatives, for tests.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::evaluation::{Constraints, Linearisation, Problem};
+
+/// Rows `matrix x - target`: first the residuals, then the limits.
+pub(super) struct LinearProblem {
+    pub(super) cost: DVector<f64>,
+    pub(super) lower: DVector<f64>,
+    pub(super) upper: DVector<f64>,
+    pub(super) matrix: DMatrix<f64>,
+    pub(super) target: DVector<f64>,
+    pub(super) residual_count: usize,
+}
+
+impl Problem for LinearProblem {
+    fn cost(&self) -> &DVector<f64> {
+        &self.cost
+    }
+
+    fn lower(&self) -> &DVector<f64> {
+        &self.lower
+    }
+
+    fn upper(&self) -> &DVector<f64> {
+        &self.upper
+    }
+
+    fn reach(&self, _x: &DVector<f64>) -> DVector<f64> {
+        self.upper.clone()
+    }
+
+    fn constraints(&self) -> Constraints {
+        let limit_count = self.target.len() - self.residual_count;
+        Constraints { residual: DVector::zeros(self.residual_count), excess: DVector::zeros(limit_count) }
+    }
+
+    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints) {
+        let rows = &self.matrix * x - &self.target;
+        let (residual, excess) = rows.as_slice().split_at(self.residual_count);
+        constraints.residual.copy_from_slice(residual);
+        constraints.excess.copy_from_slice(excess);
+    }
+
+    fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation) {
+        self.evaluate(x, &mut model.constraints);
+        model.near_limits = (0..model.constraints.excess.len()).collect();
+        model.jacobian.clone_from(&self.matrix);
+    }
+}
