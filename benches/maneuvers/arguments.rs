@@ -27,7 +27,7 @@ pub(crate) struct Arguments {
 }
 
 /// Which cases are meant.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub(crate) struct Selection {
     /// Only cases whose name contains one of these.
     #[arg(value_name = "FILTER")]
@@ -57,6 +57,8 @@ pub(crate) enum Mode {
     Random(RandomArguments),
     /// Compares warm re-solves of changed robots with cold ones.
     Warm(WarmArguments),
+    /// Compares the answers of both doors to many requests with the digests on file.
+    Answers(AnswersArguments),
 }
 
 /// The search for better plans.
@@ -96,6 +98,14 @@ pub(crate) struct WarmArguments {
     /// Each solve is timed this many times, and the shortest counts.
     #[arg(long, value_name = "N", default_value = "5")]
     pub(crate) repetitions: NonZeroUsize,
+}
+
+/// Reference answers.
+#[derive(Debug, Args)]
+pub(crate) struct AnswersArguments {
+    /// Writes the file in place of comparing with it.
+    #[arg(long)]
+    pub(crate) write: bool,
 }
 
 impl Selection {

@@ -2,15 +2,20 @@
 //!
 //! `docs/benchmarks.md` tells how to use it.
 
+mod answers;
 mod arguments;
 mod improve;
 mod measure;
+#[allow(clippy::unwrap_used, dead_code, unreachable_pub, reason = "shared with the tests, which fail by panicking")]
+#[path = "../../tests/support/protobuf.rs"]
+mod protobuf;
 mod random;
 mod report;
 mod rules;
 mod scale;
 mod suite;
 mod timing;
+mod values;
 mod warm;
 
 use std::process::ExitCode;
@@ -46,6 +51,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
             warm::measure(&selected(cases, &warm.selection), warm)?;
             Ok(ExitCode::SUCCESS)
         }
+        Some(Mode::Answers(arguments)) => answers::run(arguments),
     }
 }
 

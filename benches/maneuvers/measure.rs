@@ -1,18 +1,17 @@
 //! One case through the service, and what its answer is worth.
 
-use std::fmt::Write as _;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use serde::Serialize;
 use serde_json::Value;
-use sha2::{Digest as _, Sha256};
-use slipdrive::api::rest::{AcceptedSolve, View, solve_answer};
-use slipdrive::service::domain::{Refinement, Status};
+use slipdrive::api::rest::{AcceptedSolve, solve_answer};
+use slipdrive::service::domain::{Refinement, Solution, Status};
 use slipdrive::service::{InProcessSolver, Service, ServiceSettings, SolveClocks, Solved, StopReason};
 
 use crate::arguments::Effort;
 use crate::suite::Case;
+use crate::values::digest_of_values;
 
 /// Most steps of automatic grids: the service's limit.
 const AUTOMATIC_STEP_LIMIT: usize = 10_000;
@@ -52,7 +51,7 @@ pub(crate) struct Answer {
     pub(crate) deepest_separation_n: f64,
     /// The answer's own reason.
     pub(crate) reason: Option<String>,
-    /// Of everything in the solution, which holds no times of day: equal for equal answers.
+    /// Of all values of the answer except wall time: equal for equal answers.
     pub(crate) digest: String,
 }
 
@@ -73,7 +72,6 @@ impl Runner {
     /// A service that fails, or an answer that it does not accept back.
     pub(crate) fn solve(&self, case: &Case) -> Result<Answer> {
         let mut accepted = case.accepted.clone();
-        accepted.view = View::Plan;
         let settings = &mut accepted.input.settings;
         settings.start_count = self.effort.starts.unwrap_or(settings.start_count);
         if self.effort.automatic_steps {
@@ -89,7 +87,8 @@ impl Answer {
     fn new(case: &Case, accepted: &AcceptedSolve, solved: &Solved) -> Result<Self> {
         let Solved { solution, solve_time, stop_reason, queue_wait: _ } = solved;
         let report = &solution.report;
-        let (simulated_goal_error, simulation_difference) = simulated(case, accepted, solved)?;
+        let answer = solve_answer(accepted, solved);
+        let (simulated_goal_error, simulation_difference) = simulated(case, accepted, solution, &answer)?;
         let forces = report.separations.iter().map(|separation| separation.normal_force);
         Ok(Self {
             case: case.name.clone(),
@@ -112,7 +111,7 @@ impl Answer {
             separations: report.separations.len(),
             deepest_separation_n: forces.fold(0.0, f64::min),
             reason: solution.reason.as_ref().map(|reason| reason.message.clone()),
-            digest: digest(&format!("{solution:?} {stop_reason:?}")),
+            digest: digest_of_values(&answer)?,
         })
     }
 
@@ -150,23 +149,13 @@ impl Answer {
 }
 
 /// Largest goal error after `/simulate`, and the largest difference of any of its components from the answer's.
-fn simulated(case: &Case, accepted: &AcceptedSolve, solved: &Solved) -> Result<(f64, f64)> {
-    let solution = &solved.solution;
+fn simulated(case: &Case, accepted: &AcceptedSolve, solution: &Solution, answer: &[u8]) -> Result<(f64, f64)> {
     if solution.schedule.left.is_empty() {
         return Ok((solution.goal_error.amax(), 0.0));
     }
-    let answer: Value = serde_json::from_slice(&solve_answer(accepted, solved))?;
+    let answer: Value = serde_json::from_slice(answer)?;
     let simulation = case.simulated_over_the_wire(&answer["torque_schedule"], solution.report.step_count)?;
     let end = simulation.trajectory.state.last().context("the simulation has no end")?;
     let error = accepted.input.maneuver.goal_error(end);
     Ok((error.amax(), (error - solution.goal_error).amax()))
-}
-
-/// SHA-256 in hexadecimal.
-pub(crate) fn digest(text: &str) -> String {
-    Sha256::digest(text).iter().fold(String::new(), |mut digits, byte| {
-        // Writing to a string cannot fail.
-        let _ = write!(digits, "{byte:02x}");
-        digits
-    })
 }

@@ -8,8 +8,9 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::arguments::{Arguments, Effort};
-use crate::measure::{Answer, digest};
+use crate::measure::Answer;
 use crate::rules::Verdict;
+use crate::values::digest;
 
 /// One case and how its answer compares with the best plan known.
 #[derive(Debug, Serialize)]

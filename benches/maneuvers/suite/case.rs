@@ -81,15 +81,7 @@ impl Case {
     /// # Errors
     /// What the service would answer to a bad request.
     pub(crate) fn simulated_over_the_wire(&self, torque_schedule: &Value, step_count: usize) -> Result<Simulation> {
-        let maneuver = &self.body["maneuver"];
-        let absent = json!({});
-        let body = json!({
-            "robot": self.body["robot"],
-            "reference_point": maneuver.get("reference_point").unwrap_or(&json!("chassis_center_of_mass")),
-            "start": maneuver.get("start").unwrap_or(&absent),
-            "torque_schedule": torque_schedule,
-            "grid": { "steps": step_count },
-        });
+        let body = simulate_body(&self.body, torque_schedule, step_count as u64);
         let input = read_simulate(&serde_json::to_vec(&body)?, &Limits::default());
         Ok(simulate(&input.map_err(|problem| refusal(&self.name, &problem))?))
     }
@@ -113,6 +105,18 @@ impl Case {
         let end: &State = simulation.trajectory.state.last().expect("a trajectory has a first node");
         self.accepted.input.maneuver.goal_error(end).amax()
     }
+}
+
+/// The body of `/simulate` for torques that answer a body of `/solve`.
+pub(crate) fn simulate_body(solve: &Value, torque_schedule: &Value, steps: u64) -> Value {
+    let maneuver = &solve["maneuver"];
+    json!({
+        "robot": solve["robot"],
+        "reference_point": maneuver.get("reference_point").unwrap_or(&json!("chassis_center_of_mass")),
+        "start": maneuver.get("start").unwrap_or(&json!({})),
+        "torque_schedule": torque_schedule,
+        "grid": { "steps": steps },
+    })
 }
 
 /// Reads all robots and all cases, in the order of the file.

@@ -6,7 +6,7 @@ mod witness;
 use std::path::PathBuf;
 
 use case::reading;
-pub(crate) use case::{Case, RobotEntry, read_cases};
+pub(crate) use case::{Case, RobotEntry, read_cases, simulate_body};
 pub(crate) use witness::Witness;
 
 /// Steps of every case and witness, the paper's.

@@ -1,0 +1,42 @@
+//! A server of the crate with both doors on loopback sockets.
+
+use std::num::NonZeroUsize;
+use std::sync::Arc;
+
+use anyhow::Result;
+use axum::Router;
+use slipdrive::api::server::{ServerSettings, serve};
+use slipdrive::api::{ApiSettings, grpc, rest};
+use slipdrive::service::{InProcessSolver, Service, ServiceSettings};
+use tokio::net::TcpListener;
+
+use super::grpc::GrpcCaller;
+use super::rest::RestCaller;
+
+/// One for each door.
+const WORKERS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
+
+/// A caller at each door of a running server.
+pub(super) struct Server {
+    pub(super) rest: RestCaller,
+    pub(super) grpc: GrpcCaller,
+}
+
+impl Server {
+    /// Starts a server, which runs as long as the runtime.
+    pub(super) async fn start() -> Result<Self> {
+        let settings = ServiceSettings { workers: WORKERS, ..ServiceSettings::default() };
+        let service = Arc::new(Service::start(settings, Arc::new(InProcessSolver))?);
+        let (router, _health) = grpc::router(Arc::clone(&service), ApiSettings::default()).await;
+        let grpc = GrpcCaller::connect(listen(router).await?).await?;
+        let rest = RestCaller::new(listen(rest::router(service, ApiSettings::default())).await?)?;
+        Ok(Self { rest, grpc })
+    }
+}
+
+async fn listen(router: Router) -> Result<String> {
+    let listener = TcpListener::bind("127.0.0.1:0").await?;
+    let address = listener.local_addr()?;
+    tokio::spawn(serve(listener, router, ServerSettings::default(), std::future::pending()));
+    Ok(format!("http://{address}"))
+}
