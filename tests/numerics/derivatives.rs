@@ -1,0 +1,205 @@
+//! Derivatives of the end state against central differences.
+
+use slipdrive::robot::{Robot, RobotParameters, State};
+use slipdrive::simulation::{
+    ContactMethod, EndDerivative, EndSensitivity, LeastLoads, LoadDerivative, Rollout, Simulator, TorqueSchedule,
+    Trajectory,
+};
+
+use crate::random::RandomCases;
+
+/// Near the optimum of truncation (h^2) and rounding (1e-15 / h).
+const DIFFERENCE_STEP: f64 = 1e-6;
+/// Relative to the larger of 1 and the derivative; the acceptance of the derivatives.
+const TOLERANCE: f64 = 1e-6;
+
+struct Case<'a> {
+    simulator: &'a Simulator,
+    start: State,
+    step_count: usize,
+}
+
+impl Case<'_> {
+    fn end_and_modes(&self, schedule: &TorqueSchedule) -> (EndDerivative, Vec<[bool; 3]>) {
+        let rollout = Rollout { start: &self.start, schedule, step_count: self.step_count };
+        let trajectory = self.simulator.trajectory(&rollout, ContactMethod::Exact);
+        let stick = slipdrive::contact::ContactMode::Stick;
+        let modes = trajectory.contact.iter().map(|c| [&c.left, &c.right, &c.front].map(|s| s.mode == stick));
+        (trajectory.state.last().unwrap().to_vector(), modes.collect())
+    }
+
+    /// The central difference along `change`, or none where a step changes its mode between the two points.
+    fn difference(
+        &self,
+        schedule: &TorqueSchedule,
+        change: impl Fn(&mut TorqueSchedule, f64),
+    ) -> Option<EndDerivative> {
+        let [(above, modes_above), (below, modes_below)] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
+            let mut changed = schedule.clone();
+            change(&mut changed, step);
+            self.end_and_modes(&changed)
+        });
+        (modes_above == modes_below).then(|| (above - below) / (2.0 * DIFFERENCE_STEP))
+    }
+}
+
+fn assert_agree(what: &str, derivative: &EndDerivative, difference: &EndDerivative) {
+    for (row, (a, b)) in derivative.iter().zip(difference.iter()).enumerate() {
+        let scale = b.abs().max(1.0);
+        assert!((a - b).abs() <= TOLERANCE * scale, "{what}, component {row}: derivative {a}, difference {b}");
+    }
+}
+
+/// Compares every derivative of one rollout; returns how many were comparable.
+fn compare_all(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
+    let mut sensitivity = EndSensitivity::default();
+    let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
+    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
+    assert_eq!(sensitivity.end, case.simulator.end_state(&rollout));
+    let mut compared = 0;
+    for interval in 0..schedule.control_count() {
+        let sides = [
+            (case.difference(schedule, |s, step| s.left[interval] += step), sensitivity.by_left_torque[interval]),
+            (case.difference(schedule, |s, step| s.right[interval] += step), sensitivity.by_right_torque[interval]),
+        ];
+        for (side, (difference, derivative)) in sides.into_iter().enumerate() {
+            if let Some(difference) = difference {
+                assert_agree(&format!("{label}, wheel {side}, interval {interval}"), &derivative, &difference);
+                compared += 1;
+            }
+        }
+    }
+    if let Some(difference) = case.difference(schedule, |s, step| s.final_time += step) {
+        assert_agree(&format!("{label}, final time"), &sensitivity.by_final_time, &difference);
+        compared += 1;
+    }
+    compared
+}
+
+fn compare_random(
+    seeds: std::ops::Range<u64>,
+    step_count: usize,
+    restrict: impl Fn(&mut RobotParameters),
+) -> (usize, usize) {
+    let (mut compared, mut total) = (0, 0);
+    for seed in seeds {
+        let mut cases = RandomCases::new(seed);
+        let mut parameters = *cases.robot().parameters();
+        restrict(&mut parameters);
+        let Ok(robot) = Robot::new(parameters) else { continue };
+        let simulator = Simulator::new(&robot);
+        let start = cases.state(&robot, 1.0);
+        let (final_time, torque_limit) = (cases.between(0.5, 2.0), cases.between(0.5, 3.0));
+        let schedule = cases.schedule(10, final_time, torque_limit);
+        let case = Case { simulator: &simulator, start, step_count };
+        compared += compare_all(&case, &schedule, &format!("seed {seed}"));
+        total += 2 * schedule.control_count() + 1;
+    }
+    (compared, total)
+}
+
+#[test]
+fn derivatives_agree_with_differences_with_a_frictionless_front() {
+    let (compared, total) = compare_random(0..60, 100, |robot| robot.front_friction_coefficient = 0.0);
+    println!("{compared} of {total} derivatives were comparable");
+    assert!(compared * 2 > total, "most rollouts keep their modes: {compared} of {total}");
+}
+
+#[test]
+fn derivatives_agree_with_differences_with_a_gripping_front() {
+    let (compared, total) = compare_random(100..140, 100, |robot| robot.front_friction_coefficient = 0.15);
+    println!("{compared} of {total} derivatives were comparable");
+    assert!(compared * 2 > total, "most rollouts keep their modes: {compared} of {total}");
+}
+
+#[test]
+fn derivatives_agree_under_smoothed_friction() {
+    for (seed, front) in (300..330).flat_map(|seed| [(seed, 0.0), (seed, 0.15)]) {
+        let mut cases = RandomCases::new(seed);
+        let parameters = RobotParameters { front_friction_coefficient: front, ..*cases.robot().parameters() };
+        let Ok(robot) = Robot::new(parameters) else { continue };
+        let simulator = Simulator::new(&robot);
+        let start = cases.state(&robot, 1.0);
+        let mut schedule = cases.schedule(4, 1.0, 2.0);
+        let smoothing = 0.05;
+        let mut sensitivity = EndSensitivity::default();
+        simulator.end_sensitivity(
+            &Rollout { start: &start, schedule: &schedule, step_count: 100 },
+            smoothing,
+            &mut sensitivity,
+        );
+        let [above, below] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
+            schedule.left[1] += step;
+            let rollout = Rollout { start: &start, schedule: &schedule, step_count: 100 };
+            let mut moved = EndSensitivity::default();
+            simulator.record(&rollout, smoothing, &mut moved);
+            schedule.left[1] -= step;
+            moved.end.to_vector()
+        });
+        let difference = (above - below) / (2.0 * DIFFERENCE_STEP);
+        let scale = difference.amax().max(1.0);
+        // Newton stops at updates of 1e-9, which the difference divides by its step.
+        let gap = (sensitivity.by_left_torque[1] - difference).amax();
+        assert!(gap <= 1e-4 * scale, "seed {seed}, front {front}: {gap}");
+    }
+}
+
+#[test]
+fn derivatives_agree_on_the_reference_robot_and_grid() {
+    let (compared, total) = compare_random(200..210, 200, |robot| *robot = RobotParameters::default());
+    println!("{compared} of {total} derivatives were comparable");
+    assert!(compared * 2 > total, "most rollouts keep their modes: {compared} of {total}");
+}
+
+/// Compares the derivatives of every least load of one rollout; returns how many were comparable.
+fn compare_loads(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
+    let mut sensitivity = EndSensitivity::default();
+    let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
+    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
+    let chosen: Vec<usize> = (0..LeastLoads::count(schedule.control_count())).collect();
+    let derivatives = case.simulator.load_sensitivity(&rollout, 0.0, &sensitivity, &chosen);
+    let mut compared = 0;
+    let mut compare = |what: &str, change: &dyn Fn(&mut TorqueSchedule, f64), of: &dyn Fn(&LoadDerivative) -> f64| {
+        let [(above, modes_above), (below, modes_below)] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
+            let mut changed = schedule.clone();
+            change(&mut changed, step);
+            let rollout = Rollout { schedule: &changed, ..rollout };
+            (case.simulator.trajectory(&rollout, ContactMethod::Exact), case.end_and_modes(&changed).1)
+        });
+        if modes_above != modes_below {
+            return;
+        }
+        for (index, derivative) in derivatives.iter().enumerate() {
+            let force = |trajectory: &Trajectory| {
+                let sample = &trajectory.contact[sensitivity.loads.step(index)];
+                [sample.left, sample.right, sample.front][LeastLoads::contact(index)].normal_force
+            };
+            let difference = (force(&above) - force(&below)) / (2.0 * DIFFERENCE_STEP);
+            let scale = difference.abs().max(1.0);
+            // Forces of some 100 N round to 1e-14 of that, and the difference to 1e-6 of it.
+            assert!((of(derivative) - difference).abs() <= 10.0 * TOLERANCE * scale, "{label}, {what}, load {index}");
+            compared += 1;
+        }
+    };
+    for interval in 0..schedule.control_count() {
+        compare("left", &|s, step| s.left[interval] += step, &|d| d.by_left_torque[interval]);
+        compare("right", &|s, step| s.right[interval] += step, &|d| d.by_right_torque[interval]);
+    }
+    compare("final time", &|s, step| s.final_time += step, &|d| d.by_final_time);
+    compared
+}
+
+#[test]
+fn loads_are_differentiated_like_the_end() {
+    let mut compared = 0;
+    for seed in 0..20 {
+        let mut cases = RandomCases::new(seed);
+        let robot = cases.robot();
+        let simulator = Simulator::new(&robot);
+        let start = cases.state(&robot, 1.0);
+        let schedule = cases.schedule(5, 1.0, 2.0);
+        compared +=
+            compare_loads(&Case { simulator: &simulator, start, step_count: 50 }, &schedule, &format!("{seed}"));
+    }
+    assert!(compared > 1000, "{compared} comparable derivatives");
+}

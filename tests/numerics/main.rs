@@ -1,0 +1,16 @@
+//! The numerics: mechanics, contact, derivatives, optimisation and whole solves, without a service around them.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod best_known;
+mod derivatives;
+mod extreme_input;
+mod forward_drive;
+mod helped_search;
+mod infeasible;
+mod linear_program;
+mod lower_bound;
+mod one_step_contact;
+mod physics;
+mod random;
+mod reference_rollouts;

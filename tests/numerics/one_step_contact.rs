@@ -1,0 +1,345 @@
+//! One-step friction problems: the exact solver against the paper's fixed point on random states, robots and steps.
+
+use nalgebra::{SMatrix, SVector};
+use slipdrive::contact::{
+    ContactPattern, ContactSolution, ExactSolver, FixedPointSettings, FixedPointSolver, FrictionProblem,
+    FrictionSystem, Guess, SolvePath, WheelPattern, natural_map,
+};
+use slipdrive::robot::{BodyVector, Robot, RobotParameters};
+
+use crate::random::RandomCases;
+
+/// Acceptance of the contact law, relative to m g dt.
+const RESIDUAL_TOLERANCE: f64 = 1e-10;
+/// Acceptance of the motion: m/s (rad/s) relative to the larger of 1 and the value.
+const MOTION_TOLERANCE: f64 = 1e-8;
+/// What the fixed point is run to, relative to m g dt.
+const CONVERGED: f64 = 1e-13;
+const CASE_COUNT: u64 = 10_000;
+
+/// A random step of a random robot, assembled from the robot's own matrices.
+#[derive(Clone)]
+struct RandomStep<const N: usize> {
+    system: FrictionSystem<N>,
+    problem: FrictionProblem<N>,
+    start_velocity: BodyVector,
+    smooth_change: BodyVector,
+    impulse_response: SMatrix<f64, 5, N>,
+}
+
+impl<const N: usize> RandomStep<N> {
+    fn new(cases: &mut RandomCases, robot: &Robot) -> Self {
+        let parameters = robot.parameters();
+        let dt = 10.0_f64.powf(cases.between(-4.0, -1.5));
+        let speed = if cases.chance(0.3) { 0.0 } else { 10.0_f64.powf(cases.between(-3.0, 0.5)) };
+        let state = cases.state(robot, speed.max(1e-9));
+        let (sin, cos) = state.configuration.heading.sin_cos();
+        let u = state.velocity;
+        let start_velocity = BodyVector::from([
+            cos * u.x + sin * u.y,
+            cos * u.y - sin * u.x,
+            u.yaw_rate,
+            u.wheel_rate.left,
+            u.wheel_rate.right,
+        ]);
+        let grip = parameters.wheel_friction_coefficient * parameters.total_mass() * 9.81 * parameters.wheel_radius;
+        let torque = [cases.between(-1.0, 1.0) * grip, cases.between(-1.0, 1.0) * grip];
+        let smooth_change = robot.inverse_mass_matrix() * robot.smooth_force(u.yaw_rate, torque) * dt;
+        let load = robot.normal_load();
+        let rates = u.yaw_rate * u.yaw_rate * load.centrifugal
+            + u.yaw_rate * (u.wheel_rate.left + u.wheel_rate.right) * load.gyroscopic;
+        let free = start_velocity * (1.0 + parameters.tangential_restitution) + smooth_change;
+        let friction = parameters.wheel_friction_coefficient;
+        Self {
+            system: FrictionSystem::new(
+                robot.delassus().fixed_view::<N, N>(0, 0).into_owned(),
+                robot.normal_response().fixed_columns::<N>(0).into_owned(),
+                [friction, friction, parameters.front_friction_coefficient],
+            ),
+            problem: FrictionProblem {
+                free_slip: (robot.tangent_jacobian().matrix() * free).fixed_rows::<N>(0).into_owned(),
+                free_normal: (load.static_force + rates) * dt + load.velocity_change_map * smooth_change,
+            },
+            start_velocity,
+            smooth_change,
+            impulse_response: robot.impulse_response().fixed_columns::<N>(0).into_owned(),
+        }
+    }
+
+    /// Scales the motion until one sticking wheel's impulse reaches `1 + offset` times its friction radius.
+    fn move_to_cone_edge(&mut self, solution: &ContactSolution<N>, offset: f64) {
+        let parts = natural_map::contact_impulses(&self.system, solution);
+        let friction = self.system.friction_coefficient();
+        let share =
+            |wheel: usize| parts[wheel][0].hypot(parts[wheel][1]) / (friction[wheel] * solution.normal_impulse[wheel]);
+        let scale = (1.0 + offset) / share(0).max(share(1)).max(1e-3);
+        // The loads stay what they are: what the impulses change less, the free loads take over.
+        self.problem.free_normal += self.system.normal_response() * solution.impulse * (1.0 - scale);
+        self.problem.free_slip *= scale;
+    }
+
+    fn end_velocity(&self, impulse: &SVector<f64, N>) -> BodyVector {
+        self.start_velocity + self.smooth_change + self.impulse_response * impulse
+    }
+}
+
+#[derive(Default)]
+struct Tally {
+    both_stick: u64,
+    one_slips: u64,
+    both_slip: u64,
+    by_fixed_point: u64,
+    near_cone_edge: u64,
+    sweeps: u64,
+}
+
+impl Tally {
+    fn count<const N: usize>(&mut self, solution: &ContactSolution<N>, path: SolvePath) {
+        match solution.pattern.wheels {
+            WheelPattern::BothStick => self.both_stick += 1,
+            WheelPattern::RightSlips(_) | WheelPattern::LeftSlips(_) => self.one_slips += 1,
+            WheelPattern::BothSlip => self.both_slip += 1,
+        }
+        self.by_fixed_point += u64::from(path == SolvePath::FixedPoint);
+    }
+}
+
+/// Compares both solvers; from a solution that sticks also moves on to the edge of its friction discs.
+fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, tally: &mut Tally) {
+    let mut step = RandomStep::<N>::new(cases, robot);
+    let (solution, path) = ExactSolver.solve(&step.system, &step.problem, &Guess::default());
+    tally.count(&solution, path);
+    assert_same_motion(seed, &step, &solution, tally);
+    if solution.pattern.wheels == WheelPattern::BothStick && cases.chance(0.5) {
+        // Exactly at the edge the sweeps converge sublinearly and reach no useful answer: stay off by a small share.
+        let offset = 10.0_f64.powf(cases.between(-5.0, -1.0)) * if cases.chance(0.5) { 1.0 } else { -1.0 };
+        let mut near_edge = step.clone();
+        near_edge.move_to_cone_edge(&solution, offset);
+        let (at_edge, path) = ExactSolver.solve(&near_edge.system, &near_edge.problem, &Guess::from(&solution));
+        tally.count(&at_edge, path);
+        tally.near_cone_edge += 1;
+        assert_same_motion(seed, &near_edge, &at_edge, tally);
+
+        step.move_to_cone_edge(&solution, 0.0);
+        let (on_edge, _) = ExactSolver.solve(&step.system, &step.problem, &Guess::from(&solution));
+        assert!(on_edge.residual <= RESIDUAL_TOLERANCE, "seed {seed}: residual {} on the edge", on_edge.residual);
+    }
+}
+
+fn assert_same_motion<const N: usize>(seed: u64, step: &RandomStep<N>, exact: &ContactSolution<N>, tally: &mut Tally) {
+    let settings = FixedPointSettings { tolerance: 1e-15, sweep_limit: 2_000_000 };
+    let mut fixed_point = FixedPointSolver::new(settings);
+    let slow = fixed_point.solve(&step.system, &step.problem);
+    tally.sweeps += fixed_point.sweeps();
+    assert!(exact.residual <= RESIDUAL_TOLERANCE, "seed {seed}: exact residual {}", exact.residual);
+    assert!(slow.residual <= CONVERGED, "seed {seed}: fixed-point residual {}", slow.residual);
+    let (a, b) = (step.end_velocity(&exact.impulse), step.end_velocity(&slow.impulse));
+    for axis in 0..5 {
+        let difference = (a[axis] - b[axis]).abs();
+        assert!(
+            difference <= MOTION_TOLERANCE * b[axis].abs().max(1.0),
+            "seed {seed}, axis {axis}: exact {}, fixed point {} ({:?}, {:?})",
+            a[axis],
+            b[axis],
+            exact.pattern,
+            slow.pattern
+        );
+    }
+}
+
+#[test]
+fn exact_and_fixed_point_agree_on_random_steps() {
+    let mut tally = Tally::default();
+    for seed in 0..CASE_COUNT {
+        let mut cases = RandomCases::new(seed);
+        let robot = cases.robot();
+        if robot.parameters().front_friction_coefficient > 0.0 {
+            compare::<5>(seed, &mut cases, &robot, &mut tally);
+        } else {
+            compare::<3>(seed, &mut cases, &robot, &mut tally);
+        }
+    }
+    println!(
+        "both stick {}, one slips {}, both slip {}, near the cone's edge {}, found by sweeps {}, mean sweeps {}",
+        tally.both_stick,
+        tally.one_slips,
+        tally.both_slip,
+        tally.near_cone_edge,
+        tally.by_fixed_point,
+        tally.sweeps / CASE_COUNT
+    );
+    assert!(tally.both_stick > 500 && tally.one_slips > 500 && tally.both_slip > 500, "all modes occur");
+}
+
+#[test]
+fn lifted_wheel_carries_no_friction() {
+    let mut cases = RandomCases::new(7);
+    let robot = cases.robot();
+    let mut step = RandomStep::<3>::new(&mut cases, &robot);
+    step.problem.free_normal[1] = -10.0 * step.problem.free_normal[0].abs();
+    step.problem.free_normal[0] *= 12.0;
+    let (solution, _) = ExactSolver.solve(&step.system, &step.problem, &Guess::default());
+    assert!(solution.normal_impulse[1] < 0.0);
+    assert_eq!(solution.impulse[1], 0.0);
+    assert!(solution.residual <= RESIDUAL_TOLERANCE);
+}
+
+/// The right wheel's own lengthwise friction takes `share` of itself off its load; another contact takes that over.
+fn self_unloading(share: f64, other: usize) -> FrictionSystem<3> {
+    let mut normal_response = SMatrix::<f64, 3, 3>::zeros();
+    normal_response[(1, 1)] = -share;
+    normal_response[(other, 1)] = share;
+    FrictionSystem::new(SMatrix::identity(), normal_response, [1.0, 1.0, 0.0])
+}
+
+#[test]
+fn uniqueness_is_proved_up_to_the_edge() {
+    // Nothing but the load of the front support, which has no friction, follows the right wheel's: up to 1, where the
+    // wheel's friction lifts it as fast as it grows, there is one solution.
+    assert!(self_unloading(0.95, 2).has_unique_solutions());
+    assert!(!self_unloading(1.0, 2).has_unique_solutions());
+}
+
+#[test]
+fn where_uniqueness_is_proved_no_other_solution_is_found() {
+    let (mut proved, mut open) = (0, 0);
+    for seed in 0..CASE_COUNT {
+        let mut cases = RandomCases::new(seed);
+        let robot = cases.robot();
+        let is_unique = if robot.parameters().front_friction_coefficient > 0.0 {
+            assert_no_other_solution::<5>(seed, &mut cases, &robot)
+        } else {
+            assert_no_other_solution::<3>(seed, &mut cases, &robot)
+        };
+        *(if is_unique { &mut proved } else { &mut open }) += 1;
+    }
+    println!("proved for {proved} robots, open for {open}");
+    assert!(proved > CASE_COUNT / 2, "the proof covers most robots: {proved}");
+}
+
+/// Whether it is proved that the robot's steps have one solution; then a random one is tried.
+fn assert_no_other_solution<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot) -> bool {
+    let RandomStep { system, problem, .. } = RandomStep::<N>::new(cases, robot);
+    let is_unique = system.has_unique_solutions();
+    if is_unique {
+        let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+        assert!(!ExactSolver.is_indeterminate(&system, &problem, &solution), "seed {seed}");
+    }
+    is_unique
+}
+
+#[test]
+fn indeterminate_problem_is_flagged() {
+    // One wheel, friction so strong that sliding lifts its own load (Painleve): sticking and sliding both solve it.
+    let system = self_unloading(1.5, 0);
+    assert!(!system.has_unique_solutions());
+    let problem = FrictionProblem { free_slip: SVector::from([0.0, 0.2, 0.0]), free_normal: [1.0, -0.05, 0.0].into() };
+    let stick = ContactPattern { wheels: WheelPattern::BothStick, ..ContactPattern::default() };
+    let guess = Guess { pattern: stick, impulse: SVector::zeros() };
+    let (solution, _) = ExactSolver.solve(&system, &problem, &guess);
+    assert!(ExactSolver.is_indeterminate(&system, &problem, &solution));
+}
+
+/// Met by the search, which likes the edge of the friction cones: the left wheel slips by 2 um/s, and its direction turns
+/// too fast for equations in it, while fixed-point sweeps take millions.
+#[test]
+#[expect(clippy::unreadable_literal, reason = "figures as they were met")]
+fn wheels_that_hardly_slip_are_solved() {
+    let delassus = SMatrix::<f64, 3, 3>::from_row_slice(&[
+        1.9489007724301846,
+        -0.060011883541295344,
+        -0.057040998217468816,
+        -0.060011883541295344,
+        1.9489007724301846,
+        0.057040998217468816,
+        -0.057040998217468816,
+        0.057040998217468816,
+        0.13012477718360071,
+    ]);
+    let normal_response = SMatrix::<f64, 3, 3>::from_column_slice(&[
+        0.04060209942562887,
+        0.03347197464844526,
+        -0.07407407407407413,
+        0.03347197464844526,
+        0.04060209942562887,
+        -0.07407407407407413,
+        0.21061720142602502,
+        -0.21061720142602502,
+        0.0,
+    ]);
+    let system = FrictionSystem::new(delassus, normal_response, [0.9, 0.9, 0.0]);
+    let problem = FrictionProblem {
+        free_slip: SVector::from([-0.07672467857963101, 0.07452807024728687, -5.0950331048765785e-6]),
+        free_normal: SVector::from([0.049559034705347324, 0.04955871900566147, 0.02792738487371197]),
+    };
+    let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+    assert!(solution.residual <= 1e-12, "residual {}", solution.residual);
+    assert_eq!(solution.pattern.wheels, WheelPattern::BothSlip);
+}
+
+/// Met by the search on a slippery floor: both wheels are at the very edge of sticking, and all slips vanish.
+#[test]
+#[expect(clippy::unreadable_literal, reason = "figures as they were met")]
+fn steps_at_the_very_edge_of_sticking_are_solved() {
+    let slippery = RobotParameters { wheel_friction_coefficient: 0.15, ..RobotParameters::default() };
+    let system = wheels_system(slippery);
+    let met = [
+        (
+            [-0.00045835656075127965, 0.00020633212324637235, -2.1559730940638733e-9],
+            [0.002196301638257598, 0.0016163307636829097, 0.0010424383310242],
+        ),
+        (
+            [-0.025793805320437835, -0.004692566032197776, -0.0009160449875594224],
+            [0.12321575018050276, 0.09054760799214018, 0.059710393997627724],
+        ),
+        (
+            [-0.03150256043098665, 0.016415302103229064, -8.805129871735512e-7],
+            [0.1516705969698519, 0.11156386834633922, 0.07250494764006218],
+        ),
+    ];
+    for (free_slip, free_normal) in met {
+        let problem = FrictionProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
+        let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+        assert!(solution.residual <= RESIDUAL_TOLERANCE, "residual {}", solution.residual);
+    }
+}
+
+/// Met by the search on a grippy floor: slips of 1e-10 m/s, of which rounding blurs the directions.
+#[test]
+#[expect(clippy::unreadable_literal, reason = "figures as they were met")]
+fn hardly_any_slip_is_as_accurate_as_any_other() {
+    let grippy = RobotParameters {
+        chassis_mass: 8.0,
+        wheel_mass: 0.5,
+        chassis_yaw_inertia: 0.12,
+        wheel_diametral_inertia: 0.0004,
+        wheel_spin_inertia: 0.0015,
+        wheel_radius: 0.05,
+        track_width: 0.32,
+        axle_to_front_support: 0.24,
+        center_of_mass_right: 0.0,
+        center_of_mass_forward: 0.06,
+        center_of_mass_height: 0.07,
+        wheel_friction_coefficient: 0.9,
+        ..RobotParameters::default()
+    };
+    let system = wheels_system(grippy);
+    let problem = FrictionProblem {
+        free_slip: SVector::from([-0.02919800149170238, 0.02831499033589286, -5.13575060560531e-9]),
+        free_normal: SVector::from([0.018852339879564868, 0.018852339592927328, 0.01063081329466258]),
+    };
+    let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+    assert!(solution.impact_slip.amax() < 1e-7, "slip {}", solution.impact_slip);
+    assert!(solution.residual <= 4e-12, "residual {}", solution.residual);
+}
+
+/// The friction system of a robot whose front support has no friction.
+fn wheels_system(parameters: RobotParameters) -> FrictionSystem<3> {
+    let friction = parameters.wheel_friction_coefficient;
+    let robot = Robot::new(parameters).unwrap();
+    FrictionSystem::new(
+        robot.delassus().fixed_view::<3, 3>(0, 0).into_owned(),
+        robot.normal_response().fixed_columns::<3>(0).into_owned(),
+        [friction, friction, 0.0],
+    )
+}

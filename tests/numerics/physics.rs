@@ -1,0 +1,196 @@
+//! Closed forms, symmetries and invariants of the mechanics.
+
+use nalgebra::SVector;
+use slipdrive::contact::{ContactMode, ContactName};
+use slipdrive::robot::{BodyVector, PerWheel, Robot, RobotParameters, State};
+use slipdrive::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
+
+use crate::random::RandomCases;
+
+/// A closed form is met to the rounding of some hundred steps.
+const ROUNDING: f64 = 1e-11;
+
+/// The reference robot with its centre of mass on the centreline.
+fn symmetric() -> RobotParameters {
+    RobotParameters { center_of_mass_right: 0.0, ..RobotParameters::default() }
+}
+
+fn constant(final_time: f64, left: f64, right: f64) -> TorqueSchedule {
+    TorqueSchedule { final_time, left: vec![left], right: vec![right] }
+}
+
+fn roll(parameters: RobotParameters, start: &State, schedule: &TorqueSchedule, step_count: usize) -> Trajectory {
+    let simulator = Simulator::new(&Robot::new(parameters).unwrap());
+    simulator.trajectory(&Rollout { start, schedule, step_count }, ContactMethod::Exact)
+}
+
+fn assert_near(actual: f64, expected: f64, tolerance: f64) {
+    let scale = expected.abs().max(1.0);
+    assert!((actual - expected).abs() <= tolerance * scale, "{actual} instead of {expected}");
+}
+
+#[test]
+fn rolling_accelerates_as_if_the_wheels_added_to_the_mass() {
+    let robot = symmetric();
+    let trajectory = roll(robot, &State::default(), &constant(1.0, 0.6, 0.6), 200);
+    let rolling_mass = robot.total_mass() + 2.0 * robot.wheel_spin_inertia / robot.wheel_radius.powi(2);
+    let acceleration = 1.2 / robot.wheel_radius / rolling_mass;
+    let end = trajectory.state.last().unwrap();
+    assert_near(end.velocity.y, acceleration, ROUNDING);
+    assert_near(end.configuration.y, acceleration / 2.0, ROUNDING);
+    assert_near(end.configuration.x, 0.0, ROUNDING);
+}
+
+#[test]
+fn sideways_sliding_stops_by_friction_alone() {
+    // Over the axle the lateral friction has no yaw moment, and the wheels carry the whole weight.
+    let robot = RobotParameters { center_of_mass_forward: 0.0, ..symmetric() };
+    let mut start = State::default();
+    start.velocity.x = 2.0;
+    let deceleration = robot.wheel_friction_coefficient * robot.gravity;
+    let stop_time = 2.0 / deceleration;
+    let sliding = roll(robot, &start, &constant(0.5 * stop_time, 0.0, 0.0), 100);
+    assert_near(sliding.state.last().unwrap().velocity.x, 1.0, ROUNDING);
+    // A hair beyond the stopping time the robot rests, after v^2 / (2 mu g).
+    let stopped = roll(robot, &start, &constant(1.01 * stop_time, 0.0, 0.0), 101);
+    let end = stopped.state.last().unwrap();
+    assert_near(end.velocity.x, 0.0, ROUNDING);
+    assert_near(end.configuration.x, 4.0 / (2.0 * deceleration), ROUNDING);
+}
+
+#[test]
+fn wheel_without_friction_spins_up_on_the_spot() {
+    let robot = RobotParameters { wheel_friction_coefficient: 0.0, ..RobotParameters::default() };
+    let end = *roll(robot, &State::default(), &constant(0.5, 0.3, 0.0), 50).state.last().unwrap();
+    assert_near(end.velocity.wheel_rate.left, 0.5 * 0.3 / robot.wheel_spin_inertia, ROUNDING);
+    assert_eq!((end.velocity.wheel_rate.right, end.configuration.y, end.configuration.heading), (0.0, 0.0, 0.0));
+}
+
+#[test]
+fn spinning_wheels_push_with_friction_times_load() {
+    let robot = symmetric();
+    let torque = 5.0;
+    let trajectory = roll(robot, &State::default(), &constant(0.2, torque, torque), 40);
+    // m a = 2 mu N;   J psidd = M - R mu N;   l N_F = m_c g c_f - (m_c h + 2 m_w R) a - 2 J psidd;   2 N + N_F = m g.
+    let (mu, mass, radius) = (robot.wheel_friction_coefficient, robot.total_mass(), robot.wheel_radius);
+    let tilt = robot.chassis_mass * robot.center_of_mass_height + 2.0 * robot.wheel_mass * radius;
+    let length = robot.axle_to_front_support;
+    let weight_moment = robot.chassis_mass * robot.gravity * robot.center_of_mass_forward;
+    let per_load = 2.0 * length - tilt * 2.0 * mu / mass + 2.0 * radius * mu;
+    let load = (mass * robot.gravity * length - weight_moment + 2.0 * torque) / per_load;
+    let sample = trajectory.contact[20];
+    assert_eq!((sample.left.mode, sample.right.mode), (ContactMode::Slip, ContactMode::Slip));
+    assert_near(sample.left.normal_force, load, ROUNDING);
+    assert_near(sample.right.longitudinal_force, mu * load, ROUNDING);
+    assert_near(trajectory.state[40].velocity.y, 0.2 * 2.0 * mu * load / mass, ROUNDING);
+    assert!(sample.left.longitudinal_slip < 0.0, "the contact point slides backwards");
+}
+
+#[test]
+fn loads_at_rest_are_those_of_statics() {
+    let robot = RobotParameters::default();
+    let sample = roll(robot, &State::default(), &constant(0.1, 0.0, 0.0), 1).contact[0];
+    let chassis = robot.chassis_mass * robot.gravity;
+    let front = chassis * robot.center_of_mass_forward / robot.axle_to_front_support;
+    let total = robot.total_mass() * robot.gravity;
+    let shift = chassis * robot.center_of_mass_right / robot.track_width;
+    assert_near(sample.front.normal_force, front, ROUNDING);
+    assert_near(sample.left.normal_force, (total - front) / 2.0 - shift, ROUNDING);
+    assert_near(sample.right.normal_force, (total - front) / 2.0 + shift, ROUNDING);
+}
+
+#[test]
+fn acceleration_moves_load_from_the_front_to_the_axle() {
+    let robot = symmetric();
+    let trajectory = roll(robot, &State::default(), &constant(0.5, 0.5, 0.5), 50);
+    let acceleration = trajectory.state[50].velocity.y / 0.5;
+    let wheel_terms = 2.0 * robot.wheel_mass * robot.wheel_radius * acceleration
+        + 2.0 * robot.wheel_spin_inertia * acceleration / robot.wheel_radius;
+    let moment = robot.chassis_mass * robot.center_of_mass_height * acceleration + wheel_terms;
+    let at_rest = robot.chassis_mass * robot.gravity * robot.center_of_mass_forward / robot.axle_to_front_support;
+    let expected = at_rest - moment / robot.axle_to_front_support;
+    assert_near(trajectory.contact[30].front.normal_force, expected, ROUNDING);
+}
+
+#[test]
+fn turning_left_loads_the_right_wheel() {
+    let robot = symmetric();
+    let mut start = State::default();
+    let (speed, yaw_rate) = (1.0, 0.8);
+    // Rolling on a circle: the chassis centre of mass, ahead of the axle, moves sideways with p_f omega.
+    start.velocity.y = speed;
+    start.velocity.x = -robot.center_of_mass_forward * yaw_rate;
+    start.velocity.yaw_rate = yaw_rate;
+    let rate = |side: f64| (speed + side * robot.track_width / 2.0 * yaw_rate) / robot.wheel_radius;
+    start.velocity.wheel_rate = PerWheel::new(rate(-1.0), rate(1.0));
+    let sample = roll(robot, &start, &constant(0.01, 0.0, 0.0), 1).contact[0];
+    assert_eq!(sample.left.mode, ContactMode::Stick);
+    assert!(sample.right.normal_force > sample.left.normal_force + 1.0);
+}
+
+fn kinetic_energy(robot: &Robot, state: &State) -> f64 {
+    let (sin, cos) = state.configuration.heading.sin_cos();
+    let u = state.velocity;
+    robot.kinetic_energy(&BodyVector::from([
+        cos * u.x + sin * u.y,
+        cos * u.y - sin * u.x,
+        u.yaw_rate,
+        u.wheel_rate.left,
+        u.wheel_rate.right,
+    ]))
+}
+
+#[test]
+fn zero_torque_never_gains_energy() {
+    for seed in 0..300 {
+        let mut cases = RandomCases::new(seed);
+        let parameters = RobotParameters { tangential_restitution: 0.0, ..*cases.robot().parameters() };
+        let robot = Robot::new(parameters).unwrap();
+        let start = cases.state(&robot, 1.5);
+        let trajectory = roll(parameters, &start, &constant(1.0, 0.0, 0.0), 1000);
+        let energy: Vec<f64> = trajectory.state.iter().map(|state| kinetic_energy(&robot, state)).collect();
+        for pair in energy.windows(2) {
+            // The centrifugal term of the midpoint step balances to third order in omega dt.
+            assert!(pair[1] <= pair[0] * (1.0 + 1e-6) + 1e-12, "seed {seed}: from {} J to {} J", pair[0], pair[1]);
+        }
+        assert!(energy[1000] < energy[0], "seed {seed}");
+    }
+}
+
+fn mirrored_state(state: &State) -> State {
+    let v = state.to_vector();
+    State::from_vector(&SVector::from([-v[0], v[1], -v[2], v[4], v[3], -v[5], v[6], -v[7], v[9], v[8]]))
+}
+
+#[test]
+fn mirrored_robot_drives_the_mirrored_path() {
+    for seed in 0..100 {
+        let mut cases = RandomCases::new(seed);
+        let robot = cases.robot();
+        let parameters = *robot.parameters();
+        let mirrored = RobotParameters {
+            center_of_mass_right: -parameters.center_of_mass_right,
+            front_support_right: -parameters.front_support_right,
+            ..parameters
+        };
+        let start = cases.state(&robot, 1.0);
+        let schedule = cases.schedule(10, 1.0, 2.0);
+        let swapped = TorqueSchedule {
+            left: schedule.right.clone(),
+            right: schedule.left.clone(),
+            final_time: schedule.final_time,
+        };
+        let end = *roll(parameters, &start, &schedule, 200).state.last().unwrap();
+        let mirror_end = *roll(mirrored, &mirrored_state(&start), &swapped, 200).state.last().unwrap();
+        let difference = mirrored_state(&mirror_end).to_vector() - end.to_vector();
+        let scale = end.to_vector().amax().max(1.0);
+        assert!(difference.amax() <= ROUNDING * scale, "seed {seed}: {}", difference.amax());
+    }
+}
+
+#[test]
+fn resting_robot_stays_at_rest() {
+    let trajectory = roll(RobotParameters::default(), &State::default(), &constant(1.0, 0.0, 0.0), 100);
+    assert_eq!(*trajectory.state.last().unwrap(), State::default());
+    assert_eq!(trajectory.slip_time(ContactName::Left), 0.0);
+}

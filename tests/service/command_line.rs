@@ -1,0 +1,161 @@
+//! The program as its callers meet it: exit codes, messages, and a server that ends on a signal.
+
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::process::{Child, Command, Output, Stdio};
+
+use serde_json::{Value, json};
+
+use crate::support::process::slipdrive;
+
+fn run_with_input(arguments: &[&str], input: &[u8]) -> Output {
+    let mut child = slipdrive()
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // A program that has read enough closes its end.
+    let _ = child.stdin.take().unwrap().write_all(input);
+    child.wait_with_output().unwrap()
+}
+
+fn refused(arguments: &[&str], input: &[u8]) -> String {
+    let output = run_with_input(arguments, input);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(64), "{message}");
+    assert!(output.stdout.is_empty());
+    message
+}
+
+#[test]
+fn bad_values_are_told_with_the_words_of_the_service() {
+    let body = br#"{"robot": {"wheel_radius_m": 0}, "solver": {"starts": 65}}"#;
+    let message = refused(&["solve", "-"], body);
+    assert!(message.contains("#/robot/wheel_radius_m: `robot.wheel_radius_m` is 0, must be > 0 m"), "{message}");
+    assert!(message.contains("`solver.starts` is 65, must be at most 64"), "{message}");
+}
+
+#[test]
+fn malformed_and_large_bodies_are_refused() {
+    assert!(refused(&["solve", "-"], b"{").contains("malformed_body"));
+    assert!(refused(&["simulate", "-"], b"{}").contains("missing field `torque_schedule`"));
+    assert!(refused(&["solve", "-"], " ".repeat(300_000).as_bytes()).contains("body_too_large"));
+}
+
+#[test]
+fn wrong_usage_is_bad_input_and_help_is_not() {
+    assert!(refused(&["solve", "--no-such-flag"], b"").contains("--no-such-flag"));
+    let help = run_with_input(&["serve", "--help"], b"");
+    assert_eq!(help.status.code(), Some(0));
+    let text = String::from_utf8(help.stdout).unwrap();
+    for word in
+        ["--http", "SLIPDRIVE_HTTP", "--workers", "SLIPDRIVE_WORKERS", "--queue-length", "SLIPDRIVE_QUEUE_LENGTH"]
+    {
+        assert!(text.contains(word), "{word} is missing in: {text}");
+    }
+}
+
+#[test]
+fn solved_torques_simulated_again_end_at_the_goal() {
+    let solved = run_with_input(&["solve", "--json", "-"], b"");
+    assert_eq!(solved.status.code(), Some(0), "{}", String::from_utf8_lossy(&solved.stderr));
+    let answer: Value = serde_json::from_slice(&solved.stdout).unwrap();
+    let body = json!({"torque_schedule": answer["torque_schedule"], "grid": {"steps": 200}}).to_string();
+    let simulated = run_with_input(&["simulate", "-", "--json", "-"], body.as_bytes());
+    let motion: Value = serde_json::from_slice(&simulated.stdout).unwrap();
+    let end = |field: &str| motion["trajectory"][field].as_array().unwrap().last().unwrap().as_f64().unwrap();
+    // The tolerance of the goal, and rounding of interval times count.
+    assert!((end("y_m") - 5.0).abs() < 2e-6 && end("x_m").abs() < 2e-6, "{} {}", end("x_m"), end("y_m"));
+}
+
+#[test]
+fn solve_prints_a_table_and_writes_the_answer_of_the_service() {
+    let path = std::env::temp_dir().join(format!("slipdrive-answer-{}.json", std::process::id()));
+    let output = run_with_input(&["solve", "forward-drive", "--json", path.to_str().unwrap()], b"");
+    let table = String::from_utf8(output.stdout).unwrap();
+    for label in ["status", "final time", "goal error", "replay miss", "contact modes", "stick"] {
+        assert!(table.contains(label), "{label} is missing in:\n{table}");
+    }
+    let answer: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(answer["status"], "converged");
+    let final_time = format!("{:.6} s", answer["final_time_s"].as_f64().unwrap());
+    assert!(table.contains(&final_time), "{final_time} is missing in:\n{table}");
+}
+
+#[test]
+fn plan_does_not_depend_on_the_number_of_threads() {
+    let body = br#"{"maneuver": {"goal": {"x_m": 1, "y_m": 2}}, "grid": {"steps": 60, "control_intervals": 12}}"#;
+    let answer = |threads: &str| {
+        let output = run_with_input(&["solve", "-", "--json", "-", "--threads", threads], body);
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        let answer = String::from_utf8(output.stdout).unwrap();
+        let (head, rest) = answer.split_once("\"solve_time_s\":").unwrap();
+        let (_, tail) = rest.split_once(',').unwrap();
+        format!("{head}{tail}")
+    };
+    let one = answer("1");
+    assert!(one.contains("\"stop_reason\":\"finished\""), "{one}");
+    assert_eq!(one, answer("2"));
+    assert_eq!(one, answer("5"));
+    assert!(refused(&["solve", "-", "--threads", "0"], body).contains("--threads"));
+}
+
+/// Starts a server on a free port; gives its address and the rest of its log.
+fn serve(variable: (&str, &str)) -> (Child, String, BufReader<std::process::ChildStderr>) {
+    let mut child = slipdrive()
+        .args(["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--workers", "1"])
+        .env(variable.0, variable.1)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    while !line.contains("listening") {
+        line.clear();
+        assert!(log.read_line(&mut line).unwrap() > 0, "the server says where it listens");
+    }
+    let (_, rest) = line.split_once("http.address=").unwrap();
+    let address = rest.split_whitespace().next().unwrap().to_owned();
+    if variable.0 == "SLIPDRIVE_QUEUE_LENGTH" {
+        assert!(line.contains(variable.1), "the variable is heard: {line}");
+    }
+    (child, address, log)
+}
+
+#[tokio::test]
+async fn one_port_speaks_both_protocols() {
+    let (mut child, address, _log) = serve(("SLIPDRIVE_ONE_PORT", "true"));
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    assert_eq!(client.get(format!("http://{address}/readyz")).send().await.unwrap().status(), 200);
+    assert_eq!(client.get(format!("http://{address}/nowhere")).send().await.unwrap().status(), 404);
+    let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{address}")).unwrap();
+    let mut health = tonic_health::pb::health_client::HealthClient::new(endpoint.connect().await.unwrap());
+    assert!(health.check(tonic_health::pb::HealthCheckRequest::default()).await.is_ok());
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn public_server_without_keys_does_not_start() {
+    let output = run_with_input(&["serve", "--http", "0.0.0.0:0", "--grpc", "127.0.0.1:0"], b"");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(64), "{message}");
+    assert!(message.contains("SLIPDRIVE_API_KEYS"), "{message}");
+}
+
+#[cfg(unix)]
+#[tokio::test]
+async fn terminate_signal_ends_a_ready_server_with_success() {
+    for signal in ["TERM", "INT"] {
+        let (mut child, address, _log) = serve(("SLIPDRIVE_QUEUE_LENGTH", "7"));
+        let client = reqwest::Client::builder().no_proxy().build().unwrap();
+        let ready = client.get(format!("http://{address}/readyz")).send().await.unwrap();
+        assert_eq!(ready.status(), 200);
+        // The client keeps its idle connection: it must not hold the server.
+        let killed = Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status().unwrap();
+        assert!(killed.success());
+        assert_eq!(child.wait().unwrap().code(), Some(0), "{signal}");
+    }
+}

@@ -1,0 +1,106 @@
+//! Callers leave at random moments in every way there is; workers are free again, and no answer goes astray.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde_json::json;
+use slipdrive::api::grpc::pb;
+use slipdrive::service::domain::{SolveInput, StateComponent, TorqueSchedule};
+use slipdrive::solver::{RunControl, StopReason};
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
+
+use crate::support::{FakeSolver, HANG_BOUND, TestServer, small_solution};
+
+const SEED: u64 = 21;
+/// Far above the time of the whole test: nobody gets an answer by waiting.
+const TIME_LIMIT_S: f64 = 60.0;
+
+fn long_solve() -> pb::SolveRequest {
+    let solver = pb::Solver { time_limit_s: Some(TIME_LIMIT_S), ..pb::Solver::default() };
+    pb::SolveRequest { solver: Some(solver), ..pb::SolveRequest::default() }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn two_hundred_departures_leave_nothing_behind() {
+    let solver = FakeSolver(|_: &SolveInput, control: &RunControl<'_>| {
+        while !control.is_stopped() {
+            std::thread::yield_now();
+        }
+        small_solution(StopReason::Stopped)
+    });
+    let server = Arc::new(TestServer::start(16, Arc::new(solver)).await);
+    let client = server.grpc().await;
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
+    let mut callers = JoinSet::new();
+    for number in 0..200 {
+        let patience = Duration::from_millis(random.random_range(0..300));
+        let (server, mut client) = (Arc::clone(&server), client.clone());
+        callers.spawn(async move {
+            let body = json!({"solver": {"time_limit_s": TIME_LIMIT_S}}).to_string();
+            match number % 4 {
+                // A connection is closed, a call is reset, a stream is dropped, a deadline passes.
+                0 => drop(timeout(patience, server.post("/solve", body)).await),
+                1 => drop(timeout(patience, client.solve(long_solve())).await),
+                2 => {
+                    let request = pb::SolveStreamRequest { solver: long_solve().solver, ..Default::default() };
+                    if let Ok(events) = client.solve_stream(request).await {
+                        sleep(patience).await;
+                        drop(events);
+                    }
+                }
+                _ => {
+                    let mut request = tonic::Request::new(long_solve());
+                    let deadline = format!("{}m", patience.as_millis() + 1);
+                    request.metadata_mut().insert("grpc-timeout", deadline.parse().unwrap());
+                    // A plan or a refusal, but an answer.
+                    drop(timeout(HANG_BOUND, client.solve(request)).await.expect("the deadline is kept"));
+                }
+            }
+        });
+    }
+    while callers.join_next().await.transpose().unwrap().is_some() {}
+    let empty = async {
+        while server.service.jobs_in_flight() > 0 {
+            tokio::task::yield_now().await;
+        }
+    };
+    timeout(HANG_BOUND, empty).await.expect("all places are given back");
+    assert_eq!(server.get("/readyz").await.status, 200);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_thousand_solves_of_sixty_four_callers_reach_their_own_caller() {
+    // The plan names the goal that it was asked for.
+    let solver = FakeSolver(|input: &SolveInput, _: &RunControl<'_>| {
+        let final_time = input.maneuver.goal.value(StateComponent::Y).unwrap();
+        let schedule = TorqueSchedule { final_time, left: vec![0.0], right: vec![0.0] };
+        slipdrive::service::domain::Solution { schedule, ..small_solution(StopReason::Finished) }
+    });
+    let server = Arc::new(TestServer::start(64, Arc::new(solver)).await);
+    let mut callers = JoinSet::new();
+    for caller in 0..64 {
+        let server = Arc::clone(&server);
+        callers.spawn(async move {
+            let mut client = server.grpc().await;
+            for round in 0..16 {
+                let goal = f64::from(caller * 16 + round + 1);
+                let final_time = if (caller + round) % 2 == 0 {
+                    let body = json!({"maneuver": {"goal": {"y_m": goal}}, "view": "plan"}).to_string();
+                    server.post("/solve", body).await.json()["final_time_s"].as_f64().unwrap()
+                } else {
+                    let goal = pb::Goal { y_m: Some(goal), ..pb::Goal::default() };
+                    let maneuver = pb::Maneuver { goal: Some(goal), ..pb::Maneuver::default() };
+                    let request = pb::SolveRequest { maneuver: Some(maneuver), ..pb::SolveRequest::default() };
+                    client.solve(request).await.unwrap().into_inner().solution.unwrap().final_time_s
+                };
+                assert_eq!(final_time, goal, "caller {caller}, round {round}");
+            }
+        });
+    }
+    let all = async { while callers.join_next().await.transpose().unwrap().is_some() {} };
+    timeout(HANG_BOUND, all).await.expect("everyone is answered");
+    assert_eq!(server.service.jobs_in_flight(), 0);
+}

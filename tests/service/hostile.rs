@@ -1,0 +1,298 @@
+//! Callers who mean no good: each is refused or closed, and nobody else notices.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures_util::StreamExt as _;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use slipdrive::api::ApiSettings;
+use slipdrive::api::grpc::pb;
+use slipdrive::api::server::ServerSettings;
+use slipdrive::service::ManeuverSolver;
+use slipdrive::service::domain::{SolveInput, State, Trajectory};
+use slipdrive::solver::{RunControl, StopReason};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+
+use crate::support::http2::{Connection, GOAWAY, HEADERS};
+use crate::support::protobuf::code_of;
+use crate::support::{FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
+
+const SEED: u64 = 11;
+
+/// A server that loses patience soon.
+async fn impatient() -> TestServer {
+    let soon = Duration::from_millis(100);
+    let server = ServerSettings {
+        head_timeout: soon,
+        write_timeout: soon,
+        ping_interval: soon,
+        idle_timeout: soon,
+        ..ServerSettings::default()
+    };
+    TestServer::start_with(4, instant_solver(), ApiSettings::default(), server).await
+}
+
+/// Sends the bytes and waits for the server to close.
+async fn is_closed_after(address: SocketAddr, bytes: &[u8]) -> Vec<u8> {
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    stream.write_all(bytes).await.unwrap();
+    let mut answer = Vec::new();
+    // A reset closes as well.
+    let _ = timeout(HANG_BOUND, stream.read_to_end(&mut answer)).await.expect("the server closes the connection");
+    answer
+}
+
+#[tokio::test]
+async fn silent_and_half_spoken_connections_are_closed() {
+    let server = impatient().await;
+    let half_spoken: [&[u8]; 5] = [
+        b"",
+        b"P",
+        b"PRI * HTTP/2.0\r\n\r\nSM",
+        b"POST /solve HTTP/1.1\r\nhost: h\r\ncontent-ty",
+        b"GET /livez HTTP/1.1\r\n",
+    ];
+    for bytes in half_spoken {
+        for address in [server.address, server.grpc_address] {
+            let answer = is_closed_after(address, bytes).await;
+            assert!(answer.len() < 1000, "{}", String::from_utf8_lossy(&answer));
+        }
+    }
+    assert_eq!(server.get("/livez").await.status, 200);
+}
+
+#[tokio::test]
+async fn idle_connections_are_closed() {
+    let server = impatient().await;
+    let answer = is_closed_after(server.address, b"GET /livez HTTP/1.1\r\nhost: h\r\n\r\n").await;
+    assert!(answer.starts_with(b"HTTP/1.1 200"), "{}", String::from_utf8_lossy(&answer));
+    // The preface and empty settings, then nothing: pings stay unanswered.
+    let preface = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\x00\x00\x00\x04\x00\x00\x00\x00\x00";
+    is_closed_after(server.grpc_address, preface).await;
+}
+
+#[tokio::test]
+async fn caller_who_does_not_read_is_dropped() {
+    let solver = FakeSolver(|_: &SolveInput, _: &RunControl<'_>| {
+        let state = vec![State::default(); 200_000];
+        let trajectory = Trajectory { time: vec![0.1; state.len()], state, ..Trajectory::default() };
+        slipdrive::service::domain::Solution { trajectory, ..small_solution(StopReason::Finished) }
+    });
+    let settings = ServerSettings { write_timeout: Duration::from_millis(100), ..ServerSettings::default() };
+    let server = TestServer::start_with(4, Arc::new(solver), ApiSettings::default(), settings).await;
+    let mut stream = TcpStream::connect(server.address).await.unwrap();
+    let request = "POST /solve HTTP/1.1\r\nhost: h\r\ncontent-type: application/json\r\ncontent-length: 2\r\n\r\n{}";
+    // More answers than the buffers of both sides hold.
+    stream.write_all(request.repeat(10).as_bytes()).await.unwrap();
+    let closed = async {
+        // Writing fails once the server has gone; what it sent is never read.
+        while stream.write_all(b"POST").await.is_ok() {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    timeout(HANG_BOUND, closed).await.expect("the server gives up");
+    assert_eq!(server.get("/livez").await.status, 200);
+}
+
+const SOLVE: [&str; 2] = ["/solve", "/slipdrive.v1.ManeuverService/Solve"];
+
+/// A server with these settings, and its two doors with the path of a solve.
+async fn with_patience(
+    solver: Arc<dyn ManeuverSolver>,
+    settings: ServerSettings,
+) -> (TestServer, [(SocketAddr, &'static str); 2]) {
+    let server = TestServer::start_with(4, solver, ApiSettings::default(), settings).await;
+    let doors = [(server.address, SOLVE[0]), (server.grpc_address, SOLVE[1])];
+    (server, doors)
+}
+
+#[tokio::test]
+async fn answer_that_waits_for_a_window_is_dropped_with_its_connection() {
+    let settings = ServerSettings { write_timeout: Duration::from_millis(100), ..ServerSettings::default() };
+    let (server, doors) = with_patience(instant_solver(), settings).await;
+    for (address, path) in doors {
+        // Room for nothing, and room for the beginning.
+        for window_bytes in [0, 10] {
+            let begin = std::time::Instant::now();
+            let mut connection = Connection::open(address, window_bytes).await;
+            connection.whole_request(1, path).await;
+            assert!(connection.reads_up_to(GOAWAY).await, "callers are told to go elsewhere first");
+            connection.reads_to_the_end().await;
+            // Unanswered pings would end it later.
+            assert!(begin.elapsed() < ServerSettings::default().ping_interval, "{path}, room for {window_bytes} bytes");
+        }
+    }
+    assert_eq!(server.get("/livez").await.status, 200);
+}
+
+#[tokio::test]
+async fn stream_that_never_sends_its_body_is_answered_with_a_refusal() {
+    let api = ApiSettings { body_timeout: Duration::from_millis(50), ..ApiSettings::default() };
+    let server = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
+    for (address, path) in [(server.address, SOLVE[0]), (server.grpc_address, SOLVE[1])] {
+        let mut connection = Connection::open(address, 65_535).await;
+        for stream in [1, 3, 5] {
+            connection.request(stream, path, 0).await;
+        }
+        for _ in 0..3 {
+            assert!(connection.reads_up_to(HEADERS).await);
+        }
+    }
+    assert_eq!(server.service.jobs_in_flight(), 0, "none of them holds a place");
+}
+
+#[tokio::test]
+async fn aged_connection_says_so_and_finishes_what_it_has() {
+    let settings = ServerSettings { max_age: Duration::from_millis(100), ..ServerSettings::default() };
+    let gate = Arc::new(Gate::default());
+    let held = Arc::clone(&gate);
+    let solver = FakeSolver(move |_: &SolveInput, _: &RunControl<'_>| {
+        held.wait();
+        small_solution(StopReason::Finished)
+    });
+    let (_server, doors) = with_patience(Arc::new(solver), settings).await;
+    let mut connections = Vec::new();
+    for (address, path) in doors {
+        let mut connection = Connection::open(address, 65_535).await;
+        connection.whole_request(1, path).await;
+        assert!(connection.reads_up_to(GOAWAY).await);
+        connections.push(connection);
+    }
+    gate.open();
+    for mut connection in connections {
+        assert!(connection.reads_up_to(HEADERS).await, "its grace has not passed");
+    }
+}
+
+#[tokio::test]
+async fn aged_connection_is_cut_when_its_grace_has_passed() {
+    let soon = Duration::from_millis(100);
+    let settings = ServerSettings { max_age: soon, age_grace: soon, ..ServerSettings::default() };
+    let solver = FakeSolver(|_: &SolveInput, control: &RunControl<'_>| {
+        while !control.is_stopped() {
+            std::thread::yield_now();
+        }
+        small_solution(StopReason::Stopped)
+    });
+    let (server, doors) = with_patience(Arc::new(solver), settings).await;
+    for (address, path) in doors {
+        let mut connection = Connection::open(address, 65_535).await;
+        connection.whole_request(1, path).await;
+        connection.reads_to_the_end().await;
+    }
+    let empty = async {
+        while server.service.jobs_in_flight() > 0 {
+            tokio::task::yield_now().await;
+        }
+    };
+    timeout(HANG_BOUND, empty).await.expect("their solves are stopped");
+}
+
+#[tokio::test]
+async fn endless_chunks_are_refused_at_the_limit() {
+    let server = TestServer::start(4, instant_solver()).await;
+    let mut stream = TcpStream::connect(server.address).await.unwrap();
+    let head =
+        "POST /solve HTTP/1.1\r\nhost: h\r\ncontent-type: application/json\r\ntransfer-encoding: chunked\r\n\r\n";
+    stream.write_all(head.as_bytes()).await.unwrap();
+    let (mut reader, mut writer) = stream.into_split();
+    let sender = tokio::spawn(async move {
+        let chunk = format!("{:x}\r\n{}\r\n", 65_536, " ".repeat(65_536));
+        while writer.write_all(chunk.as_bytes()).await.is_ok() {}
+    });
+    let mut answer = [0; 12];
+    timeout(HANG_BOUND, reader.read_exact(&mut answer)).await.unwrap().unwrap();
+    assert_eq!(&answer, b"HTTP/1.1 413");
+    drop(reader);
+    timeout(HANG_BOUND, sender).await.expect("the server stops reading").unwrap();
+}
+
+#[tokio::test]
+async fn batch_whose_caller_does_not_read_is_not_read_either() {
+    let server = TestServer::start(4, instant_solver()).await;
+    let sent = Arc::new(std::sync::atomic::AtomicUsize::new(0));
+    let count = Arc::clone(&sent);
+    let torques = vec![0.5; 1000];
+    let items = futures_util::stream::iter(0..20_000).map(move |index| {
+        count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let guess = pb::InitialGuess {
+            final_time_s: Some(1.0),
+            torque_left_n_m: torques.clone(),
+            torque_right_n_m: torques.clone(),
+        };
+        pb::SolveBatchRequest {
+            request_id: format!("item-{index}"),
+            initial_guess: Some(guess),
+            ..pb::SolveBatchRequest::default()
+        }
+    });
+    let mut client = server.grpc().await;
+    let answers = client.solve_batch(items).await.unwrap();
+    // Others are served meanwhile, many times over.
+    let mut other = server.grpc().await;
+    for _ in 0..200 {
+        other.get_limits(pb::GetLimitsRequest {}).await.unwrap();
+    }
+    let sent = sent.load(std::sync::atomic::Ordering::Relaxed);
+    assert!(sent < 20_000, "the server stopped reading: {sent} items were sent");
+    drop(answers);
+}
+
+#[tokio::test]
+async fn mutated_bodies_are_answered_and_never_a_fault_of_the_server() {
+    let server = TestServer::start(4, instant_solver()).await;
+    let original = server.get("/examples/forward-drive").await.bytes;
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
+    for round in 0..1000 {
+        let mut body = original.clone();
+        for _ in 0..random.random_range(1..4) {
+            let position = random.random_range(0..body.len());
+            match random.random_range(0..4) {
+                0 => body[position] = random.random(),
+                1 => drop(body.remove(position)),
+                2 => body.insert(position, b"0123456789-+.eE{}[]\",:"[random.random_range(0..22)]),
+                _ => body.truncate(position.max(1)),
+            }
+        }
+        for path in ["/validate", "/solve"] {
+            let answer = server.post(path, body.clone()).await;
+            let text = String::from_utf8_lossy(&body);
+            assert!(matches!(answer.status, 200 | 400 | 422), "seed {SEED}, round {round}: {text}: {}", answer.text());
+        }
+    }
+}
+
+#[tokio::test]
+async fn mutated_messages_are_answered_and_never_a_fault_of_the_server() {
+    use prost::Message as _;
+
+    let server = TestServer::start(4, instant_solver()).await;
+    let robot = pb::Robot { wheel_radius_m: Some(0.06), gravity_m_s2: Some(9.81), ..pb::Robot::default() };
+    let guess =
+        pb::InitialGuess { final_time_s: Some(1.0), torque_left_n_m: vec![0.5; 5], torque_right_n_m: vec![0.5; 5] };
+    let original = pb::SolveRequest { robot: Some(robot), initial_guess: Some(guess), ..pb::SolveRequest::default() }
+        .encode_to_vec();
+    let client = reqwest::Client::builder().http2_prior_knowledge().no_proxy().timeout(HANG_BOUND).build().unwrap();
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
+    for round in 0..1000 {
+        let mut message = original.clone();
+        for _ in 0..random.random_range(1..4) {
+            let position = random.random_range(0..message.len());
+            message[position] = random.random();
+        }
+        let mut frame = vec![0];
+        frame.extend(u32::try_from(message.len()).unwrap().to_be_bytes());
+        frame.extend(&message);
+        let url = format!("http://{}/slipdrive.v1.ManeuverService/Validate", server.grpc_address);
+        let request = client.post(url).header("content-type", "application/grpc").header("te", "trailers").body(frame);
+        let response = request.send().await.unwrap();
+        if let Some(status) = tonic::Status::from_header_map(response.headers()) {
+            assert_eq!(status.code(), tonic::Code::InvalidArgument, "seed {SEED}, round {round}: {status:?}");
+            code_of(&status);
+        }
+    }
+}

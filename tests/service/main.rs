@@ -1,0 +1,35 @@
+//! The service as its callers and operators meet it: both transports, the command line, the process and what is deployed.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod architecture;
+mod command_line;
+#[cfg(unix)]
+mod container;
+mod departures;
+mod deployment;
+mod error_table;
+mod grpc_contract;
+mod helped_service;
+mod hostile;
+mod http_contract;
+mod http_deadlines;
+mod http_events;
+mod http_forward_drive;
+mod http_refusals;
+#[cfg(unix)]
+mod life_cycle;
+mod metrics;
+mod mutations;
+mod openapi;
+#[cfg(feature = "otel")]
+mod otel_export;
+mod overload;
+#[cfg(unix)]
+mod replicas;
+mod request_log;
+mod support;
+mod time_limits;
+#[cfg(feature = "tls")]
+mod tls;
+mod transport_parity;

@@ -1,0 +1,66 @@
+//! The OpenAPI document is what was agreed on: a change must be meant.
+//!
+//! After a change that is meant: `SLIPDRIVE_UPDATE_SNAPSHOTS=1 cargo test --test service openapi`.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::support::{TestServer, instant_solver};
+
+#[tokio::test]
+async fn document_is_the_committed_one() {
+    let answer = TestServer::start(4, instant_solver()).await.get("/openapi.json").await;
+    assert_eq!((answer.status, answer.header("content-type")), (200, "application/json"));
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/openapi.json");
+    let served = answer.text() + "\n";
+    if std::env::var_os("SLIPDRIVE_UPDATE_SNAPSHOTS").is_some() {
+        std::fs::write(&path, &served).unwrap();
+    }
+    let committed = std::fs::read_to_string(&path).unwrap();
+    let difference = served.lines().zip(committed.lines()).position(|(served, committed)| served != committed);
+    assert!(served == committed, "the document differs from {} at line {difference:?}", path.display());
+}
+
+#[tokio::test]
+async fn every_reference_leads_to_a_schema() {
+    let document = TestServer::start(4, instant_solver()).await.get("/openapi.json").await.json();
+    assert_eq!(document["openapi"], "3.1.0");
+    let mut references = Vec::new();
+    collect(&document, &mut references);
+    assert!(references.len() > 20, "{references:?}");
+    for reference in references {
+        let pointer = reference.strip_prefix('#').unwrap();
+        assert!(document.pointer(pointer).is_some(), "{reference} leads nowhere");
+    }
+}
+
+fn collect(value: &Value, references: &mut Vec<String>) {
+    if let Some(reference) = value["$ref"].as_str() {
+        references.push(reference.to_owned());
+    }
+    let children = value.as_object().into_iter().flat_map(|object| object.values());
+    for child in children.chain(value.as_array().into_iter().flatten()) {
+        collect(child, references);
+    }
+}
+
+#[tokio::test]
+async fn requests_have_rules_defaults_and_no_further_fields() {
+    let document = TestServer::start(4, instant_solver()).await.get("/openapi.json").await.json();
+    let robot = &document["components"]["schemas"]["Robot"];
+    assert_eq!(robot["additionalProperties"], false);
+    assert_eq!(robot["properties"]["wheel_radius_m"]["default"], 0.06);
+    assert_eq!(robot["properties"]["wheel_radius_m"]["exclusiveMinimum"], 0.0);
+    assert!(robot["required"].as_array().is_none_or(Vec::is_empty), "all fields have defaults");
+    let grid = &document["components"]["schemas"]["SolveGrid"]["properties"]["steps"];
+    assert_eq!((&grid["minimum"], &grid["maximum"]), (&1.0.into(), &10_000.into()));
+}
+
+#[tokio::test]
+async fn page_of_the_documentation_loads_nothing_from_elsewhere() {
+    let page = TestServer::start(4, instant_solver()).await.get("/docs").await;
+    assert_eq!((page.status, page.header("content-type")), (200, "text/html; charset=utf-8"));
+    assert!(!page.text().contains("http://") && !page.text().contains("https://"));
+    assert!(page.header("content-security-policy").starts_with("default-src 'none'"));
+}

@@ -1,0 +1,87 @@
+//! HTTP/2 frame by frame, as no sane client speaks it.
+
+use std::net::SocketAddr;
+
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+
+use super::HANG_BOUND;
+
+const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
+pub(crate) const DATA: u8 = 0x0;
+pub(crate) const HEADERS: u8 = 0x1;
+pub(crate) const GOAWAY: u8 = 0x7;
+const SETTINGS: u8 = 0x4;
+const INITIAL_WINDOW_SIZE: u8 = 0x4;
+const END_HEADERS: u8 = 0x4;
+pub(crate) const END_STREAM: u8 = 0x1;
+
+/// A connection that says only what it is told to say, and answers nothing by itself.
+pub(crate) struct Connection(TcpStream);
+
+impl Connection {
+    /// Opens a connection whose streams may send so many bytes before they are read on.
+    pub(crate) async fn open(address: SocketAddr, window_bytes: u32) -> Self {
+        let mut connection = Self(TcpStream::connect(address).await.unwrap());
+        connection.0.write_all(PREFACE).await.unwrap();
+        let mut window = vec![0, INITIAL_WINDOW_SIZE];
+        window.extend(window_bytes.to_be_bytes());
+        connection.send(SETTINGS, 0, 0, &window).await;
+        connection
+    }
+
+    /// Begins a request of JSON, or of protobuf where the path is that of a call.
+    pub(crate) async fn request(&mut self, stream: u32, path: &str, flags: u8) {
+        let content_type = if path.starts_with("/slipdrive") { "application/grpc" } else { "application/json" };
+        // POST and http from the static table, then literals with names from there: :path, :authority, content-type.
+        let mut block = vec![0x83, 0x86];
+        for (name, value) in [(vec![0x04], path), (vec![0x01], "h"), (vec![0x0f, 0x10], content_type)] {
+            block.extend(name);
+            block.push(u8::try_from(value.len()).unwrap());
+            block.extend(value.as_bytes());
+        }
+        self.send(HEADERS, END_HEADERS | flags, stream, &block).await;
+    }
+
+    /// A whole request with the smallest body that its door understands.
+    pub(crate) async fn whole_request(&mut self, stream: u32, path: &str) {
+        self.request(stream, path, 0).await;
+        let body: &[u8] = if path.starts_with("/slipdrive") { &[0; 5] } else { b"{}" };
+        self.send(DATA, END_STREAM, stream, body).await;
+    }
+
+    pub(crate) async fn send(&mut self, kind: u8, flags: u8, stream: u32, payload: &[u8]) {
+        let length = u32::try_from(payload.len()).unwrap().to_be_bytes();
+        let mut frame = length[1..].to_vec();
+        frame.extend([kind, flags]);
+        frame.extend(stream.to_be_bytes());
+        frame.extend(payload);
+        // A server that has closed takes nothing; what follows shows it.
+        let _ = self.0.write_all(&frame).await;
+    }
+
+    /// The kind of the next frame; none once the server has closed.
+    async fn next_kind(&mut self) -> Option<u8> {
+        let mut head = [0; 9];
+        timeout(HANG_BOUND, self.0.read_exact(&mut head)).await.expect("the server speaks or closes").ok()?;
+        let length = usize::from(head[0]) << 16 | usize::from(head[1]) << 8 | usize::from(head[2]);
+        self.0.read_exact(&mut vec![0; length]).await.ok()?;
+        Some(head[3])
+    }
+
+    /// Reads until a frame of this kind comes; whether one came before the server closed.
+    pub(crate) async fn reads_up_to(&mut self, kind: u8) -> bool {
+        while let Some(next) = self.next_kind().await {
+            if next == kind {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Reads until the server closes.
+    pub(crate) async fn reads_to_the_end(&mut self) {
+        while self.next_kind().await.is_some() {}
+    }
+}

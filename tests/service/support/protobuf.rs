@@ -1,0 +1,152 @@
+//! gRPC requests made from the JSON that REST takes, and what errors tell.
+
+use serde_json::Value;
+use slipdrive::api::grpc::pb;
+use tonic::{Code, Status};
+use tonic_types::StatusExt as _;
+
+/// The protobuf form of a JSON body of `/solve`; panics where protobuf cannot say the same.
+pub(crate) fn solve_request(body: &Value) -> pb::SolveRequest {
+    pb::SolveRequest {
+        robot: present(&body["robot"]).map(robot),
+        maneuver: present(&body["maneuver"]).map(maneuver),
+        grid: present(&body["grid"]).map(|grid| pb::SolveGrid {
+            steps: count(&grid["steps"]),
+            control_intervals: count(&grid["control_intervals"]),
+        }),
+        solver: present(&body["solver"]).map(solver),
+        initial_guess: present(&body["initial_guess"]).map(|guess| pb::InitialGuess {
+            final_time_s: guess["final_time_s"].as_f64(),
+            torque_left_n_m: numbers(&guess["torque_left_n_m"]),
+            torque_right_n_m: numbers(&guess["torque_right_n_m"]),
+        }),
+        view: named(&body["view"], "VIEW", pb::View::from_str_name).map_or(0, i32::from),
+    }
+}
+
+fn present(value: &Value) -> Option<&Value> {
+    (!value.is_null()).then_some(value)
+}
+
+fn count(value: &Value) -> Option<u32> {
+    value.as_u64().map(|count| u32::try_from(count).unwrap())
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().into_iter().flatten().map(|number| number.as_f64().unwrap()).collect()
+}
+
+fn named<T>(value: &Value, prefix: &str, from_name: impl Fn(&str) -> Option<T>) -> Option<T> {
+    let name = value.as_str()?;
+    Some(from_name(&format!("{prefix}_{}", name.to_uppercase())).unwrap())
+}
+
+fn robot(robot: &Value) -> pb::Robot {
+    let number = |field: &str| robot[field].as_f64();
+    pb::Robot {
+        chassis_mass_kg: number("chassis_mass_kg"),
+        wheel_mass_kg: number("wheel_mass_kg"),
+        chassis_yaw_inertia_kg_m2: number("chassis_yaw_inertia_kg_m2"),
+        wheel_diametral_inertia_kg_m2: number("wheel_diametral_inertia_kg_m2"),
+        wheel_spin_inertia_kg_m2: number("wheel_spin_inertia_kg_m2"),
+        wheel_radius_m: number("wheel_radius_m"),
+        track_width_m: number("track_width_m"),
+        axle_to_front_support_m: number("axle_to_front_support_m"),
+        front_support_right_m: number("front_support_right_m"),
+        center_of_mass_right_m: number("center_of_mass_right_m"),
+        center_of_mass_forward_m: number("center_of_mass_forward_m"),
+        center_of_mass_height_m: number("center_of_mass_height_m"),
+        wheel_friction_coefficient: number("wheel_friction_coefficient"),
+        front_friction_coefficient: number("front_friction_coefficient"),
+        tangential_restitution: number("tangential_restitution"),
+        gravity_m_s2: number("gravity_m_s2"),
+    }
+}
+
+fn maneuver(maneuver: &Value) -> pb::Maneuver {
+    let point = named(&maneuver["reference_point"], "REFERENCE_POINT", pb::ReferencePoint::from_str_name);
+    pb::Maneuver {
+        reference_point: point.map_or(0, i32::from),
+        start: present(&maneuver["start"]).map(state),
+        goal: present(&maneuver["goal"]).map(goal),
+        torque_limit_left_n_m: maneuver["torque_limit_left_n_m"].as_f64(),
+        torque_limit_right_n_m: maneuver["torque_limit_right_n_m"].as_f64(),
+    }
+}
+
+fn state(state: &Value) -> pb::State {
+    let number = |field: &str| state[field].as_f64().unwrap_or_default();
+    pb::State {
+        x_m: number("x_m"),
+        y_m: number("y_m"),
+        heading_rad: number("heading_rad"),
+        wheel_angle_left_rad: number("wheel_angle_left_rad"),
+        wheel_angle_right_rad: number("wheel_angle_right_rad"),
+        velocity_x_m_s: number("velocity_x_m_s"),
+        velocity_y_m_s: number("velocity_y_m_s"),
+        yaw_rate_rad_s: number("yaw_rate_rad_s"),
+        wheel_rate_left_rad_s: number("wheel_rate_left_rad_s"),
+        wheel_rate_right_rad_s: number("wheel_rate_right_rad_s"),
+    }
+}
+
+fn goal(goal: &Value) -> pb::Goal {
+    let number = |field: &str| goal[field].as_f64();
+    let names = goal["free"].as_array().into_iter().flatten();
+    pb::Goal {
+        x_m: number("x_m"),
+        y_m: number("y_m"),
+        heading_rad: number("heading_rad"),
+        wheel_angle_left_rad: number("wheel_angle_left_rad"),
+        wheel_angle_right_rad: number("wheel_angle_right_rad"),
+        velocity_x_m_s: number("velocity_x_m_s"),
+        velocity_y_m_s: number("velocity_y_m_s"),
+        yaw_rate_rad_s: number("yaw_rate_rad_s"),
+        wheel_rate_left_rad_s: number("wheel_rate_left_rad_s"),
+        wheel_rate_right_rad_s: number("wheel_rate_right_rad_s"),
+        free: names.map(|name| name.as_str().unwrap().to_owned()).collect(),
+    }
+}
+
+fn solver(solver: &Value) -> pb::Solver {
+    pb::Solver {
+        method: named(&solver["method"], "METHOD", pb::Method::from_str_name).map_or(0, i32::from),
+        starts: count(&solver["starts"]),
+        seed: solver["seed"].as_u64().unwrap_or_default(),
+        time_limit_s: solver["time_limit_s"].as_f64(),
+        rollout_limit: solver["rollout_limit"].as_u64(),
+        goal_tolerance: solver["goal_tolerance"].as_f64(),
+        replay_tolerance_m: solver["replay_tolerance_m"].as_f64(),
+        replay_tolerance_rad: solver["replay_tolerance_rad"].as_f64(),
+    }
+}
+
+/// The code of an error as REST writes it, after checking that all details are there.
+pub(crate) fn code_of(status: &Status) -> String {
+    let details = status.get_error_details();
+    let info = details.error_info().unwrap_or_else(|| panic!("no error info in {status:?}"));
+    assert_eq!(info.domain, "slipdrive");
+    assert!(!details.request_info().unwrap().request_id.is_empty());
+    let is_retryable = info.metadata["retryable"] == "true";
+    let pushback = status.metadata().get("grpc-retry-pushback-ms").map(|value| value.to_str().unwrap());
+    let delay = details.retry_info().map(|info| info.retry_delay.unwrap().as_millis().to_string());
+    match pushback {
+        Some("-1") => assert!(!is_retryable && delay.is_none(), "{status:?}"),
+        Some(pushback) => assert_eq!((is_retryable, Some(pushback)), (true, delay.as_deref())),
+        None => assert!(is_retryable && delay.is_none(), "{status:?}"),
+    }
+    info.reason.to_lowercase()
+}
+
+/// The dotted paths of the fields that an error speaks of.
+pub(crate) fn fields_of(status: &Status) -> Vec<String> {
+    let details = status.get_error_details();
+    let violations = details.bad_request().map(|request| request.field_violations.clone()).unwrap_or_default();
+    violations.into_iter().map(|violation| violation.field).collect()
+}
+
+/// Code and details of an error.
+pub(crate) fn refusal<T: std::fmt::Debug>(result: Result<T, Status>) -> (Code, String) {
+    let status = result.unwrap_err();
+    (status.code(), code_of(&status))
+}

@@ -1,0 +1,46 @@
+//! Time limits of solves that alone take longer: the answer comes in time and is the best iterate.
+
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::support::{TestServer, real_solver};
+
+/// Far more than the certificate of the finest grid takes on a busy machine, far less than the solves alone.
+const SLACK: Duration = Duration::from_secs(3);
+
+fn long_solve(grid: &Value, method: &str, time_limit_s: f64) -> String {
+    json!({
+        "maneuver": {"goal": {"x_m": 2, "y_m": 5}},
+        "grid": grid,
+        "solver": {"method": method, "starts": 64, "time_limit_s": time_limit_s},
+        "view": "plan",
+    })
+    .to_string()
+}
+
+#[tokio::test]
+async fn best_iterate_comes_in_time() {
+    let server = TestServer::start(4, real_solver()).await;
+    let grids = [
+        json!({}),
+        json!({"control_intervals": 1000}),
+        json!({"steps": 200}),
+        json!({"steps": 10_000}),
+        json!({"steps": 10_000, "control_intervals": 1000}),
+    ];
+    for (index, grid) in grids.iter().enumerate() {
+        for (method, time_limit_s) in [("nelder_mead", 0.001), ("sequential_linear", 0.02 * (index + 1) as f64)] {
+            let start = Instant::now();
+            let answer = server.post("/solve", long_solve(grid, method, time_limit_s)).await;
+            assert!(start.elapsed() < Duration::from_secs_f64(time_limit_s) + SLACK, "{grid}, {method}");
+            let answer = answer.json();
+            assert_eq!(answer["stop_reason"], "time_limit", "{grid}, {method}");
+            assert!(answer["final_time_s"].as_f64().unwrap() > 0.0);
+            let intervals = grid["control_intervals"].as_u64().unwrap_or(40);
+            let torques = answer["torque_schedule"]["left_n_m"].as_array().unwrap();
+            assert_eq!(torques.len() as u64, intervals);
+            assert!(answer["report"]["replay"]["miss_m"].is_number());
+        }
+    }
+}
