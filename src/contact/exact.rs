@@ -6,8 +6,8 @@
 
 use nalgebra::SVector;
 
+use super::delassus::{DelassusOperator, OneStepProblem};
 use super::fixed_point::{FixedPointSettings, FixedPointSolver};
-use super::friction_system::{FrictionProblem, FrictionSystem};
 use super::mode_equations::ModeEquations;
 use super::natural_map::{contact_impulses, residual, split};
 use super::newton::{NEWTON_LIMIT, Newton};
@@ -83,11 +83,11 @@ impl ExactSolver {
     #[inline]
     pub fn solve<const N: usize>(
         self,
-        system: &FrictionSystem<N>,
-        problem: &FrictionProblem<N>,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
         guess: &Guess<N>,
     ) -> (ContactSolution<N>, SolvePath) {
-        let search = Search::new(system, problem);
+        let search = Search::new(operator, problem);
         if let Some(solution) = search.in_pattern(guess.pattern, &guess.impulse) {
             return (solution, SolvePath::GuessedPattern);
         }
@@ -99,29 +99,29 @@ impl ExactSolver {
 
     /// Whether another pattern also solves the step, with a different motion than `solution`.
     ///
-    /// Never so in a system of which it is proved ([`FrictionSystem::has_unique_solutions`]), which is cheaper to ask.
+    /// Always false where uniqueness is proved ([`DelassusOperator::has_unique_solutions`]), which is cheaper to ask.
     pub fn is_indeterminate<const N: usize>(
         self,
-        system: &FrictionSystem<N>,
-        problem: &FrictionProblem<N>,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
         solution: &ContactSolution<N>,
     ) -> bool {
-        let search = Search { iteration_limit: CHECK_LIMIT, ..Search::new(system, problem) };
+        let search = Search { iteration_limit: CHECK_LIMIT, ..Search::new(operator, problem) };
         let differs = |other: &ContactSolution<N>| {
             (other.impulse - solution.impulse).amax() > DISTINCT_IMPULSE * problem.weight_impulse()
         };
         let starts = [solution.impulse, -solution.impulse, search.impulse_against_free_slip()];
         all_patterns::<N>().any(|pattern| {
             // A linear pattern has one solution wherever the search for it starts.
-            let count = if FrictionSystem::<N>::linear_index(pattern).is_some() { 1 } else { starts.len() };
+            let count = if DelassusOperator::<N>::linear_index(pattern).is_some() { 1 } else { starts.len() };
             starts[..count].iter().filter_map(|start| search.in_pattern(pattern, start)).any(|other| differs(&other))
         })
     }
 }
 
 struct Search<'a, const N: usize> {
-    system: &'a FrictionSystem<N>,
-    problem: &'a FrictionProblem<N>,
+    operator: &'a DelassusOperator<N>,
+    problem: &'a OneStepProblem<N>,
     tolerance: f64,
     /// Newton steps per pattern and start.
     iteration_limit: usize,
@@ -129,16 +129,16 @@ struct Search<'a, const N: usize> {
 
 impl<'a, const N: usize> Search<'a, N> {
     #[inline]
-    fn new(system: &'a FrictionSystem<N>, problem: &'a FrictionProblem<N>) -> Self {
-        let [left, right, _] = system.prox_step();
+    fn new(operator: &'a DelassusOperator<N>, problem: &'a OneStepProblem<N>) -> Self {
+        let [left, right, _] = operator.prox_step();
         let rounding = SLIP_ROUNDING * problem.free_slip.amax() * left.max(right);
         let tolerance = ACCEPTED_RESIDUAL + rounding / problem.weight_impulse();
-        Self { system, problem, tolerance, iteration_limit: NEWTON_LIMIT }
+        Self { operator, problem, tolerance, iteration_limit: NEWTON_LIMIT }
     }
 
     #[inline]
     fn in_pattern(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
-        match FrictionSystem::<N>::linear_index(pattern) {
+        match DelassusOperator::<N>::linear_index(pattern) {
             Some(index) => self.in_linear_pattern(pattern, index),
             None => self.by_newton(pattern, start),
         }
@@ -146,14 +146,14 @@ impl<'a, const N: usize> Search<'a, N> {
 
     #[inline]
     fn in_linear_pattern(&self, pattern: ContactPattern, index: usize) -> Option<ContactSolution<N>> {
-        let map = self.system.linear_mode(index)?;
+        let map = self.operator.linear_mode(index)?;
         let impulse = map.by_free_slip * self.problem.free_slip + map.by_free_normal * self.problem.free_normal;
         self.accepted(self.candidate(pattern, impulse))
     }
 
     fn by_newton(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
-        let (system, problem, iteration_limit) = (self.system, self.problem, self.iteration_limit);
-        let newton = Newton { system, problem, pattern, slip_smoothing: 0.0, iteration_limit };
+        let (operator, problem, iteration_limit) = (self.operator, self.problem, self.iteration_limit);
+        let newton = Newton { operator, problem, pattern, slip_smoothing: 0.0, iteration_limit };
         newton.solve(start, self.small_update(), |impulse| self.accepted(self.candidate(pattern, impulse)))
     }
 
@@ -180,9 +180,9 @@ impl<'a, const N: usize> Search<'a, N> {
         let is_finite = self.problem.free_slip.sum().is_finite() && self.problem.weight_impulse().is_finite();
         while is_finite && sweeps <= MOST_SWEEPS {
             for _ in 0..sweeps {
-                fixed_point.sweep(self.system, self.problem);
+                fixed_point.sweep(self.operator, self.problem);
             }
-            let seen = fixed_point.solution(self.system, self.problem);
+            let seen = fixed_point.solution(self.operator, self.problem);
             if let Some(solution) = self.in_pattern(seen.pattern, &seen.impulse) {
                 return solution;
             }
@@ -191,7 +191,7 @@ impl<'a, const N: usize> Search<'a, N> {
             }
             sweeps *= 2;
         }
-        let swept = fixed_point.solution(self.system, self.problem);
+        let swept = fixed_point.solution(self.operator, self.problem);
         let followed = if is_finite { self.by_vanishing_smoothing() } else { None };
         followed.filter(|followed| followed.residual < swept.residual).unwrap_or(swept)
     }
@@ -201,13 +201,13 @@ impl<'a, const N: usize> Search<'a, N> {
     /// millions, and there is nothing that Newton could tell them apart by.
     #[cold]
     fn by_vanishing_smoothing(&self) -> Option<ContactSolution<N>> {
-        let (system, problem, iteration_limit) = (self.system, self.problem, self.iteration_limit);
+        let (operator, problem, iteration_limit) = (self.operator, self.problem, self.iteration_limit);
         let pattern = ContactPattern::ALL_SLIP;
         let mut best: Option<ContactSolution<N>> = None;
         let mut impulse = self.impulse_against_free_slip();
         for slip_smoothing in falling_smoothings(SMOOTHING_FACTOR, FINE_SMOOTHING) {
-            let newton = Newton { system, problem, pattern, slip_smoothing, iteration_limit };
-            let small_update = SMOOTHED_UPDATE * slip_smoothing * system.prox_step()[0];
+            let newton = Newton { operator, problem, pattern, slip_smoothing, iteration_limit };
+            let small_update = SMOOTHED_UPDATE * slip_smoothing * operator.prox_step()[0];
             let Some(followed) = newton.solve(&impulse, small_update.min(self.small_update()), Some) else { break };
             impulse = followed;
             let solution = self.with_vague_slips(self.candidate(pattern, impulse));
@@ -225,11 +225,11 @@ impl<'a, const N: usize> Search<'a, N> {
     /// sticking.
     #[cold]
     fn by_slip_ratios(&self, seen: &ContactSolution<N>) -> Option<ContactSolution<N>> {
-        let start = contact_impulses(self.system, seen);
+        let start = contact_impulses(self.operator, seen);
         let small_update = self.small_update();
-        all_patterns::<N>().filter(|pattern| FrictionSystem::<N>::linear_index(*pattern).is_none()).find_map(
+        all_patterns::<N>().filter(|pattern| DelassusOperator::<N>::linear_index(*pattern).is_none()).find_map(
             |pattern| {
-                let newton = RatioNewton { system: self.system, problem: self.problem, pattern };
+                let newton = RatioNewton { operator: self.operator, problem: self.problem, pattern };
                 newton.solve(&start, small_update, |impulse| self.accepted(self.candidate(pattern, impulse)))
             },
         )
@@ -239,7 +239,7 @@ impl<'a, const N: usize> Search<'a, N> {
     fn impulse_against_free_slip(&self) -> SVector<f64, N> {
         let zero = SVector::zeros();
         ModeEquations::at(
-            self.system,
+            self.operator,
             ContactPattern::ALL_SLIP,
             &self.problem.free_slip,
             &self.problem.free_normal,
@@ -250,10 +250,10 @@ impl<'a, const N: usize> Search<'a, N> {
 
     #[inline]
     fn candidate(&self, pattern: ContactPattern, impulse: SVector<f64, N>) -> ContactSolution<N> {
-        let impact_slip = self.system.impact_slip(self.problem, &impulse);
-        let normal_impulse = self.system.normal_impulse(self.problem, &impulse);
-        let parts = split(self.system, pattern, &impulse, &impact_slip, &normal_impulse);
-        let residual = residual(self.system, self.problem, &parts, &impact_slip, &normal_impulse);
+        let impact_slip = self.operator.impact_slip(self.problem, &impulse);
+        let normal_impulse = self.operator.normal_impulse(self.problem, &impulse);
+        let parts = split(self.operator, pattern, &impulse, &impact_slip, &normal_impulse);
+        let residual = residual(self.operator, self.problem, &parts, &impact_slip, &normal_impulse);
         ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual }
     }
 
@@ -275,8 +275,8 @@ impl<'a, const N: usize> Search<'a, N> {
     /// candidate would cost 8 % of a drifting rollout.
     fn with_vague_slips(&self, candidate: ContactSolution<N>) -> ContactSolution<N> {
         let ContactSolution { impact_slip, normal_impulse, .. } = &candidate;
-        let parts = contact_impulses(self.system, &candidate);
-        let residual = residual(self.system, self.problem, &parts, impact_slip, normal_impulse);
+        let parts = contact_impulses(self.operator, &candidate);
+        let residual = residual(self.operator, self.problem, &parts, impact_slip, normal_impulse);
         ContactSolution { residual, ..candidate }
     }
 }

@@ -5,8 +5,8 @@
 
 use nalgebra::{SVector, Vector3};
 
+use super::delassus::{DelassusOperator, OneStepProblem};
 use super::directions::{AXLE, ROWS, contact_count};
-use super::friction_system::{FrictionProblem, FrictionSystem};
 use super::natural_map::{friction_radius, prox_argument, residual};
 use super::pattern::{ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_disc;
@@ -51,30 +51,30 @@ impl FixedPointSolver {
     #[inline]
     pub fn solve<const N: usize>(
         &mut self,
-        system: &FrictionSystem<N>,
-        problem: &FrictionProblem<N>,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
     ) -> ContactSolution<N> {
         let smallest_change = self.settings.tolerance * problem.weight_impulse();
         for _ in 0..self.settings.sweep_limit {
-            if self.sweep(system, problem) <= smallest_change {
+            if self.sweep(operator, problem) <= smallest_change {
                 break;
             }
         }
-        self.solution(system, problem)
+        self.solution(operator, problem)
     }
 
     /// Updates each contact once; returns the largest change of an impulse component, N s.
     #[inline]
-    pub(super) fn sweep<const N: usize>(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> f64 {
+    pub(super) fn sweep<const N: usize>(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> f64 {
         self.sweeps += 1;
         let mut total = sum_by_direction::<N>(&self.impulse);
         let mut largest_change = 0.0_f64;
         for contact in 0..contact_count::<N>() {
-            let normal = system.normal_impulse(problem, &total);
-            let slip = system.impact_slip(problem, &total);
+            let normal = operator.normal_impulse(problem, &total);
+            let slip = operator.impact_slip(problem, &total);
             let old = self.impulse[contact];
-            let point = prox_argument(system, contact, old, &slip);
-            let new = project_onto_disc(point, friction_radius(system, contact, &normal));
+            let point = prox_argument(operator, contact, old, &slip);
+            let new = project_onto_disc(point, friction_radius(operator, contact, &normal));
             for axis in 0..2 {
                 let change = new[axis] - old[axis];
                 total[ROWS[contact][axis]] += change;
@@ -89,30 +89,30 @@ impl FixedPointSolver {
     #[inline]
     pub(super) fn solution<const N: usize>(
         &self,
-        system: &FrictionSystem<N>,
-        problem: &FrictionProblem<N>,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
     ) -> ContactSolution<N> {
         let impulse = sum_by_direction::<N>(&self.impulse);
-        let impact_slip = system.impact_slip(problem, &impulse);
-        let normal_impulse = system.normal_impulse(problem, &impulse);
+        let impact_slip = operator.impact_slip(problem, &impulse);
+        let normal_impulse = operator.normal_impulse(problem, &impulse);
         ContactSolution {
             impulse,
             impact_slip,
             normal_impulse,
-            pattern: self.pattern(system, &impact_slip, &normal_impulse),
-            residual: residual(system, problem, &self.impulse, &impact_slip, &normal_impulse),
+            pattern: self.pattern(operator, &impact_slip, &normal_impulse),
+            residual: residual(operator, problem, &self.impulse, &impact_slip, &normal_impulse),
         }
     }
 
     fn pattern<const N: usize>(
         &self,
-        system: &FrictionSystem<N>,
+        operator: &DelassusOperator<N>,
         impact_slip: &SVector<f64, N>,
         normal_impulse: &Vector3<f64>,
     ) -> ContactPattern {
         let sticks = |contact: usize| {
-            let [a, b] = prox_argument(system, contact, self.impulse[contact], impact_slip);
-            let radius = friction_radius(system, contact, normal_impulse);
+            let [a, b] = prox_argument(operator, contact, self.impulse[contact], impact_slip);
+            let radius = friction_radius(operator, contact, normal_impulse);
             radius > 0.0 && a * a + b * b <= radius * radius
         };
         let sign = |wheel: usize| match () {

@@ -1,4 +1,4 @@
-//! The one-step friction problem as plain data, and its solvers.
+//! The one-step friction problem as plain data (Delassus operator, free slip, free normal impulses), and its solvers.
 //!
 //! Given the slip and the normal impulses that a step would have without friction, find the friction impulses:
 //!
@@ -15,10 +15,10 @@
 //!
 //! One residual, the [natural map](natural_map), judges every solver. This module knows no robot.
 
+mod delassus;
 mod directions;
 mod exact;
 mod fixed_point;
-mod friction_system;
 mod mode_equations;
 pub mod natural_map;
 mod newton;
@@ -29,9 +29,9 @@ mod smoothed;
 mod solution;
 mod uniqueness;
 
+pub use delassus::{DelassusOperator, ImpulseDerivative, OneStepProblem};
 pub use exact::{ExactSolver, Guess, SolvePath};
 pub use fixed_point::{FixedPointSettings, FixedPointSolver};
-pub use friction_system::{FrictionProblem, FrictionSystem, ImpulseDerivative};
 pub use pattern::{ContactPattern, SlipSign, WheelPattern};
 pub use prox::{project_onto_disc, project_onto_half_line};
 pub use smoothed::SmoothedSolver;

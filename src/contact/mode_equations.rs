@@ -16,8 +16,8 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
+use super::delassus::{DelassusOperator, ImpulseDerivative};
 use super::directions::{LEFT, RIGHT, ROWS, contact_count, sticking};
-use super::friction_system::{FrictionSystem, ImpulseDerivative};
 use super::pattern::{ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_half_line;
 use super::solution::ContactMode;
@@ -46,7 +46,7 @@ impl<const N: usize> ModeEquations<N> {
     /// Linearises at an impact slip and normal impulses; none where a slip direction is undefined.
     #[inline]
     pub(super) fn at(
-        system: &FrictionSystem<N>,
+        operator: &DelassusOperator<N>,
         pattern: ContactPattern,
         impact_slip: &SVector<f64, N>,
         normal_impulse: &Vector3<f64>,
@@ -57,15 +57,15 @@ impl<const N: usize> ModeEquations<N> {
         let mut equations = Self { sticks, term, slipping: [SlippingContact::default(); 3] };
         match pattern.wheels {
             WheelPattern::BothStick => {}
-            WheelPattern::RightSlips(sign) => equations.add_lengthwise_slip(system, RIGHT, sign, normal_impulse),
-            WheelPattern::LeftSlips(sign) => equations.add_lengthwise_slip(system, LEFT, sign, normal_impulse),
+            WheelPattern::RightSlips(sign) => equations.add_lengthwise_slip(operator, RIGHT, sign, normal_impulse),
+            WheelPattern::LeftSlips(sign) => equations.add_lengthwise_slip(operator, LEFT, sign, normal_impulse),
             WheelPattern::BothSlip => {
-                equations.add_spatial_slip(system, 0, impact_slip, normal_impulse, slip_smoothing)?;
-                equations.add_spatial_slip(system, 1, impact_slip, normal_impulse, slip_smoothing)?;
+                equations.add_spatial_slip(operator, 0, impact_slip, normal_impulse, slip_smoothing)?;
+                equations.add_spatial_slip(operator, 1, impact_slip, normal_impulse, slip_smoothing)?;
             }
         }
         if contact_count::<N>() == 3 && pattern.front == ContactMode::Slip {
-            equations.add_spatial_slip(system, 2, impact_slip, normal_impulse, slip_smoothing)?;
+            equations.add_spatial_slip(operator, 2, impact_slip, normal_impulse, slip_smoothing)?;
         }
         Some(equations)
     }
@@ -78,9 +78,9 @@ impl<const N: usize> ModeEquations<N> {
 
     /// Rows of the Jacobian of the equations by the friction impulse.
     #[inline]
-    pub(super) fn jacobian(&self, system: &FrictionSystem<N>) -> [[f64; N]; N] {
+    pub(super) fn jacobian(&self, operator: &DelassusOperator<N>) -> [[f64; N]; N] {
         // The Delassus matrix is symmetric: its columns are its rows.
-        let by_impulse = &system.delassus().data.0;
+        let by_impulse = &operator.delassus().data.0;
         let mut jacobian = [[0.0; N]; N];
         for row in 0..N {
             if self.sticks[row] {
@@ -98,7 +98,7 @@ impl<const N: usize> ModeEquations<N> {
                 for column in 0..N {
                     row[column] += by_slip[a][0] * by_impulse[rows[0]][column]
                         + by_slip[a][1] * by_impulse[rows[1]][column]
-                        + by_normal[a] * system.normal_response()[(contact, column)];
+                        + by_normal[a] * operator.normal_response()[(contact, column)];
                 }
             }
         }
@@ -107,8 +107,8 @@ impl<const N: usize> ModeEquations<N> {
 
     /// Derivatives of the impulse by the data, by the implicit function theorem.
     #[inline]
-    pub(super) fn impulse_derivative(&self, system: &FrictionSystem<N>) -> Option<ImpulseDerivative<N>> {
-        let jacobian = self.jacobian(system);
+    pub(super) fn impulse_derivative(&self, operator: &DelassusOperator<N>) -> Option<ImpulseDerivative<N>> {
+        let jacobian = self.jacobian(operator);
         let inverse = SMatrix::<f64, N, N>::from_fn(|row, column| jacobian[row][column]).try_inverse()?;
         let mut by_slip = SMatrix::<f64, N, N>::zeros();
         let mut by_normal = SMatrix::<f64, N, 3>::zeros();
@@ -131,12 +131,12 @@ impl<const N: usize> ModeEquations<N> {
     #[inline]
     fn add_lengthwise_slip(
         &mut self,
-        system: &FrictionSystem<N>,
+        operator: &DelassusOperator<N>,
         wheel: usize,
         sign: SlipSign,
         normal_impulse: &Vector3<f64>,
     ) {
-        let coefficient = system.friction_coefficient()[wheel];
+        let coefficient = operator.friction_coefficient()[wheel];
         self.term[wheel] = sign.value() * coefficient * normal_impulse[wheel];
         self.slipping[wheel] = SlippingContact { direction: [sign.value(), 0.0], stiffness: 0.0, coefficient };
     }
@@ -144,7 +144,7 @@ impl<const N: usize> ModeEquations<N> {
     #[inline]
     fn add_spatial_slip(
         &mut self,
-        system: &FrictionSystem<N>,
+        operator: &DelassusOperator<N>,
         contact: usize,
         impact_slip: &SVector<f64, N>,
         normal_impulse: &Vector3<f64>,
@@ -152,7 +152,7 @@ impl<const N: usize> ModeEquations<N> {
     ) -> Option<()> {
         let rows = ROWS[contact];
         let slip = [impact_slip[rows[0]], impact_slip[rows[1]]];
-        let coefficient = system.friction_coefficient()[contact];
+        let coefficient = operator.friction_coefficient()[contact];
         let radius = coefficient * project_onto_half_line(normal_impulse[contact]);
         if radius <= 0.0 {
             return Some(());

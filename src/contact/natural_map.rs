@@ -1,13 +1,13 @@
 //! The natural map of the friction law, (27): the one residual that judges every contact solver.
 //!
 //! `Lambda_i = prox_C(Lambda_i - r_i xi_i)` holds for any r > 0 exactly at a solution. The residual is the largest
-//! `|Lambda_i - prox_C(Lambda_i - r_i xi_i)|` over the contacts with r of [`FrictionSystem::prox_step`], relative to the
+//! `|Lambda_i - prox_C(Lambda_i - r_i xi_i)|` over the contacts with r of [`DelassusOperator::prox_step`], relative to the
 //! weight's impulse m g dt.
 
 use nalgebra::{SVector, Vector3};
 
+use super::delassus::{DelassusOperator, OneStepProblem};
 use super::directions::{AXLE, ROWS, contact_count};
-use super::friction_system::{FrictionProblem, FrictionSystem};
 use super::pattern::{ContactPattern, WheelPattern};
 use super::prox::{project_onto_disc, project_onto_half_line};
 use super::solution::{ContactImpulse, ContactSolution};
@@ -19,16 +19,16 @@ const VAGUE_SLIP: f64 = 1e-4;
 /// Relative residual of the friction law at given impulses per contact.
 #[inline]
 pub fn residual<const N: usize>(
-    system: &FrictionSystem<N>,
-    problem: &FrictionProblem<N>,
+    operator: &DelassusOperator<N>,
+    problem: &OneStepProblem<N>,
     contact_impulse: &[ContactImpulse; 3],
     impact_slip: &SVector<f64, N>,
     normal_impulse: &Vector3<f64>,
 ) -> f64 {
     let mut worst = 0.0_f64;
     for (contact, &impulse) in contact_impulse.iter().enumerate().take(contact_count::<N>()) {
-        let point = prox_argument(system, contact, impulse, impact_slip);
-        let nearest = project_onto_disc(point, friction_radius(system, contact, normal_impulse));
+        let point = prox_argument(operator, contact, impulse, impact_slip);
+        let nearest = project_onto_disc(point, friction_radius(operator, contact, normal_impulse));
         let miss = [impulse[0] - nearest[0], impulse[1] - nearest[1]];
         worst = worst.max(miss[0] * miss[0] + miss[1] * miss[1]);
     }
@@ -38,24 +38,24 @@ pub fn residual<const N: usize>(
 /// `Lambda_i - r_i xi_i`.
 #[inline]
 pub(super) fn prox_argument<const N: usize>(
-    system: &FrictionSystem<N>,
+    operator: &DelassusOperator<N>,
     contact: usize,
     impulse: ContactImpulse,
     impact_slip: &SVector<f64, N>,
 ) -> [f64; 2] {
     let [longitudinal, lateral] = ROWS[contact];
-    let step = system.prox_step()[contact];
+    let step = operator.prox_step()[contact];
     [impulse[0] - step * impact_slip[longitudinal], impulse[1] - step * impact_slip[lateral]]
 }
 
 /// Radius of a contact's friction disc, N s.
 #[inline]
 pub(super) fn friction_radius<const N: usize>(
-    system: &FrictionSystem<N>,
+    operator: &DelassusOperator<N>,
     contact: usize,
     normal_impulse: &Vector3<f64>,
 ) -> f64 {
-    system.friction_coefficient()[contact] * project_onto_half_line(normal_impulse[contact])
+    operator.friction_coefficient()[contact] * project_onto_half_line(normal_impulse[contact])
 }
 
 /// Friction impulse per contact (left, right, front) of a solution.
@@ -65,21 +65,21 @@ pub(super) fn friction_radius<const N: usize>(
 /// directions of their slips, which then hardly count either.
 #[inline]
 pub fn contact_impulses<const N: usize>(
-    system: &FrictionSystem<N>,
+    operator: &DelassusOperator<N>,
     solution: &ContactSolution<N>,
 ) -> [ContactImpulse; 3] {
     let ContactSolution { impulse, impact_slip, normal_impulse, .. } = solution;
     let mut pattern = solution.pattern;
-    if pattern.wheels == WheelPattern::BothSlip && slips_vaguely(system, impact_slip, normal_impulse) {
+    if pattern.wheels == WheelPattern::BothSlip && slips_vaguely(operator, impact_slip, normal_impulse) {
         pattern.wheels = WheelPattern::BothStick;
     }
-    split(system, pattern, impulse, impact_slip, normal_impulse)
+    split(operator, pattern, impulse, impact_slip, normal_impulse)
 }
 
 /// Friction impulse per contact, with the directions of the slips as they are.
 #[inline]
 pub(super) fn split<const N: usize>(
-    system: &FrictionSystem<N>,
+    operator: &DelassusOperator<N>,
     pattern: ContactPattern,
     impulse: &SVector<f64, N>,
     impact_slip: &SVector<f64, N>,
@@ -90,13 +90,13 @@ pub(super) fn split<const N: usize>(
         WheelPattern::RightSlips(_) => lateral,
         WheelPattern::LeftSlips(_) => 0.0,
         WheelPattern::BothStick => {
-            let left = lateral_capacity(system, 0, impulse, normal_impulse);
-            let right = lateral_capacity(system, 1, impulse, normal_impulse);
+            let left = lateral_capacity(operator, 0, impulse, normal_impulse);
+            let right = lateral_capacity(operator, 1, impulse, normal_impulse);
             if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
         }
         WheelPattern::BothSlip => {
-            let left = lateral_share(system, 0, impact_slip, normal_impulse);
-            let right = lateral_share(system, 1, impact_slip, normal_impulse);
+            let left = lateral_share(operator, 0, impact_slip, normal_impulse);
+            let right = lateral_share(operator, 1, impact_slip, normal_impulse);
             if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
         }
     };
@@ -106,13 +106,13 @@ pub(super) fn split<const N: usize>(
 
 /// Whether both wheels slip so little that the friction radii tell better than the slips how they share the lateral impulse.
 fn slips_vaguely<const N: usize>(
-    system: &FrictionSystem<N>,
+    operator: &DelassusOperator<N>,
     impact_slip: &SVector<f64, N>,
     normal_impulse: &Vector3<f64>,
 ) -> bool {
     [0, 1].into_iter().all(|wheel| {
-        let shift = system.prox_step()[wheel] * wheel_slip_speed(wheel, impact_slip);
-        shift < VAGUE_SLIP * friction_radius(system, wheel, normal_impulse)
+        let shift = operator.prox_step()[wheel] * wheel_slip_speed(wheel, impact_slip);
+        shift < VAGUE_SLIP * friction_radius(operator, wheel, normal_impulse)
     })
 }
 
@@ -125,23 +125,23 @@ fn wheel_slip_speed<const N: usize>(wheel: usize, impact_slip: &SVector<f64, N>)
 /// What a sticking wheel can still take sideways, N s.
 #[inline]
 fn lateral_capacity<const N: usize>(
-    system: &FrictionSystem<N>,
+    operator: &DelassusOperator<N>,
     wheel: usize,
     impulse: &SVector<f64, N>,
     normal_impulse: &Vector3<f64>,
 ) -> f64 {
-    let radius = friction_radius(system, wheel, normal_impulse);
+    let radius = friction_radius(operator, wheel, normal_impulse);
     project_onto_half_line(radius * radius - impulse[wheel] * impulse[wheel]).sqrt()
 }
 
 /// Friction radius over slip speed: both wheels share the lateral slip, so this is their share of the lateral impulse.
 #[inline]
 fn lateral_share<const N: usize>(
-    system: &FrictionSystem<N>,
+    operator: &DelassusOperator<N>,
     wheel: usize,
     impact_slip: &SVector<f64, N>,
     normal_impulse: &Vector3<f64>,
 ) -> f64 {
     let speed = wheel_slip_speed(wheel, impact_slip);
-    if speed > 0.0 { friction_radius(system, wheel, normal_impulse) / speed } else { 0.0 }
+    if speed > 0.0 { friction_radius(operator, wheel, normal_impulse) / speed } else { 0.0 }
 }

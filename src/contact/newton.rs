@@ -2,7 +2,7 @@
 
 use nalgebra::SVector;
 
-use super::friction_system::{FrictionProblem, FrictionSystem};
+use super::delassus::{DelassusOperator, OneStepProblem};
 use super::mode_equations::ModeEquations;
 use super::pattern::ContactPattern;
 
@@ -13,8 +13,8 @@ const SMALLEST_SHARE: f64 = 0.1;
 
 /// The equations of one pattern in one friction problem; `slip_smoothing` (m/s) is 0 for the exact law.
 pub(super) struct Newton<'a, const N: usize> {
-    pub(super) system: &'a FrictionSystem<N>,
-    pub(super) problem: &'a FrictionProblem<N>,
+    pub(super) operator: &'a DelassusOperator<N>,
+    pub(super) problem: &'a OneStepProblem<N>,
     pub(super) pattern: ContactPattern,
     pub(super) slip_smoothing: f64,
     /// Most Newton steps.
@@ -36,7 +36,7 @@ impl<const N: usize> Newton<'_, N> {
         let mut equations = self.equations(&impulse)?;
         let mut miss = equations.residual(&impulse);
         for _ in 0..self.iteration_limit {
-            let update = solved(equations.jacobian(self.system), miss)?;
+            let update = solved(equations.jacobian(self.operator), miss)?;
             let is_small = update.amax() <= small_update;
             let mut share = 1.0;
             loop {
@@ -61,9 +61,9 @@ impl<const N: usize> Newton<'_, N> {
 
     #[inline]
     fn equations(&self, impulse: &SVector<f64, N>) -> Option<ModeEquations<N>> {
-        let slip = self.system.impact_slip(self.problem, impulse);
-        let normal = self.system.normal_impulse(self.problem, impulse);
-        ModeEquations::at(self.system, self.pattern, &slip, &normal, self.slip_smoothing)
+        let slip = self.operator.impact_slip(self.problem, impulse);
+        let normal = self.operator.normal_impulse(self.problem, impulse);
+        ModeEquations::at(self.operator, self.pattern, &slip, &normal, self.slip_smoothing)
     }
 }
 

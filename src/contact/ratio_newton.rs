@@ -13,8 +13,8 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
+use super::delassus::{DelassusOperator, OneStepProblem};
 use super::directions::{AXLE, LEFT, RIGHT, ROWS, contact_count, sticking};
-use super::friction_system::{FrictionProblem, FrictionSystem};
 use super::natural_map::friction_radius;
 use super::pattern::{ContactPattern, WheelPattern};
 use super::solution::{ContactImpulse, ContactMode};
@@ -34,8 +34,8 @@ type ImpulseSum<'a> = &'a [(usize, f64)];
 
 /// The equations of one pattern in one friction problem.
 pub(super) struct RatioNewton<'a, const N: usize> {
-    pub(super) system: &'a FrictionSystem<N>,
-    pub(super) problem: &'a FrictionProblem<N>,
+    pub(super) operator: &'a DelassusOperator<N>,
+    pub(super) problem: &'a OneStepProblem<N>,
     pub(super) pattern: ContactPattern,
 }
 
@@ -94,7 +94,7 @@ impl<const N: usize> RatioNewton<'_, N> {
         if contact_count::<N>() == 3 {
             (unknowns[ROWS[2][0]], unknowns[ROWS[2][1]]) = (front[0], front[1]);
         }
-        let slip = self.system.impact_slip(self.problem, &unknowns.fixed_rows::<N>(0).into_owned());
+        let slip = self.operator.impact_slip(self.problem, &unknowns.fixed_rows::<N>(0).into_owned());
         if self.pattern.wheels == WheelPattern::BothSlip {
             unknowns[LEFT_LATERAL] = left[1];
         }
@@ -108,8 +108,8 @@ impl<const N: usize> RatioNewton<'_, N> {
 
     fn equations(&self, unknowns: &Unknowns) -> Equations {
         let impulse = unknowns.fixed_rows::<N>(0).into_owned();
-        let slip = self.system.impact_slip(self.problem, &impulse);
-        let normal = self.system.normal_impulse(self.problem, &impulse);
+        let slip = self.operator.impact_slip(self.problem, &impulse);
+        let normal = self.operator.normal_impulse(self.problem, &impulse);
         // An unknown without an equation stays where it is.
         let mut equations = Equations { value: Unknowns::zeros(), jacobian: SMatrix::identity() };
         for (row, sticks) in sticking::<N>(self.pattern).into_iter().enumerate() {
@@ -159,7 +159,7 @@ impl<const N: usize> RatioNewton<'_, N> {
 
     /// kg, so that slips count like impulses.
     fn step(&self, contact: usize) -> f64 {
-        self.system.prox_step()[contact]
+        self.operator.prox_step()[contact]
     }
 
     /// `equation = step xi`.
@@ -168,7 +168,7 @@ impl<const N: usize> RatioNewton<'_, N> {
         equations.value[equation] = step * slip[direction];
         equations.jacobian.row_mut(equation).fill(0.0);
         for column in 0..N {
-            equations.jacobian[(equation, column)] = step * self.system.delassus()[(direction, column)];
+            equations.jacobian[(equation, column)] = step * self.operator.delassus()[(direction, column)];
         }
     }
 
@@ -197,10 +197,10 @@ impl<const N: usize> RatioNewton<'_, N> {
         unknowns: &Unknowns,
         normal: &Vector3<f64>,
     ) {
-        let coefficient = sign * self.system.friction_coefficient()[wheel];
+        let coefficient = sign * self.operator.friction_coefficient()[wheel];
         equations.value[wheel] = unknowns[wheel] + coefficient * normal[wheel];
         for column in 0..N {
-            equations.jacobian[(wheel, column)] = coefficient * self.system.normal_response()[(wheel, column)];
+            equations.jacobian[(wheel, column)] = coefficient * self.operator.normal_response()[(wheel, column)];
         }
         equations.jacobian[(wheel, wheel)] += 1.0;
     }
@@ -215,7 +215,7 @@ impl<const N: usize> RatioNewton<'_, N> {
         (longitudinal, lateral): (ImpulseSum, ImpulseSum),
     ) {
         let weight = self.problem.weight_impulse();
-        let radius = friction_radius(self.system, contact, normal);
+        let radius = friction_radius(self.operator, contact, normal);
         let row = RATIO[contact];
         equations.jacobian.row_mut(row).fill(0.0);
         let mut squared = 0.0;
@@ -227,9 +227,9 @@ impl<const N: usize> RatioNewton<'_, N> {
             }
         }
         equations.value[row] = (squared - radius * radius) / (2.0 * weight);
-        let by_normal = radius * self.system.friction_coefficient()[contact] / weight;
+        let by_normal = radius * self.operator.friction_coefficient()[contact] / weight;
         for column in 0..N {
-            equations.jacobian[(row, column)] -= by_normal * self.system.normal_response()[(contact, column)];
+            equations.jacobian[(row, column)] -= by_normal * self.operator.normal_response()[(contact, column)];
         }
     }
 }

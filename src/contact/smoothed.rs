@@ -7,7 +7,7 @@ use std::iter::successors;
 
 use nalgebra::SVector;
 
-use super::friction_system::{FrictionProblem, FrictionSystem};
+use super::delassus::{DelassusOperator, OneStepProblem};
 use super::newton::{NEWTON_LIMIT, Newton};
 use super::pattern::ContactPattern;
 use super::solution::ContactSolution;
@@ -35,11 +35,11 @@ impl<const N: usize> SmoothedSolver<N> {
 
     /// Solves one step; the residual of the answer is 0, or NaN where Newton failed.
     #[inline]
-    pub fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
+    pub fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
         let newton = |slip_smoothing: f64, start: &SVector<f64, N>| {
             let small_update = SMALL_UPDATE * problem.weight_impulse();
             let newton = Newton {
-                system,
+                operator,
                 problem,
                 pattern: ContactPattern::ALL_SLIP,
                 slip_smoothing,
@@ -51,8 +51,8 @@ impl<const N: usize> SmoothedSolver<N> {
         self.impulse = found.unwrap_or(self.impulse);
         ContactSolution {
             impulse: self.impulse,
-            impact_slip: system.impact_slip(problem, &self.impulse),
-            normal_impulse: system.normal_impulse(problem, &self.impulse),
+            impact_slip: operator.impact_slip(problem, &self.impulse),
+            normal_impulse: operator.normal_impulse(problem, &self.impulse),
             pattern: ContactPattern::ALL_SLIP,
             residual: if found.is_some() { 0.0 } else { f64::NAN },
         }

@@ -14,18 +14,18 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use super::delassus::DelassusOperator;
 use super::directions::{ROWS, contact_count};
-use super::friction_system::FrictionSystem;
 
 /// Weights that are tried, relative to those that balance the two terms of each contact.
 const WEIGHTS: [f64; 3] = [1.0, 0.6, 0.4];
 /// Eigenvalues below this are below 1 whatever rounding does.
 const CERTAINLY_BELOW_ONE: f64 = 1.0 - 1e-9;
 
-/// Whether every problem of a system has exactly one solution; sufficient, not necessary.
-pub(super) fn solutions_are_unique<const N: usize>(system: &FrictionSystem<N>) -> bool {
+/// A sufficient condition for every one-step problem with this operator to have exactly one solution.
+pub(super) fn solutions_are_unique<const N: usize>(operator: &DelassusOperator<N>) -> bool {
     WEIGHTS.into_iter().any(|weight| {
-        coupling(system, weight).is_some_and(|coupling| {
+        coupling(operator, weight).is_some_and(|coupling| {
             let identity = SMatrix::<f64, N, N>::identity();
             (identity * CERTAINLY_BELOW_ONE - coupling).cholesky().is_some()
         })
@@ -33,11 +33,11 @@ pub(super) fn solutions_are_unique<const N: usize>(system: &FrictionSystem<N>) -
 }
 
 /// The module's matrix; none where the Delassus matrix is not positive definite.
-fn coupling<const N: usize>(system: &FrictionSystem<N>, weight: f64) -> Option<SMatrix<f64, N, N>> {
-    let root = system.delassus().cholesky()?.l();
+fn coupling<const N: usize>(operator: &DelassusOperator<N>, weight: f64) -> Option<SMatrix<f64, N, N>> {
+    let root = operator.delassus().cholesky()?.l();
     let mut coupling = SMatrix::zeros();
     for (contact, rows) in ROWS.into_iter().enumerate().take(contact_count::<N>()) {
-        let load: SVector<f64, N> = system.normal_response().row(contact).transpose();
+        let load: SVector<f64, N> = operator.normal_response().row(contact).transpose();
         let load = root.solve_lower_triangular(&load)?;
         let slip: [SVector<f64, N>; 2] = rows.map(|row| root.row(row).transpose());
         let slips = slip[0] * slip[0].transpose() + slip[1] * slip[1].transpose();
@@ -45,8 +45,8 @@ fn coupling<const N: usize>(system: &FrictionSystem<N>, weight: f64) -> Option<S
         let balance = weight * slips.trace().sqrt() / load.norm();
         // A load that does not follow friction makes no problem ambiguous.
         if balance.is_finite() {
-            coupling +=
-                (load * load.transpose() * balance + slips / balance) * (0.5 * system.friction_coefficient()[contact]);
+            coupling += (load * load.transpose() * balance + slips / balance)
+                * (0.5 * operator.friction_coefficient()[contact]);
         }
     }
     Some(coupling)

@@ -9,13 +9,13 @@
 use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::step_derivative::Chain;
-use crate::contact::{ContactPattern, ContactSolution, FrictionProblem, FrictionSystem, WheelPattern};
+use crate::contact::{ContactPattern, ContactSolution, DelassusOperator, OneStepProblem, WheelPattern};
 use crate::robot::{BodyVector, PerWheel, Robot, State};
 
 /// Everything about the robot that a step needs, with `N` friction directions (3, or 5 with front friction).
 #[derive(Debug, Clone)]
 pub(super) struct StepModel<const N: usize> {
-    pub(super) system: FrictionSystem<N>,
+    pub(super) operator: DelassusOperator<N>,
     /// `W_T'`, rows by direction.
     pub(super) slip_map: SMatrix<f64, N, 5>,
     /// `M^-1 W_T`.
@@ -54,7 +54,7 @@ pub(super) struct Step<const N: usize> {
 
 /// Solves the friction problem of each step of one rollout.
 pub(super) trait StepContact<const N: usize> {
-    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N>;
+    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N>;
 }
 
 impl<const N: usize> StepModel<N> {
@@ -62,14 +62,14 @@ impl<const N: usize> StepModel<N> {
         let parameters = robot.parameters();
         let slip_map = robot.tangent_jacobian().matrix().fixed_rows::<N>(0).into_owned();
         let friction = parameters.wheel_friction_coefficient;
-        let system = FrictionSystem::new(
+        let operator = DelassusOperator::new(
             robot.delassus().fixed_view::<N, N>(0, 0).into_owned(),
             robot.normal_response().fixed_columns::<N>(0).into_owned(),
             [friction, friction, parameters.front_friction_coefficient],
         );
         let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
         let mut model = Self {
-            system,
+            operator,
             slip_map,
             impulse_response: robot.impulse_response().fixed_columns::<N>(0).into_owned(),
             restitution_factor: 1.0 + parameters.tangential_restitution,
@@ -86,12 +86,12 @@ impl<const N: usize> StepModel<N> {
     #[inline]
     pub(super) fn linear_chain(&self, pattern: ContactPattern) -> Option<&Chain<5>> {
         let chains = self.linear_chains.as_ref()?;
-        FrictionSystem::<N>::linear_index(pattern).map(|index| &chains[index])
+        DelassusOperator::<N>::linear_index(pattern).map(|index| &chains[index])
     }
 
     fn solve_linear_chains(&self) -> Option<[Chain<5>; WheelPattern::LINEAR.len()]> {
-        let chain = |pattern| Some(Chain::<5>::of_motion(self, self.system.linear_derivative(pattern)?));
-        let chains: Option<Vec<_>> = FrictionSystem::<N>::linear_patterns().into_iter().map(chain).collect();
+        let chain = |pattern| Some(Chain::<5>::of_motion(self, self.operator.linear_derivative(pattern)?));
+        let chains: Option<Vec<_>> = DelassusOperator::<N>::linear_patterns().into_iter().map(chain).collect();
         chains?.try_into().ok()
     }
 
@@ -116,8 +116,8 @@ impl<const N: usize> StepModel<N> {
         ]);
 
         let smooth_change = dt * self.smooth_acceleration(&start_velocity, torque);
-        let problem = self.friction_problem(&start_velocity, torque, &smooth_change, dt);
-        let contact = contact_solver.solve(&self.system, &problem);
+        let problem = self.one_step_problem(&start_velocity, torque, &smooth_change, dt);
+        let contact = contact_solver.solve(&self.operator, &problem);
         let end_velocity = start_velocity + smooth_change + self.impulse_response * contact.impulse;
 
         let mut end = State::default();
@@ -148,16 +148,16 @@ impl<const N: usize> StepModel<N> {
         ])
     }
 
-    /// The friction problem of one step as plain data.
+    /// The data of the one-step friction problem.
     #[inline]
-    fn friction_problem(
+    fn one_step_problem(
         &self,
         velocity: &BodyVector,
         torque: PerWheel<f64>,
         smooth_change: &BodyVector,
         dt: f64,
-    ) -> FrictionProblem<N> {
-        FrictionProblem {
+    ) -> OneStepProblem<N> {
+        OneStepProblem {
             free_slip: self.slip(&(velocity * self.restitution_factor + smooth_change)),
             free_normal: dt * self.load.normal_force(velocity, torque),
         }

@@ -4,7 +4,7 @@ use super::moreau_step::{Step, StepContact, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
 use crate::contact::{
-    ContactSolution, ExactSolver, FixedPointSettings, FixedPointSolver, FrictionProblem, FrictionSystem, Guess,
+    ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, Guess, OneStepProblem,
     PerContact, SmoothedSolver, natural_map,
 };
 use crate::robot::{Robot, State, TangentJacobian};
@@ -125,8 +125,8 @@ impl<const N: usize> Default for ExactContact<N> {
 
 impl<const N: usize> StepContact<N> for ExactContact<N> {
     #[inline]
-    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
-        let (solution, _) = ExactSolver.solve(system, problem, &self.guess);
+    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
+        let (solution, _) = ExactSolver.solve(operator, problem, &self.guess);
         self.guess = Guess::from(&solution);
         solution
     }
@@ -134,15 +134,15 @@ impl<const N: usize> StepContact<N> for ExactContact<N> {
 
 impl<const N: usize> StepContact<N> for SmoothedSolver<N> {
     #[inline]
-    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
-        SmoothedSolver::solve(self, system, problem)
+    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
+        SmoothedSolver::solve(self, operator, problem)
     }
 }
 
 impl<const N: usize> StepContact<N> for FixedPointSolver {
     #[inline]
-    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
-        FixedPointSolver::solve(self, system, problem)
+    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
+        FixedPointSolver::solve(self, operator, problem)
     }
 }
 
@@ -153,10 +153,10 @@ struct CheckedContact<S> {
 }
 
 impl<const N: usize, S: StepContact<N>> StepContact<N> for CheckedContact<S> {
-    fn solve(&mut self, system: &FrictionSystem<N>, problem: &FrictionProblem<N>) -> ContactSolution<N> {
-        let solution = self.solver.solve(system, problem);
+    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
+        let solution = self.solver.solve(operator, problem);
         let is_indeterminate =
-            !system.has_unique_solutions() && ExactSolver.is_indeterminate(system, problem, &solution);
+            !operator.has_unique_solutions() && ExactSolver.is_indeterminate(operator, problem, &solution);
         self.indeterminate_steps += usize::from(is_indeterminate);
         solution
     }
@@ -210,7 +210,7 @@ fn contact_samples<const N: usize>(
     step: &Step<N>,
     dt: f64,
 ) -> PerContact<ContactSample> {
-    let impulse = natural_map::contact_impulses(&model.system, &step.contact);
+    let impulse = natural_map::contact_impulses(&model.operator, &step.contact);
     let [left, right, axle] = jacobian.wheel_slip(&step.end_velocity);
     let [front_longitudinal, front_lateral] = jacobian.front_slip(&step.end_velocity);
     let slip = [[left, axle], [right, axle], [front_longitudinal, front_lateral]];

@@ -40,7 +40,7 @@ impl Chain<3> {
     /// Of the normal impulses: `free_normal + R Lambda`.
     #[inline]
     fn of_normal_impulse<const N: usize>(model: &StepModel<N>, impulse: &ImpulseDerivative<N>) -> Self {
-        Self::new(model, &SMatrix::zeros(), &SMatrix::identity(), (model.system.normal_response(), impulse))
+        Self::new(model, &SMatrix::zeros(), &SMatrix::identity(), (model.operator.normal_response(), impulse))
     }
 }
 
@@ -140,7 +140,7 @@ fn impulse_derivative<const N: usize>(
     slip_smoothing: f64,
 ) -> ImpulseDerivative<N> {
     let impact_slip = entry.impact_slip.fixed_rows::<N>(0).into_owned();
-    model.system.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse, slip_smoothing).unwrap_or(
+    model.operator.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse, slip_smoothing).unwrap_or(
         // The slip direction is undefined only where the slip is exactly zero: friction then changes nothing.
         ImpulseDerivative { by_free_slip: SMatrix::zeros(), by_free_normal: SMatrix::zeros() },
     )

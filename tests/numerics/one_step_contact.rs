@@ -2,8 +2,8 @@
 
 use nalgebra::{SMatrix, SVector};
 use slipdrive::contact::{
-    ContactPattern, ContactSolution, ExactSolver, FixedPointSettings, FixedPointSolver, FrictionProblem,
-    FrictionSystem, Guess, SolvePath, WheelPattern, natural_map,
+    ContactPattern, ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, Guess,
+    OneStepProblem, SolvePath, WheelPattern, natural_map,
 };
 use slipdrive::robot::{BodyVector, Robot, RobotParameters};
 
@@ -20,8 +20,8 @@ const CASE_COUNT: u64 = 10_000;
 /// A random step of a random robot, assembled from the robot's own matrices.
 #[derive(Clone)]
 struct RandomStep<const N: usize> {
-    system: FrictionSystem<N>,
-    problem: FrictionProblem<N>,
+    operator: DelassusOperator<N>,
+    problem: OneStepProblem<N>,
     start_velocity: BodyVector,
     smooth_change: BodyVector,
     impulse_response: SMatrix<f64, 5, N>,
@@ -51,12 +51,12 @@ impl<const N: usize> RandomStep<N> {
         let free = start_velocity * (1.0 + parameters.tangential_restitution) + smooth_change;
         let friction = parameters.wheel_friction_coefficient;
         Self {
-            system: FrictionSystem::new(
+            operator: DelassusOperator::new(
                 robot.delassus().fixed_view::<N, N>(0, 0).into_owned(),
                 robot.normal_response().fixed_columns::<N>(0).into_owned(),
                 [friction, friction, parameters.front_friction_coefficient],
             ),
-            problem: FrictionProblem {
+            problem: OneStepProblem {
                 free_slip: (robot.tangent_jacobian().matrix() * free).fixed_rows::<N>(0).into_owned(),
                 free_normal: (load.static_force + rates) * dt + load.velocity_change_map * smooth_change,
             },
@@ -68,13 +68,13 @@ impl<const N: usize> RandomStep<N> {
 
     /// Scales the motion until one sticking wheel's impulse reaches `1 + offset` times its friction radius.
     fn move_to_cone_edge(&mut self, solution: &ContactSolution<N>, offset: f64) {
-        let parts = natural_map::contact_impulses(&self.system, solution);
-        let friction = self.system.friction_coefficient();
+        let parts = natural_map::contact_impulses(&self.operator, solution);
+        let friction = self.operator.friction_coefficient();
         let share =
             |wheel: usize| parts[wheel][0].hypot(parts[wheel][1]) / (friction[wheel] * solution.normal_impulse[wheel]);
         let scale = (1.0 + offset) / share(0).max(share(1)).max(1e-3);
         // The loads stay what they are: what the impulses change less, the free loads take over.
-        self.problem.free_normal += self.system.normal_response() * solution.impulse * (1.0 - scale);
+        self.problem.free_normal += self.operator.normal_response() * solution.impulse * (1.0 - scale);
         self.problem.free_slip *= scale;
     }
 
@@ -107,7 +107,7 @@ impl Tally {
 /// Compares both solvers; from a solution that sticks also moves on to the edge of its friction discs.
 fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, tally: &mut Tally) {
     let mut step = RandomStep::<N>::new(cases, robot);
-    let (solution, path) = ExactSolver.solve(&step.system, &step.problem, &Guess::default());
+    let (solution, path) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default());
     tally.count(&solution, path);
     assert_same_motion(seed, &step, &solution, tally);
     if solution.pattern.wheels == WheelPattern::BothStick && cases.chance(0.5) {
@@ -115,13 +115,13 @@ fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, ta
         let offset = 10.0_f64.powf(cases.between(-5.0, -1.0)) * if cases.chance(0.5) { 1.0 } else { -1.0 };
         let mut near_edge = step.clone();
         near_edge.move_to_cone_edge(&solution, offset);
-        let (at_edge, path) = ExactSolver.solve(&near_edge.system, &near_edge.problem, &Guess::from(&solution));
+        let (at_edge, path) = ExactSolver.solve(&near_edge.operator, &near_edge.problem, &Guess::from(&solution));
         tally.count(&at_edge, path);
         tally.near_cone_edge += 1;
         assert_same_motion(seed, &near_edge, &at_edge, tally);
 
         step.move_to_cone_edge(&solution, 0.0);
-        let (on_edge, _) = ExactSolver.solve(&step.system, &step.problem, &Guess::from(&solution));
+        let (on_edge, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::from(&solution));
         assert!(on_edge.residual <= RESIDUAL_TOLERANCE, "seed {seed}: residual {} on the edge", on_edge.residual);
     }
 }
@@ -129,7 +129,7 @@ fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, ta
 fn assert_same_motion<const N: usize>(seed: u64, step: &RandomStep<N>, exact: &ContactSolution<N>, tally: &mut Tally) {
     let settings = FixedPointSettings { tolerance: 1e-15, sweep_limit: 2_000_000 };
     let mut fixed_point = FixedPointSolver::new(settings);
-    let slow = fixed_point.solve(&step.system, &step.problem);
+    let slow = fixed_point.solve(&step.operator, &step.problem);
     tally.sweeps += fixed_point.sweeps();
     assert!(exact.residual <= RESIDUAL_TOLERANCE, "seed {seed}: exact residual {}", exact.residual);
     assert!(slow.residual <= CONVERGED, "seed {seed}: fixed-point residual {}", slow.residual);
@@ -178,18 +178,18 @@ fn lifted_wheel_carries_no_friction() {
     let mut step = RandomStep::<3>::new(&mut cases, &robot);
     step.problem.free_normal[1] = -10.0 * step.problem.free_normal[0].abs();
     step.problem.free_normal[0] *= 12.0;
-    let (solution, _) = ExactSolver.solve(&step.system, &step.problem, &Guess::default());
+    let (solution, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default());
     assert!(solution.normal_impulse[1] < 0.0);
     assert_eq!(solution.impulse[1], 0.0);
     assert!(solution.residual <= RESIDUAL_TOLERANCE);
 }
 
 /// The right wheel's own lengthwise friction takes `share` of itself off its load; another contact takes that over.
-fn self_unloading(share: f64, other: usize) -> FrictionSystem<3> {
+fn self_unloading(share: f64, other: usize) -> DelassusOperator<3> {
     let mut normal_response = SMatrix::<f64, 3, 3>::zeros();
     normal_response[(1, 1)] = -share;
     normal_response[(other, 1)] = share;
-    FrictionSystem::new(SMatrix::identity(), normal_response, [1.0, 1.0, 0.0])
+    DelassusOperator::new(SMatrix::identity(), normal_response, [1.0, 1.0, 0.0])
 }
 
 #[test]
@@ -219,11 +219,11 @@ fn where_uniqueness_is_proved_no_other_solution_is_found() {
 
 /// Whether it is proved that the robot's steps have one solution; then a random one is tried.
 fn assert_no_other_solution<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot) -> bool {
-    let RandomStep { system, problem, .. } = RandomStep::<N>::new(cases, robot);
-    let is_unique = system.has_unique_solutions();
+    let RandomStep { operator, problem, .. } = RandomStep::<N>::new(cases, robot);
+    let is_unique = operator.has_unique_solutions();
     if is_unique {
-        let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
-        assert!(!ExactSolver.is_indeterminate(&system, &problem, &solution), "seed {seed}");
+        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+        assert!(!ExactSolver.is_indeterminate(&operator, &problem, &solution), "seed {seed}");
     }
     is_unique
 }
@@ -231,13 +231,13 @@ fn assert_no_other_solution<const N: usize>(seed: u64, cases: &mut RandomCases, 
 #[test]
 fn indeterminate_problem_is_flagged() {
     // One wheel, friction so strong that sliding lifts its own load (Painleve): sticking and sliding both solve it.
-    let system = self_unloading(1.5, 0);
-    assert!(!system.has_unique_solutions());
-    let problem = FrictionProblem { free_slip: SVector::from([0.0, 0.2, 0.0]), free_normal: [1.0, -0.05, 0.0].into() };
+    let operator = self_unloading(1.5, 0);
+    assert!(!operator.has_unique_solutions());
+    let problem = OneStepProblem { free_slip: SVector::from([0.0, 0.2, 0.0]), free_normal: [1.0, -0.05, 0.0].into() };
     let stick = ContactPattern { wheels: WheelPattern::BothStick, ..ContactPattern::default() };
     let guess = Guess { pattern: stick, impulse: SVector::zeros() };
-    let (solution, _) = ExactSolver.solve(&system, &problem, &guess);
-    assert!(ExactSolver.is_indeterminate(&system, &problem, &solution));
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &guess);
+    assert!(ExactSolver.is_indeterminate(&operator, &problem, &solution));
 }
 
 /// Met by the search, which likes the edge of the friction cones: the left wheel slips by 2 um/s, and its direction turns
@@ -267,12 +267,12 @@ fn wheels_that_hardly_slip_are_solved() {
         -0.21061720142602502,
         0.0,
     ]);
-    let system = FrictionSystem::new(delassus, normal_response, [0.9, 0.9, 0.0]);
-    let problem = FrictionProblem {
+    let operator = DelassusOperator::new(delassus, normal_response, [0.9, 0.9, 0.0]);
+    let problem = OneStepProblem {
         free_slip: SVector::from([-0.07672467857963101, 0.07452807024728687, -5.0950331048765785e-6]),
         free_normal: SVector::from([0.049559034705347324, 0.04955871900566147, 0.02792738487371197]),
     };
-    let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
     assert!(solution.residual <= 1e-12, "residual {}", solution.residual);
     assert_eq!(solution.pattern.wheels, WheelPattern::BothSlip);
 }
@@ -282,7 +282,7 @@ fn wheels_that_hardly_slip_are_solved() {
 #[expect(clippy::unreadable_literal, reason = "figures as they were met")]
 fn steps_at_the_very_edge_of_sticking_are_solved() {
     let slippery = RobotParameters { wheel_friction_coefficient: 0.15, ..RobotParameters::default() };
-    let system = wheels_system(slippery);
+    let operator = wheels_operator(slippery);
     let met = [
         (
             [-0.00045835656075127965, 0.00020633212324637235, -2.1559730940638733e-9],
@@ -298,8 +298,8 @@ fn steps_at_the_very_edge_of_sticking_are_solved() {
         ),
     ];
     for (free_slip, free_normal) in met {
-        let problem = FrictionProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
-        let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+        let problem = OneStepProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
+        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
         assert!(solution.residual <= RESIDUAL_TOLERANCE, "residual {}", solution.residual);
     }
 }
@@ -323,21 +323,21 @@ fn hardly_any_slip_is_as_accurate_as_any_other() {
         wheel_friction_coefficient: 0.9,
         ..RobotParameters::default()
     };
-    let system = wheels_system(grippy);
-    let problem = FrictionProblem {
+    let operator = wheels_operator(grippy);
+    let problem = OneStepProblem {
         free_slip: SVector::from([-0.02919800149170238, 0.02831499033589286, -5.13575060560531e-9]),
         free_normal: SVector::from([0.018852339879564868, 0.018852339592927328, 0.01063081329466258]),
     };
-    let (solution, _) = ExactSolver.solve(&system, &problem, &Guess::default());
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
     assert!(solution.impact_slip.amax() < 1e-7, "slip {}", solution.impact_slip);
     assert!(solution.residual <= 4e-12, "residual {}", solution.residual);
 }
 
-/// The friction system of a robot whose front support has no friction.
-fn wheels_system(parameters: RobotParameters) -> FrictionSystem<3> {
+/// The Delassus operator of a robot whose front support has no friction.
+fn wheels_operator(parameters: RobotParameters) -> DelassusOperator<3> {
     let friction = parameters.wheel_friction_coefficient;
     let robot = Robot::new(parameters).unwrap();
-    FrictionSystem::new(
+    DelassusOperator::new(
         robot.delassus().fixed_view::<3, 3>(0, 0).into_owned(),
         robot.normal_response().fixed_columns::<3>(0).into_owned(),
         [friction, friction, 0.0],

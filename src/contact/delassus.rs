@@ -1,4 +1,4 @@
-//! Data of the friction problem: what is constant, and what changes from step to step.
+//! The Delassus operator of a robot, and the data that one time step adds to it: together the one-step friction problem.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
 
@@ -8,16 +8,16 @@ use super::pattern::{ContactPattern, WheelPattern};
 use super::solution::ContactMode;
 use super::uniqueness::solutions_are_unique;
 
-/// What one step brings to the friction problem.
+/// The data of one time step: impact slip and normal impulses as they would be without friction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FrictionProblem<const N: usize> {
+pub struct OneStepProblem<const N: usize> {
     /// Impact slip without friction, `(1 + e) gamma_A + W' M^-1 h dt`, m/s.
     pub free_slip: SVector<f64, N>,
     /// Normal impulses without friction (left, right, front), N s.
     pub free_normal: Vector3<f64>,
 }
 
-impl<const N: usize> FrictionProblem<N> {
+impl<const N: usize> OneStepProblem<N> {
     /// The weight's impulse m g dt, N s: friction never changes the sum of the normal impulses.
     #[inline]
     pub fn weight_impulse(&self) -> f64 {
@@ -34,9 +34,10 @@ pub struct ImpulseDerivative<const N: usize> {
     pub by_free_normal: SMatrix<f64, N, 3>,
 }
 
-/// The constant data of the friction problem in `N` = 3 or 5 directions (see the [module](super)).
+/// How friction impulses change the slip and the normal impulses of a robot, in `N` = 3 or 5 directions (see the
+/// [module](super)); the same in every time step.
 #[derive(Debug, Clone)]
-pub struct FrictionSystem<const N: usize> {
+pub struct DelassusOperator<const N: usize> {
     delassus: SMatrix<f64, N, N>,
     normal_response: SMatrix<f64, 3, N>,
     friction_coefficient: [f64; 3],
@@ -45,7 +46,7 @@ pub struct FrictionSystem<const N: usize> {
     has_unique_solutions: bool,
 }
 
-impl<const N: usize> FrictionSystem<N> {
+impl<const N: usize> DelassusOperator<N> {
     /// Prepares the solvers.
     ///
     /// `delassus` (1/kg) is positive definite, `normal_response` maps friction impulses to normal impulses (left,
@@ -64,20 +65,20 @@ impl<const N: usize> FrictionSystem<N> {
             *step = safe_prox_step(&delassus, rows);
         }
         let (linear_modes, has_unique_solutions) = (None, false);
-        let mut system =
+        let mut operator =
             Self { delassus, normal_response, friction_coefficient, prox_step, linear_modes, has_unique_solutions };
-        system.linear_modes = system.solve_linear_modes();
-        system.has_unique_solutions = solutions_are_unique(&system);
-        system
+        operator.linear_modes = operator.solve_linear_modes();
+        operator.has_unique_solutions = solutions_are_unique(&operator);
+        operator
     }
 
-    /// Whether it is proved that each problem of this system has one solution only; where it is not, a problem may still
-    /// have only one.
+    /// Whether every one-step problem with this operator is proved to have exactly one solution. Where it is not proved, a
+    /// problem may still have only one.
     pub fn has_unique_solutions(&self) -> bool {
         self.has_unique_solutions
     }
 
-    /// Slip change per friction impulse, 1/kg.
+    /// The Delassus matrix `W_T' M^-1 W_T`: slip change per friction impulse, 1/kg.
     pub fn delassus(&self) -> &SMatrix<f64, N, N> {
         &self.delassus
     }
@@ -99,13 +100,13 @@ impl<const N: usize> FrictionSystem<N> {
 
     /// Impact slip at a friction impulse.
     #[inline]
-    pub fn impact_slip(&self, problem: &FrictionProblem<N>, impulse: &SVector<f64, N>) -> SVector<f64, N> {
+    pub fn impact_slip(&self, problem: &OneStepProblem<N>, impulse: &SVector<f64, N>) -> SVector<f64, N> {
         problem.free_slip + self.delassus * impulse
     }
 
     /// Raw normal impulses at a friction impulse.
     #[inline]
-    pub fn normal_impulse(&self, problem: &FrictionProblem<N>, impulse: &SVector<f64, N>) -> Vector3<f64> {
+    pub fn normal_impulse(&self, problem: &OneStepProblem<N>, impulse: &SVector<f64, N>) -> Vector3<f64> {
         problem.free_normal + self.normal_response * impulse
     }
 
