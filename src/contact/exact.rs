@@ -6,11 +6,12 @@
 
 use nalgebra::SVector;
 
-use super::delassus::{DelassusOperator, OneStepProblem};
+use super::delassus::DelassusOperator;
 use super::fixed_point::{FixedPointSettings, FixedPointSolver};
 use super::mode_equations::ModeEquations;
 use super::natural_map::{contact_impulses, residual, split};
 use super::newton::{NEWTON_LIMIT, Newton};
+use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactPattern, WheelPattern};
 use super::ratio_newton::RatioNewton;
 use super::smoothed::falling_smoothings;

@@ -5,9 +5,10 @@
 
 use nalgebra::{SVector, Vector3};
 
-use super::delassus::{DelassusOperator, OneStepProblem};
+use super::delassus::DelassusOperator;
 use super::directions::{AXLE, ROWS, contact_count};
 use super::natural_map::{friction_radius, prox_argument, residual};
+use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_disc;
 use super::solution::{ContactImpulse, ContactMode, ContactSolution};

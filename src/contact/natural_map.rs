@@ -6,8 +6,9 @@
 
 use nalgebra::{SVector, Vector3};
 
-use super::delassus::{DelassusOperator, OneStepProblem};
+use super::delassus::DelassusOperator;
 use super::directions::{AXLE, ROWS, contact_count};
+use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactPattern, WheelPattern};
 use super::prox::{project_onto_disc, project_onto_half_line};
 use super::solution::{ContactImpulse, ContactSolution};

@@ -2,8 +2,9 @@
 
 use nalgebra::SVector;
 
-use super::delassus::{DelassusOperator, OneStepProblem};
+use super::delassus::DelassusOperator;
 use super::mode_equations::ModeEquations;
+use super::one_step_problem::OneStepProblem;
 use super::pattern::ContactPattern;
 
 /// Newton takes 2 to 4 steps from the last time step's impulse; one that takes many is in the wrong pattern.

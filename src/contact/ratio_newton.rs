@@ -13,9 +13,10 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-use super::delassus::{DelassusOperator, OneStepProblem};
+use super::delassus::DelassusOperator;
 use super::directions::{AXLE, LEFT, RIGHT, ROWS, contact_count, sticking};
 use super::natural_map::friction_radius;
+use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactPattern, WheelPattern};
 use super::solution::{ContactImpulse, ContactMode};
 

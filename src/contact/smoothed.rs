@@ -7,8 +7,9 @@ use std::iter::successors;
 
 use nalgebra::SVector;
 
-use super::delassus::{DelassusOperator, OneStepProblem};
+use super::delassus::DelassusOperator;
 use super::newton::{NEWTON_LIMIT, Newton};
+use super::one_step_problem::OneStepProblem;
 use super::pattern::ContactPattern;
 use super::solution::ContactSolution;
 
