@@ -4,8 +4,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
 
 use super::directions::{ROWS, contact_count};
 use super::one_step_problem::OneStepProblem;
-use super::pattern::{ContactPattern, WheelPattern};
-use super::solution::ContactMode;
+use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 
 /// Derivatives of the friction impulse with respect to the data of the problem.
 #[derive(Debug, Clone, Copy, PartialEq)]

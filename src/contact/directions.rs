@@ -1,7 +1,6 @@
 //! Which directions belong to which contact.
 
-use super::pattern::ContactPattern;
-use super::solution::ContactMode;
+use super::pattern::{ContactMode, ContactPattern};
 
 /// Left longitudinal direction.
 pub(super) const LEFT: usize = 0;

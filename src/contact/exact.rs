@@ -12,10 +12,10 @@ use super::mode_equations::ModeEquations;
 use super::natural_map::{contact_impulses, residual, split};
 use super::newton::{NEWTON_LIMIT, Newton};
 use super::one_step_problem::OneStepProblem;
-use super::pattern::{ContactPattern, WheelPattern};
+use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::ratio_newton::RatioNewton;
 use super::smoothed::falling_smoothings;
-use super::solution::{ContactMode, ContactSolution};
+use super::solution::ContactSolution;
 
 /// Accepted residual relative to m g dt: well above the rounding of a solved pattern (1e-15), and far below what a
 /// wrong pattern leaves.

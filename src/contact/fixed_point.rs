@@ -9,9 +9,9 @@ use super::delassus::DelassusOperator;
 use super::directions::{AXLE, ROWS, contact_count};
 use super::natural_map::{friction_radius, prox_argument, residual};
 use super::one_step_problem::OneStepProblem;
-use super::pattern::{ContactPattern, SlipSign, WheelPattern};
+use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_disc;
-use super::solution::{ContactImpulse, ContactMode, ContactSolution};
+use super::solution::{ContactImpulse, ContactSolution};
 
 /// When the sweeps end.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -18,9 +18,8 @@ use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::delassus::{DelassusOperator, ImpulseDerivative};
 use super::directions::{LEFT, RIGHT, ROWS, contact_count, sticking};
-use super::pattern::{ContactPattern, SlipSign, WheelPattern};
+use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_half_line;
-use super::solution::ContactMode;
 
 /// The equations of one pattern, linearised at one point.
 #[derive(Debug, Clone, Copy)]

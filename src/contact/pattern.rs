@@ -1,6 +1,24 @@
 //! Contact patterns: which contacts stick, and which way a single slipping wheel slips.
 
-use super::solution::ContactMode;
+/// Whether a contact sticks (no slip, impulse inside its friction disc) or slips.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ContactMode {
+    /// No slip.
+    Stick,
+    /// Slip; also a contact without friction or without normal force.
+    #[default]
+    Slip,
+}
+
+impl ContactMode {
+    /// `stick` or `slip`.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Stick => "stick",
+            Self::Slip => "slip",
+        }
+    }
+}
 
 /// Way in which a wheel slips lengthwise while the other one sticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

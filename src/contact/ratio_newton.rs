@@ -17,8 +17,8 @@ use super::delassus::DelassusOperator;
 use super::directions::{AXLE, LEFT, RIGHT, ROWS, contact_count, sticking};
 use super::natural_map::friction_radius;
 use super::one_step_problem::OneStepProblem;
-use super::pattern::{ContactPattern, WheelPattern};
-use super::solution::{ContactImpulse, ContactMode};
+use super::pattern::{ContactMode, ContactPattern, WheelPattern};
+use super::solution::ContactImpulse;
 
 /// Impulses by direction (at most 5), lateral impulse of the left wheel, slip ratio of each contact. What a pattern does
 /// not need stays 0.

@@ -22,26 +22,6 @@ pub struct ContactSolution<const N: usize> {
     pub residual: f64,
 }
 
-/// Whether a contact sticks (no slip, impulse inside its friction disc) or slips.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum ContactMode {
-    /// No slip.
-    Stick,
-    /// Slip; also a contact without friction or without load.
-    #[default]
-    Slip,
-}
-
-impl ContactMode {
-    /// `stick` or `slip`.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Stick => "stick",
-            Self::Slip => "slip",
-        }
-    }
-}
-
 /// The three contacts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ContactName {
