@@ -13,7 +13,7 @@ use super::natural_map::{contact_impulses, residual, split};
 use super::newton::{NEWTON_LIMIT, Newton};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
-use super::ratio_newton::RatioNewton;
+use super::sliding_newton::SlidingNewton;
 use super::smoothed::falling_smoothings;
 use super::solution::ContactSolution;
 
@@ -187,7 +187,7 @@ impl<'a, const N: usize> Search<'a, N> {
             if let Some(solution) = self.in_pattern(seen.pattern, &seen.impulse) {
                 return solution;
             }
-            if let Some(solution) = self.by_slip_ratios(&seen) {
+            if let Some(solution) = self.by_sliding_multipliers(&seen) {
                 return solution;
             }
             sweeps *= 2;
@@ -222,15 +222,15 @@ impl<'a, const N: usize> Search<'a, N> {
         best
     }
 
-    /// In every pattern with spatial slip, from what the fixed point has seen: it may be so little that it looks like
-    /// sticking.
+    /// Newton with sliding multipliers in every pattern with spatial slip, from the fixed point's iterate: a slip may be too
+    /// slow to be told from sticking.
     #[cold]
-    fn by_slip_ratios(&self, seen: &ContactSolution<N>) -> Option<ContactSolution<N>> {
+    fn by_sliding_multipliers(&self, seen: &ContactSolution<N>) -> Option<ContactSolution<N>> {
         let start = contact_impulses(self.operator, seen);
         let small_update = self.small_update();
         all_patterns::<N>().filter(|pattern| DelassusOperator::<N>::linear_index(*pattern).is_none()).find_map(
             |pattern| {
-                let newton = RatioNewton { operator: self.operator, problem: self.problem, pattern };
+                let newton = SlidingNewton { operator: self.operator, problem: self.problem, pattern };
                 newton.solve(&start, small_update, |impulse| self.accepted(self.candidate(pattern, impulse)))
             },
         )

@@ -26,7 +26,7 @@ mod newton;
 mod one_step_problem;
 mod pattern;
 mod prox;
-mod ratio_newton;
+mod sliding_newton;
 mod smoothed;
 mod solution;
 mod uniqueness;

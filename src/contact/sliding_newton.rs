@@ -1,7 +1,10 @@
-//! Newton in impulses and slip ratios, for contacts that hardly slip.
+//! Newton in impulses and sliding multipliers, for contacts that slip very slowly.
 //!
-//! Where a slip vanishes its direction turns arbitrarily fast, and equations in that direction are useless. With a slip
-//! ratio `sigma_i >= 0` per slipping contact the friction law has no direction in it and is smooth also at rest:
+//! As the slip goes to zero its direction can turn arbitrarily fast, and equations in that direction are useless. Maximum
+//! dissipation in the friction disc has the Karush-Kuhn-Tucker conditions below, with one sliding multiplier
+//! `sigma_i >= 0` per slipping contact: no slip direction appears, and the equations are smooth also at rest. Stewart &
+//! Trinkle (1996) and Anitescu & Potra (1997) use the multiplier of this condition for polyhedral friction cones; there it
+//! is the slip speed, here, for the squared radius of the disc, the slip speed over the radius.
 //!
 //! ```text
 //! sticking direction:     xi = 0
@@ -9,7 +12,7 @@
 //! slipping contact:       xi_i + sigma_i Lambda_i = 0,   |Lambda_i|^2 = (mu_i Lambda_N,i)^2
 //! ```
 //!
-//! It costs more than the equations of [`super::mode_equations`], which serve wherever the slip is clear.
+//! A step costs more than with the equations of [`super::mode_equations`], which are used wherever the slip is large enough.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -20,12 +23,12 @@ use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::solution::ContactImpulse;
 
-/// Impulses by direction (at most 5), lateral impulse of the left wheel, slip ratio of each contact. What a pattern does
-/// not need stays 0.
+/// Impulses by direction (at most 5), lateral impulse of the left wheel, sliding multiplier of each contact. Unknowns that
+/// a pattern does not use stay 0.
 const SIZE: usize = 9;
 const LEFT_LATERAL: usize = 5;
-const RATIO: [usize; 3] = [6, 7, 8];
-/// Starts are near: what takes longer is the wrong pattern.
+const MULTIPLIER: [usize; 3] = [6, 7, 8];
+/// The starts are close to the solution: more iterations mean that the pattern is wrong.
 const NEWTON_LIMIT: usize = 30;
 const SMALLEST_SHARE: f64 = 0.05;
 
@@ -34,7 +37,7 @@ type Unknowns = SVector<f64, SIZE>;
 type ImpulseSum<'a> = &'a [(usize, f64)];
 
 /// The equations of one pattern in one friction problem.
-pub(super) struct RatioNewton<'a, const N: usize> {
+pub(super) struct SlidingNewton<'a, const N: usize> {
     pub(super) operator: &'a DelassusOperator<N>,
     pub(super) problem: &'a OneStepProblem<N>,
     pub(super) pattern: ContactPattern,
@@ -46,7 +49,7 @@ struct Equations {
     jacobian: SMatrix<f64, SIZE, SIZE>,
 }
 
-impl<const N: usize> RatioNewton<'_, N> {
+impl<const N: usize> SlidingNewton<'_, N> {
     /// Iterates from impulses per contact; each impulse whose update was at most `small_update` (N s) is offered to
     /// `accept`. None when no offer was accepted or the equations became singular.
     pub(super) fn solve<T>(
@@ -85,7 +88,7 @@ impl<const N: usize> RatioNewton<'_, N> {
         }
     }
 
-    /// The slip ratio of each contact is the one that fits the start best.
+    /// The sliding multiplier of each contact is the least-squares fit to the start.
     fn unknowns(&self, start: &[ContactImpulse; 3]) -> Unknowns {
         let [left, right, front] = start;
         let mut unknowns = Unknowns::zeros();
@@ -102,7 +105,7 @@ impl<const N: usize> RatioNewton<'_, N> {
         for (contact, impulse) in start.iter().enumerate().filter(|(contact, _)| self.slips(*contact)) {
             let along = slip[ROWS[contact][0]] * impulse[0] + slip[ROWS[contact][1]] * impulse[1];
             let squared = impulse[0] * impulse[0] + impulse[1] * impulse[1];
-            unknowns[RATIO[contact]] = if squared > 0.0 { (-along / squared).max(0.0) } else { 0.0 };
+            unknowns[MULTIPLIER[contact]] = if squared > 0.0 { (-along / squared).max(0.0) } else { 0.0 };
         }
         unknowns
     }
@@ -132,7 +135,7 @@ impl<const N: usize> RatioNewton<'_, N> {
             let [longitudinal, lateral] = ROWS[2];
             for row in [longitudinal, lateral] {
                 self.set_slip(&mut equations, row, row, &slip);
-                Self::add_friction(&mut equations, row, (RATIO[2], self.step(2)), unknowns, &[(row, 1.0)]);
+                Self::add_friction(&mut equations, row, (MULTIPLIER[2], self.step(2)), unknowns, &[(row, 1.0)]);
             }
             self.set_cone(&mut equations, 2, unknowns, &normal, (&[(longitudinal, 1.0)], &[(lateral, 1.0)]));
         }
@@ -149,11 +152,11 @@ impl<const N: usize> RatioNewton<'_, N> {
         // The lateral impulse of the right wheel is what the left one leaves.
         let lateral: [ImpulseSum; 2] = [&[(LEFT_LATERAL, 1.0)], &[(AXLE, 1.0), (LEFT_LATERAL, -1.0)]];
         for (wheel, lateral_row) in [(LEFT, AXLE), (RIGHT, LEFT_LATERAL)] {
-            let ratio = (RATIO[wheel], self.step(wheel));
+            let multiplier = (MULTIPLIER[wheel], self.step(wheel));
             self.set_slip(equations, wheel, wheel, slip);
-            Self::add_friction(equations, wheel, ratio, unknowns, &[(wheel, 1.0)]);
+            Self::add_friction(equations, wheel, multiplier, unknowns, &[(wheel, 1.0)]);
             self.set_slip(equations, lateral_row, AXLE, slip);
-            Self::add_friction(equations, lateral_row, ratio, unknowns, lateral[wheel]);
+            Self::add_friction(equations, lateral_row, multiplier, unknowns, lateral[wheel]);
             self.set_cone(equations, wheel, unknowns, normal, (&[(wheel, 1.0)], lateral[wheel]));
         }
     }
@@ -177,15 +180,15 @@ impl<const N: usize> RatioNewton<'_, N> {
     fn add_friction(
         equations: &mut Equations,
         equation: usize,
-        (ratio, step): (usize, f64),
+        (multiplier, step): (usize, f64),
         unknowns: &Unknowns,
         impulse: ImpulseSum,
     ) {
         let total: f64 = impulse.iter().map(|(index, sign)| sign * unknowns[*index]).sum();
-        equations.value[equation] += step * unknowns[ratio] * total;
-        equations.jacobian[(equation, ratio)] += step * total;
+        equations.value[equation] += step * unknowns[multiplier] * total;
+        equations.jacobian[(equation, multiplier)] += step * total;
         for (index, sign) in impulse {
-            equations.jacobian[(equation, *index)] += step * unknowns[ratio] * sign;
+            equations.jacobian[(equation, *index)] += step * unknowns[multiplier] * sign;
         }
     }
 
@@ -217,7 +220,7 @@ impl<const N: usize> RatioNewton<'_, N> {
     ) {
         let weight = self.problem.weight_impulse();
         let radius = friction_radius(self.operator, contact, normal);
-        let row = RATIO[contact];
+        let row = MULTIPLIER[contact];
         equations.jacobian.row_mut(row).fill(0.0);
         let mut squared = 0.0;
         for part in [longitudinal, lateral] {
