@@ -211,7 +211,7 @@ impl<'a, const N: usize> Search<'a, N> {
             let small_update = SMOOTHED_UPDATE * slip_smoothing * operator.prox_step()[0];
             let Some(followed) = newton.solve(&impulse, small_update.min(self.small_update()), Some) else { break };
             impulse = followed;
-            let solution = self.with_vague_slips(self.candidate(pattern, impulse));
+            let solution = self.with_undetermined_directions(self.candidate(pattern, impulse));
             if best.is_none_or(|best| solution.residual < best.residual) {
                 best = Some(solution);
             }
@@ -263,18 +263,22 @@ impl<'a, const N: usize> Search<'a, N> {
         if candidate.residual <= self.tolerance {
             return Some(candidate);
         }
-        if candidate.pattern.wheels == WheelPattern::BothSlip { self.accepted_vaguely(candidate) } else { None }
+        if candidate.pattern.wheels == WheelPattern::BothSlip {
+            self.accepted_with_undetermined_directions(candidate)
+        } else {
+            None
+        }
     }
 
     #[cold]
-    fn accepted_vaguely(&self, candidate: ContactSolution<N>) -> Option<ContactSolution<N>> {
-        let candidate = self.with_vague_slips(candidate);
+    fn accepted_with_undetermined_directions(&self, candidate: ContactSolution<N>) -> Option<ContactSolution<N>> {
+        let candidate = self.with_undetermined_directions(candidate);
         (candidate.residual <= self.tolerance).then_some(candidate)
     }
 
-    /// With the residual that allows for slips whose directions are vague ([`contact_impulses`]). Asking that of every
-    /// candidate would cost 8 % of a drifting rollout.
-    fn with_vague_slips(&self, candidate: ContactSolution<N>) -> ContactSolution<N> {
+    /// With the residual that allows for undetermined slip directions ([`contact_impulses`]). Computing it for every candidate
+    /// would cost 8 % of a drifting rollout.
+    fn with_undetermined_directions(&self, candidate: ContactSolution<N>) -> ContactSolution<N> {
         let ContactSolution { impact_slip, normal_impulse, .. } = &candidate;
         let parts = contact_impulses(self.operator, &candidate);
         let residual = residual(self.operator, self.problem, &parts, impact_slip, normal_impulse);

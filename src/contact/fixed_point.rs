@@ -117,7 +117,7 @@ impl FixedPointSolver {
             radius > 0.0 && a * a + b * b <= radius * radius
         };
         let sign = |wheel: usize| match () {
-            () if normal_impulse[wheel] <= 0.0 => SlipSign::Unloaded,
+            () if normal_impulse[wheel] <= 0.0 => SlipSign::NoNormalForce,
             () if impact_slip[wheel] < 0.0 => SlipSign::Backward,
             () => SlipSign::Forward,
         };

@@ -13,9 +13,10 @@ use super::pattern::{ContactPattern, WheelPattern};
 use super::prox::{project_onto_disc, project_onto_half_line};
 use super::solution::{ContactImpulse, ContactSolution};
 
-/// Slips that shift the argument of the prox map by less than this share of the friction radius have vague directions:
-/// those of larger ones are good to 2e-12, and below the friction radii tell the lateral impulses as well as that.
-const VAGUE_SLIP: f64 = 1e-4;
+/// The direction of a slip is undetermined where it shifts the argument of the prox map by less than this share of the
+/// friction radius: directions of larger slips are accurate to 2e-12, and for smaller ones the friction radii give the
+/// lateral impulses as accurately.
+const UNDETERMINED_DIRECTION: f64 = 1e-4;
 
 /// Relative residual of the friction law at given impulses per contact.
 #[inline]
@@ -62,8 +63,8 @@ pub(super) fn friction_radius<const N: usize>(
 /// Friction impulse per contact (left, right, front) of a solution.
 ///
 /// While both wheels stick, only the sum of their lateral impulses is physical: it is split in proportion to the
-/// remaining friction capacity, by convention. Wheels that hardly slip share it in the same way: rounding blurs the
-/// directions of their slips, which then hardly count either.
+/// remaining friction capacity, by convention. Two wheels with slips of undetermined direction share it in the same way:
+/// rounding dominates these directions, and their effect is below the accuracy of the solution.
 #[inline]
 pub fn contact_impulses<const N: usize>(
     operator: &DelassusOperator<N>,
@@ -71,7 +72,9 @@ pub fn contact_impulses<const N: usize>(
 ) -> [ContactImpulse; 3] {
     let ContactSolution { impulse, impact_slip, normal_impulse, .. } = solution;
     let mut pattern = solution.pattern;
-    if pattern.wheels == WheelPattern::BothSlip && slips_vaguely(operator, impact_slip, normal_impulse) {
+    if pattern.wheels == WheelPattern::BothSlip
+        && slip_directions_are_undetermined(operator, impact_slip, normal_impulse)
+    {
         pattern.wheels = WheelPattern::BothStick;
     }
     split(operator, pattern, impulse, impact_slip, normal_impulse)
@@ -105,15 +108,16 @@ pub(super) fn split<const N: usize>(
     [[impulse[0], left_lateral], [impulse[1], lateral - left_lateral], front]
 }
 
-/// Whether both wheels slip so little that the friction radii tell better than the slips how they share the lateral impulse.
-fn slips_vaguely<const N: usize>(
+/// Whether both wheels slip so slowly that the friction radii determine their shares of the lateral impulse more accurately
+/// than the slip directions do.
+fn slip_directions_are_undetermined<const N: usize>(
     operator: &DelassusOperator<N>,
     impact_slip: &SVector<f64, N>,
     normal_impulse: &Vector3<f64>,
 ) -> bool {
     [0, 1].into_iter().all(|wheel| {
         let shift = operator.prox_step()[wheel] * wheel_slip_speed(wheel, impact_slip);
-        shift < VAGUE_SLIP * friction_radius(operator, wheel, normal_impulse)
+        shift < UNDETERMINED_DIRECTION * friction_radius(operator, wheel, normal_impulse)
     })
 }
 

@@ -25,8 +25,8 @@ impl ContactMode {
 pub enum SlipSign {
     /// The contact point slides backwards: negative longitudinal slip, as when accelerating.
     Backward,
-    /// The wheel carries no load, so its slip meets no friction.
-    Unloaded,
+    /// The wheel has no normal force, hence no friction.
+    NoNormalForce,
     /// The contact point slides forwards, as when braking.
     Forward,
 }
@@ -36,7 +36,7 @@ impl SlipSign {
     pub const fn value(self) -> f64 {
         match self {
             Self::Backward => -1.0,
-            Self::Unloaded => 0.0,
+            Self::NoNormalForce => 0.0,
             Self::Forward => 1.0,
         }
     }
@@ -73,8 +73,8 @@ impl WheelPattern {
         Self::RightSlips(SlipSign::Backward),
         Self::LeftSlips(SlipSign::Forward),
         Self::LeftSlips(SlipSign::Backward),
-        Self::RightSlips(SlipSign::Unloaded),
-        Self::LeftSlips(SlipSign::Unloaded),
+        Self::RightSlips(SlipSign::NoNormalForce),
+        Self::LeftSlips(SlipSign::NoNormalForce),
     ];
 
     /// The pattern's place in [`WheelPattern::LINEAR`]; none while both wheels slip.
@@ -85,8 +85,8 @@ impl WheelPattern {
             Self::RightSlips(SlipSign::Backward) => Some(2),
             Self::LeftSlips(SlipSign::Forward) => Some(3),
             Self::LeftSlips(SlipSign::Backward) => Some(4),
-            Self::RightSlips(SlipSign::Unloaded) => Some(5),
-            Self::LeftSlips(SlipSign::Unloaded) => Some(6),
+            Self::RightSlips(SlipSign::NoNormalForce) => Some(5),
+            Self::LeftSlips(SlipSign::NoNormalForce) => Some(6),
             Self::BothSlip => None,
         }
     }
