@@ -1,4 +1,4 @@
-//! Which directions belong to which contact.
+//! The friction directions of each contact, as indices.
 
 use super::pattern::{ContactMode, ContactPattern};
 

@@ -1,8 +1,11 @@
-//! The exact contact solver: find the contact pattern, solve its equations.
+//! The exact contact solver: enumeration of the contact modes. It finds the contact pattern and solves its equations.
 //!
 //! Patterns with at most one slipping wheel are linear, and their solution maps are constants of the robot. Only
 //! spatial slip (both wheels, or the front support) needs a small Newton iteration. A candidate is accepted only if
-//! the natural map says that it solves the friction problem.
+//! its residual, the [natural map](super::natural_map), vanishes to rounding. The order of the attempts: the pattern of the
+//! last step, all other patterns, and then, for the rare steps at the boundary of sticking, fixed-point sweeps,
+//! [Newton with sliding multipliers](super::sliding_newton) and a continuation in the smoothing of the
+//! [regularised law](super::smoothed).
 
 use nalgebra::SVector;
 
@@ -24,17 +27,17 @@ const ACCEPTED_RESIDUAL: f64 = 1e-12;
 const SLIP_ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// Below this update, relative to m g dt, quadratic convergence has arrived at rounding.
 const NEWTON_UPDATE: f64 = 1e-8;
-/// Sweeps before the first look at the pattern that the fixed point tends to; doubled after each look.
+/// Sweeps before the pattern of the fixed point's iterate is tried first; doubled after each try.
 const FIRST_SWEEPS: usize = 20;
-/// Most sweeps between two looks. Ill-conditioned problems would take millions; a rollout must end in bounded time, and
-/// the residual tells what was not reached.
+/// Most sweeps between two tries. Ill-conditioned problems would take millions; a rollout must end in bounded time, and
+/// the residual reports the accuracy that was reached.
 const MOST_SWEEPS: usize = 640;
-/// Slip smoothing with which the last resort ends, m/s, and the factor from one to the next.
+/// Last slip smoothing of the continuation, m/s, and the factor from one to the next.
 const FINE_SMOOTHING: f64 = 1e-18;
 const SMOOTHING_FACTOR: f64 = 0.25;
-/// Its solution is followed to this share of the smoothing.
+/// Newton's update, as a share of the smoothing, at which the continuation goes on to the next smoothing.
 const SMOOTHED_UPDATE: f64 = 0.01;
-/// Newton steps of the check for further solutions, from each of its starts: where there is one, 4 are usual.
+/// Newton steps of the check for further solutions, from each of its starts: where a solution exists, 4 are usual.
 const CHECK_LIMIT: usize = 8;
 /// Solutions that differ by more than this, relative to m g dt, are different motions.
 const DISTINCT_IMPULSE: f64 = 1e-6;
@@ -68,7 +71,7 @@ pub enum SolvePath {
     GuessedPattern,
     /// In another pattern.
     OtherPattern,
-    /// After fixed-point sweeps had shown the pattern.
+    /// With the help of fixed-point sweeps.
     FixedPoint,
 }
 
@@ -79,8 +82,8 @@ pub struct ExactSolver;
 impl ExactSolver {
     /// Solves one step.
     ///
-    /// The residual of the answer tells whether the friction law was met; it is at most 1e-10 but for steps so short
-    /// that the slip's rounding exceeds that.
+    /// The residual of the answer is the accuracy to which the friction law holds. It is at most 1e-10, except for steps so
+    /// short that the rounding of the slip exceeds that.
     #[inline]
     pub fn solve<const N: usize>(
         self,
@@ -113,7 +116,7 @@ impl ExactSolver {
         };
         let starts = [solution.impulse, -solution.impulse, search.impulse_against_free_slip()];
         all_patterns::<N>().any(|pattern| {
-            // A linear pattern has one solution wherever the search for it starts.
+            // The solution of a linear pattern does not depend on the start.
             let count = if DelassusOperator::<N>::linear_index(pattern).is_some() { 1 } else { starts.len() };
             starts[..count].iter().filter_map(|start| search.in_pattern(pattern, start)).any(|other| differs(&other))
         })
@@ -171,13 +174,13 @@ impl<'a, const N: usize> Search<'a, N> {
             .find_map(|pattern| self.in_pattern(pattern, &start))
     }
 
-    /// Sweeps until the pattern that the fixed point tends to can be solved, or the fixed point has converged.
+    /// Fixed-point sweeps until the pattern of their iterate can be solved; continuation where that fails.
     #[cold]
     fn after_sweeps(&self) -> ContactSolution<N> {
         let settings = FixedPointSettings::default();
         let mut fixed_point = FixedPointSolver::new(settings);
         let mut sweeps = FIRST_SWEEPS;
-        // Motions that overflowed have no solution: their residual says so without any sweep.
+        // Motions that overflowed have no solution: their residual is not finite without any sweep.
         let is_finite = self.problem.free_slip.sum().is_finite() && self.problem.weight_impulse().is_finite();
         while is_finite && sweeps <= MOST_SWEEPS {
             for _ in 0..sweeps {
@@ -197,9 +200,10 @@ impl<'a, const N: usize> Search<'a, N> {
         followed.filter(|followed| followed.residual < swept.residual).unwrap_or(swept)
     }
 
-    /// Follows the solution from a nearly linear law, in which all contacts slip, to one that differs from Coulomb's by next
-    /// to nothing. At the very edge of sticking, which searches like, slips vanish in every direction: sweeps would take
-    /// millions, and there is nothing that Newton could tell them apart by.
+    /// Continuation from a nearly linear law, in which all contacts slip, to a law that differs negligibly from Coulomb's.
+    ///
+    /// At the boundary between sticking and slipping, where optimal plans often lie, the slips of all patterns vanish: the
+    /// sweeps would take millions of iterations, and the equations of the patterns become singular.
     #[cold]
     fn by_vanishing_smoothing(&self) -> Option<ContactSolution<N>> {
         let (operator, problem, iteration_limit) = (self.operator, self.problem, self.iteration_limit);
@@ -222,8 +226,8 @@ impl<'a, const N: usize> Search<'a, N> {
         best
     }
 
-    /// Newton with sliding multipliers in every pattern with spatial slip, from the fixed point's iterate: a slip may be too
-    /// slow to be told from sticking.
+    /// Newton with sliding multipliers in every pattern with spatial slip, from the fixed point's iterate: a slip may be so
+    /// slow that the iterate's own pattern is sticking.
     #[cold]
     fn by_sliding_multipliers(&self, seen: &ContactSolution<N>) -> Option<ContactSolution<N>> {
         let start = contact_impulses(self.operator, seen);

@@ -1,7 +1,8 @@
-//! The paper's contact solver: Gauss-Seidel sweeps of the prox map (27) with normal impulses by projection.
+//! The paper's contact solver: block Gauss-Seidel sweeps of the prox map (27), one contact after the other, with normal
+//! impulses by projection.
 //!
 //! Slow (tens to thousands of sweeps), simple and robust: the reference that the exact solver is checked against, and
-//! its last resort.
+//! its fallback.
 
 use nalgebra::{SVector, Vector3};
 
@@ -86,7 +87,7 @@ impl FixedPointSolver {
         largest_change
     }
 
-    /// The current iterate as a solution, with the pattern read off the branch of each prox map.
+    /// The current iterate as a solution; its pattern is the branch of each contact's prox map (inside the disc: stick).
     #[inline]
     pub(super) fn solution<const N: usize>(
         &self,

@@ -13,7 +13,7 @@
 //! these directions the Delassus matrix is positive definite; only the split of the lateral impulse between two
 //! sticking wheels is not determined.
 //!
-//! One residual, the [natural map](natural_map), judges every solver. This module knows no robot.
+//! All solvers have the same residual, the [natural map](natural_map). Nothing in this module depends on the robot.
 
 mod delassus;
 mod directions;

@@ -8,11 +8,9 @@
 //! one wheel slips lengthwise:  Lambda_i + sign mu_i Lambda_N,i = 0
 //! ```
 //!
-//! With a slip smoothing s > 0, `|xi_i|` becomes `sqrt(|xi_i|^2 + s^2)`: a contact then always slips a little, and
-//! the law has no kinks.
-//!
-//! where xi and the normal impulses are affine in Lambda. Each slipping contact is linearised by itself: its equations know
-//! its own two slips and its own normal impulse.
+//! where xi and the normal impulses are affine in Lambda. Each slipping contact is linearised by itself: its equations
+//! contain its own two slips and its own normal impulse. With a slip smoothing s > 0, `|xi_i|` becomes
+//! `sqrt(|xi_i|^2 + s^2)`: the regularised law, in which every contact slips.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -30,14 +28,15 @@ pub(super) struct ModeEquations<const N: usize> {
     slipping: [SlippingContact; 3],
 }
 
-/// The friction `-radius direction` of a slipping contact, linearised; all zero where a contact sticks or bears nothing.
+/// The friction `-radius direction` of a slipping contact, linearised; all zero where a contact sticks or has no normal
+/// force.
 #[derive(Debug, Clone, Copy, Default)]
 struct SlippingContact {
     /// Of the slip.
     direction: [f64; 2],
     /// Radius of the friction disc over the slip speed, kg.
     stiffness: f64,
-    /// By how much the radius grows with the normal impulse.
+    /// Derivative of the radius by the normal impulse.
     coefficient: f64,
 }
 

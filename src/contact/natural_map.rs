@@ -1,6 +1,9 @@
-//! The natural map of the friction law, (27): the one residual that judges every contact solver.
+//! The natural map of the friction law, (27): the residual of every contact solver.
 //!
-//! `Lambda_i = prox_C(Lambda_i - r_i xi_i)` holds for any r > 0 exactly at a solution. The residual is the largest
+//! `Lambda_i = prox_C(Lambda_i - r_i xi_i)` holds for any r > 0 exactly at a solution: the natural map of the
+//! quasi-variational inequality `-xi_i in N_C(Lambda_i)` (Facchinei & Pang 2003), and the tangential part of Alart &
+//! Curnier's (1991) map. The normal impulses are affine in the friction, by projection, so there is no normal
+//! complementarity and no De Saxce correction. The residual is the largest
 //! `|Lambda_i - prox_C(Lambda_i - r_i xi_i)|` over the contacts with r of [`DelassusOperator::prox_step`], relative to the
 //! weight's impulse m g dt.
 

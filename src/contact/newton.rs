@@ -1,4 +1,7 @@
-//! Newton on the equations of one pattern, with a line search.
+//! Newton on the equations of one pattern, with a backtracking line search.
+//!
+//! The pattern stays fixed, so these equations are smooth where the slips are not zero; a semismooth Newton on the
+//! [natural map](super::natural_map) would choose the pattern within the iteration.
 
 use nalgebra::SVector;
 
@@ -7,7 +10,7 @@ use super::mode_equations::ModeEquations;
 use super::one_step_problem::OneStepProblem;
 use super::pattern::ContactPattern;
 
-/// Newton takes 2 to 4 steps from the last time step's impulse; one that takes many is in the wrong pattern.
+/// Newton takes 2 to 4 steps from the last time step's impulse; more mean that the pattern is wrong.
 pub(super) const NEWTON_LIMIT: usize = 20;
 /// Steps are halved down to this share of themselves: a full one can overshoot where a slip direction turns quickly.
 const SMALLEST_SHARE: f64 = 0.1;
@@ -23,9 +26,10 @@ pub(super) struct Newton<'a, const N: usize> {
 }
 
 impl<const N: usize> Newton<'_, N> {
-    /// Iterates from `start`; each impulse whose update was at most `small_update` (N s) is offered to `accept`.
+    /// Iterates from `start`; each impulse whose update was at most `small_update` (N s) is passed to `accept`, which ends the
+    /// iteration with `Some`.
     ///
-    /// None when no offer was accepted or the equations became singular.
+    /// None when no impulse was accepted or the equations became singular.
     #[inline]
     pub(super) fn solve<T>(
         &self,
@@ -74,7 +78,8 @@ fn solved<const N: usize>(rows: [[f64; N]; N], value: SVector<f64, N>) -> Option
     if N == 3 { by_cofactors(&rows, &value) } else { by_elimination(rows, value) }
 }
 
-/// By Cramer's rule: one division, where elimination waits for six in a row. Newton repairs what rounding adds.
+/// By Cramer's rule: one division, where elimination has six that depend on each other. Later Newton steps correct its
+/// larger rounding.
 #[inline]
 fn by_cofactors<const N: usize>(rows: &[[f64; N]; N], value: &SVector<f64, N>) -> Option<SVector<f64, N>> {
     let column = |index: usize| [rows[0][index], rows[1][index], rows[2][index]];
@@ -101,7 +106,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// By elimination with row pivoting: unrolled for its size it takes a third of the library's inverse.
+/// Gaussian elimination with partial pivoting: unrolled for its size it takes a third of the time of nalgebra's inverse.
 #[inline]
 fn by_elimination<const N: usize>(mut rows: [[f64; N]; N], mut value: SVector<f64, N>) -> Option<SVector<f64, N>> {
     for column in 0..N {

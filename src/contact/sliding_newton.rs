@@ -50,8 +50,8 @@ struct Equations {
 }
 
 impl<const N: usize> SlidingNewton<'_, N> {
-    /// Iterates from impulses per contact; each impulse whose update was at most `small_update` (N s) is offered to
-    /// `accept`. None when no offer was accepted or the equations became singular.
+    /// Iterates from impulses per contact; each impulse whose update was at most `small_update` (N s) is passed to `accept`,
+    /// which ends the iteration with `Some`. None when no impulse was accepted or the equations became singular.
     pub(super) fn solve<T>(
         &self,
         start: &[ContactImpulse; 3],

@@ -1,7 +1,8 @@
-//! The friction law without kinks: `Lambda_i = -mu_i max(Lambda_N,i, 0) xi_i / sqrt(|xi_i|^2 + s^2)`.
+//! Regularised Coulomb friction: `Lambda_i = -mu_i max(Lambda_N,i, 0) xi_i / sqrt(|xi_i|^2 + s^2)`.
 //!
-//! Not a contact solver to answer with: sticking becomes a slow creep. The search uses it on the way to the exact law,
-//! because its derivatives stay right where a contact changes its mode or reverses its slip.
+//! The law has no kinks, but sticking contacts creep slowly, so no answer is computed with it. The search uses it on the
+//! way to the exact law (continuation in s), because its derivatives are correct also where a contact changes its mode or
+//! reverses its slip.
 
 use std::iter::successors;
 
@@ -15,9 +16,9 @@ use super::solution::ContactSolution;
 
 /// Newton's update relative to m g dt at which it has converged: the search needs merits to 1e-7, not to rounding.
 const SMALL_UPDATE: f64 = 1e-9;
-/// Slip smoothing with which a continuation starts, m/s: the law is nearly linear, and Newton converges from anywhere.
+/// First slip smoothing of a continuation, m/s: the law is nearly linear, and Newton converges from any start.
 const COARSE_SMOOTHING: f64 = 10.0;
-/// From one smoothing to the next on that way.
+/// Factor from one smoothing of the continuation to the next.
 const SMOOTHING_FACTOR: f64 = 0.5;
 
 /// Newton on the smoothed law, warm-started from the last step.
@@ -59,7 +60,7 @@ impl<const N: usize> SmoothedSolver<N> {
         }
     }
 
-    /// Follows the solution from a nearly linear law.
+    /// Continuation from a nearly linear law.
     #[cold]
     fn by_continuation(
         &self,
@@ -73,7 +74,7 @@ impl<const N: usize> SmoothedSolver<N> {
     }
 }
 
-/// Slip smoothings of a continuation, m/s: from a nearly linear law down to `last`, without it.
+/// Slip smoothings of a continuation, m/s: from a nearly linear law down to `last`, which is excluded.
 pub(super) fn falling_smoothings(factor: f64, last: f64) -> impl Iterator<Item = f64> {
     successors(Some(COARSE_SMOOTHING), move |smoothing| Some(smoothing * factor))
         .take_while(move |smoothing| *smoothing > last)

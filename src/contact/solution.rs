@@ -1,4 +1,4 @@
-//! What a contact solver says about one step.
+//! The result of a contact solver for one step, and values per contact.
 
 use nalgebra::{SVector, Vector3};
 

@@ -1,4 +1,5 @@
-//! When the friction problem has one solution only, whatever the step brings.
+//! A sufficient condition for the one-step friction problem to have exactly one solution, whatever the step's data; derived
+//! here, also in `docs/model.md`.
 //!
 //! Let `x` be the difference of two solutions' impulses, `A` the Delassus matrix, `A_i` its rows of contact i, and `b_i x` the
 //! difference of contact i's normal impulses. Each solution dissipates at least as much as any other admissible impulse
@@ -19,7 +20,7 @@ use super::directions::{ROWS, contact_count};
 
 /// Weights that are tried, relative to those that balance the two terms of each contact.
 const WEIGHTS: [f64; 3] = [1.0, 0.6, 0.4];
-/// Eigenvalues below this are below 1 whatever rounding does.
+/// Eigenvalues below this are below 1 in spite of rounding.
 const CERTAINLY_BELOW_ONE: f64 = 1.0 - 1e-9;
 
 /// A sufficient condition for every one-step problem with this operator to have exactly one solution.
@@ -37,15 +38,15 @@ fn coupling<const N: usize>(operator: &DelassusOperator<N>, weight: f64) -> Opti
     let root = operator.delassus().cholesky()?.l();
     let mut coupling = SMatrix::zeros();
     for (contact, rows) in ROWS.into_iter().enumerate().take(contact_count::<N>()) {
-        let load: SVector<f64, N> = operator.normal_response().row(contact).transpose();
-        let load = root.solve_lower_triangular(&load)?;
+        let normal: SVector<f64, N> = operator.normal_response().row(contact).transpose();
+        let normal = root.solve_lower_triangular(&normal)?;
         let slip: [SVector<f64, N>; 2] = rows.map(|row| root.row(row).transpose());
         let slips = slip[0] * slip[0].transpose() + slip[1] * slip[1].transpose();
         // The square root of the trace is the norm of both rows.
-        let balance = weight * slips.trace().sqrt() / load.norm();
-        // A load that does not follow friction makes no problem ambiguous.
+        let balance = weight * slips.trace().sqrt() / normal.norm();
+        // A normal force that does not depend on friction cannot make a problem ambiguous.
         if balance.is_finite() {
-            coupling += (load * load.transpose() * balance + slips / balance)
+            coupling += (normal * normal.transpose() * balance + slips / balance)
                 * (0.5 * operator.friction_coefficient()[contact]);
         }
     }
