@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::contact_kinematics::{BodyVector, TangentJacobian};
-use super::{NormalLoad, RobotParameters};
+use super::{NormalForceProjection, RobotParameters};
 use crate::violation::Violations;
 
 /// A validated robot with all constant matrices of its equations of motion.
@@ -14,7 +14,7 @@ use crate::violation::Violations;
 pub struct Robot {
     parameters: RobotParameters,
     tangent_jacobian: TangentJacobian,
-    normal_load: NormalLoad,
+    normal_force_projection: NormalForceProjection,
     mass_matrix: SMatrix<f64, 5, 5>,
     inverse_mass_matrix: SMatrix<f64, 5, 5>,
     delassus: SMatrix<f64, 5, 5>,
@@ -34,17 +34,17 @@ impl Robot {
     pub fn new(parameters: RobotParameters) -> Result<Self, Violations> {
         parameters.validate()?;
         let tangent_jacobian = TangentJacobian::new(&parameters);
-        let normal_load = NormalLoad::new(&parameters);
+        let normal_force_projection = NormalForceProjection::new(&parameters);
         let static_moment = static_moment(&parameters);
         let mass_matrix = mass_matrix(&parameters, static_moment);
         let inverse_mass_matrix = inverse_mass_matrix(&mass_matrix);
         let impulse_response = inverse_mass_matrix * tangent_jacobian.matrix().transpose();
         let delassus = symmetric_part(&(tangent_jacobian.matrix() * impulse_response));
-        let normal_response = normal_load.velocity_change_map * impulse_response;
+        let normal_response = normal_force_projection.velocity_change_map * impulse_response;
         Ok(Self {
             parameters,
             tangent_jacobian,
-            normal_load,
+            normal_force_projection,
             mass_matrix,
             inverse_mass_matrix,
             delassus,
@@ -64,9 +64,9 @@ impl Robot {
         &self.tangent_jacobian
     }
 
-    /// The projection that yields the normal impulses.
-    pub fn normal_load(&self) -> &NormalLoad {
-        &self.normal_load
+    /// The affine map from the motion of a step to its normal impulses, (22).
+    pub fn normal_force_projection(&self) -> &NormalForceProjection {
+        &self.normal_force_projection
     }
 
     /// M in the body frame (right, forward, yaw, left wheel, right wheel).
@@ -183,15 +183,16 @@ mod tests {
     }
 
     #[test]
-    fn lengthwise_friction_does_not_change_the_total_load() {
+    fn lengthwise_friction_does_not_change_the_total_normal_force() {
         let response = reference().normal_response().row_sum();
         // Weights are 100 N: a sum of three responses cancels to rounding.
         assert!(response.amax() < 1e-14);
     }
 
     #[test]
-    fn accelerating_loads_the_rear_axle() {
-        let load = reference().normal_load().velocity_change_map * BodyVector::from([0.0, 1.0, 0.0, 0.0, 0.0]);
-        assert!(load[0] > 0.0 && load[1] > 0.0 && load[2] < 0.0);
+    fn accelerating_moves_normal_force_to_the_rear_axle() {
+        let force =
+            reference().normal_force_projection().velocity_change_map * BodyVector::from([0.0, 1.0, 0.0, 0.0, 0.0]);
+        assert!(force[0] > 0.0 && force[1] > 0.0 && force[2] < 0.0);
     }
 }

@@ -1,4 +1,5 @@
-//! The robot as a mechanical system: parameters, state, mass matrix, smooth forces, contact kinematics, normal loads.
+//! The robot as a mechanical system: parameters, state, mass matrix, smooth forces, contact kinematics,
+//! normal forces.
 //!
 //! Source: Yunt & Glocker, "Time-optimal trajectories of a differential drive robot", equations (2) to (22); the
 //! matrices that the paper does not print are derived in `docs/model.md`. Nothing here knows how a friction problem
@@ -6,12 +7,12 @@
 
 mod contact_kinematics;
 mod dynamics;
-mod normal_load;
+mod normal_force;
 mod parameters;
 mod state;
 
 pub use contact_kinematics::{BodyVector, DIRECTION_COUNT, TangentJacobian};
 pub use dynamics::Robot;
-pub use normal_load::NormalLoad;
+pub use normal_force::NormalForceProjection;
 pub use parameters::RobotParameters;
 pub use state::{Configuration, PerWheel, State, Velocity};

@@ -1,5 +1,5 @@
-//! The paper's penalty (section 4): weighted squared end-state errors, time, and squared torque excess; and squared
-//! lacks of load, which the paper's case never meets.
+//! The paper's penalty (section 4): weighted squared end-state errors, time, and squared torque violations; and squared
+//! violations of the normal forces' lower limits, which do not occur in the paper's case.
 //!
 //! ```text
 //! penalty(y) = t_f + weight_goal sum (scale_i error_i)^2 + weight_torque sum (excess_j / limit_j)^2
@@ -18,7 +18,7 @@ const WEIGHT_GOAL: f64 = 150.0;
 /// Price of a squared relative torque excess, s.
 const WEIGHT_TORQUE: f64 = 1.0;
 /// Price of a squared lack of normal load relative to the weight, s.
-const WEIGHT_LOAD: f64 = 10.0;
+const WEIGHT_NORMAL_FORCE: f64 = 10.0;
 
 /// The penalty of a shooting problem.
 pub struct Penalty<'a, 'b> {
@@ -39,9 +39,9 @@ impl<'a, 'b> Penalty<'a, 'b> {
         &self.constraints
     }
 
-    /// Whether some contact would have to pull under the last decision.
-    pub fn lifts_off(&self) -> bool {
-        self.problem.lifts_off(&self.constraints)
+    /// Whether a contact separates (negative normal force) under the last decision.
+    pub fn has_separation(&self) -> bool {
+        self.problem.has_separation(&self.constraints)
     }
 
     /// The penalty of a decision; one rollout.
@@ -58,6 +58,6 @@ impl<'a, 'b> Penalty<'a, 'b> {
         let final_time = self.clamped[self.clamped.len() - 1];
         let lack: f64 = self.constraints.excess.iter().map(|value| value.max(0.0).powi(2)).sum();
         let goal = self.constraints.residual.norm_squared();
-        final_time + WEIGHT_GOAL * goal + WEIGHT_TORQUE * excess + WEIGHT_LOAD * lack
+        final_time + WEIGHT_GOAL * goal + WEIGHT_TORQUE * excess + WEIGHT_NORMAL_FORCE * lack
     }
 }

@@ -1,14 +1,14 @@
-//! A maneuver as a shooting problem: from a decision vector to scaled goal errors, to how far the contacts are from
-//! lifting off, and to their Jacobian.
+//! A maneuver as a direct single-shooting problem: from a decision vector to scaled goal errors, to the distance of the
+//! contacts from separation, and to their Jacobian.
 
 use nalgebra::{DVector, Vector2};
 
 use super::decision::{decision_len, write_schedule};
-use super::load_limits::LoadLimits;
 use super::maneuver::{Maneuver, StateComponent};
+use super::normal_force_constraints::NormalForceConstraints;
 use crate::optimizer::{Constraints, Linearisation, Problem};
 use crate::robot::State;
-use crate::simulation::{EndDerivative, EndSensitivity, LeastLoads, Rollout, Simulator, TorqueSchedule};
+use crate::simulation::{EndDerivative, EndSensitivity, LeastNormalForces, Rollout, Simulator, TorqueSchedule};
 
 /// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): what is left of a maneuver shows first in its end.
 const SPEED_SCALE: f64 = 0.3;
@@ -19,14 +19,14 @@ pub const SHORTEST_FINAL_TIME: f64 = 0.02;
 /// Longest final time that is searched, s.
 pub const LONGEST_FINAL_TIME: f64 = 1e4;
 
-/// Goal errors and normal loads of one maneuver as a function of torques and final time.
+/// Goal errors and normal forces of one maneuver as a function of torques and final time.
 #[derive(Debug, Clone)]
 pub struct ShootingProblem<'a> {
     simulator: &'a Simulator,
     start: State,
     reference_offset: Vector2<f64>,
     rows: Vec<GoalRow>,
-    load_limits: LoadLimits,
+    normal_force_constraints: NormalForceConstraints,
     step_count: usize,
     cost: DVector<f64>,
     lower: DVector<f64>,
@@ -93,7 +93,7 @@ impl<'a> ShootingProblem<'a> {
             start: maneuver.start_at_center_of_mass(parameters),
             reference_offset: maneuver.reference_point.offset(parameters),
             rows: goal_rows(maneuver, parameters.wheel_radius),
-            load_limits: LoadLimits::new(simulator.robot()),
+            normal_force_constraints: NormalForceConstraints::new(simulator.robot()),
             step_count,
             cost,
             lower,
@@ -139,9 +139,9 @@ impl<'a> ShootingProblem<'a> {
         residual.lp_norm(1)
     }
 
-    /// Whether some contact would have to pull at a point with these constraint values.
-    pub fn lifts_off(&self, constraints: &Constraints) -> bool {
-        self.load_limits.are_broken(&constraints.excess)
+    /// Whether a contact separates (negative normal force) at a point with these constraint values.
+    pub fn has_separation(&self, constraints: &Constraints) -> bool {
+        self.normal_force_constraints.has_separation(&constraints.excess)
     }
 
     /// Rolls out, unless that is what was done last: a point that a search accepts is the one that it has just tried.
@@ -187,15 +187,16 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
-    fn write_load_rows(&self, rollout: &Rollout, linearisation: &mut Linearisation) {
+    fn write_normal_force_rows(&self, rollout: &Rollout, linearisation: &mut Linearisation) {
         let near = &linearisation.near_limits;
         if near.is_empty() {
             return;
         }
-        let derivatives = self.simulator.load_sensitivity(rollout, self.slip_smoothing, &self.sensitivity, near);
+        let derivatives =
+            self.simulator.normal_force_sensitivity(rollout, self.slip_smoothing, &self.sensitivity, near);
         for (index, derivative) in derivatives.iter().enumerate() {
             let row = linearisation.jacobian.row_mut(self.rows.len() + index);
-            self.load_limits.write_row(derivative, row);
+            self.normal_force_constraints.write_row(derivative, row);
         }
     }
 }
@@ -221,14 +222,14 @@ impl Problem for ShootingProblem<'_> {
     }
 
     fn constraints(&self) -> Constraints {
-        let limit_count = LeastLoads::count(self.schedule.control_count());
+        let limit_count = LeastNormalForces::count(self.schedule.control_count());
         Constraints { residual: DVector::zeros(self.rows.len()), excess: DVector::zeros(limit_count) }
     }
 
     fn evaluate(&mut self, decision: &DVector<f64>, constraints: &mut Constraints) {
         self.record(decision);
         self.write_residual(&self.sensitivity.end, &mut constraints.residual);
-        self.load_limits.write_excess(&self.sensitivity.loads, &mut constraints.excess);
+        self.normal_force_constraints.write_excess(&self.sensitivity.least_normal_forces, &mut constraints.excess);
     }
 
     fn linearise(&mut self, decision: &DVector<f64>, linearisation: &mut Linearisation) {
@@ -236,11 +237,11 @@ impl Problem for ShootingProblem<'_> {
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
         self.simulator.differentiate(&rollout, self.slip_smoothing, &mut self.sensitivity);
         let Linearisation { constraints, near_limits, jacobian } = linearisation;
-        self.load_limits.write_excess(&self.sensitivity.loads, &mut constraints.excess);
-        LoadLimits::list_near(&constraints.excess, near_limits);
+        self.normal_force_constraints.write_excess(&self.sensitivity.least_normal_forces, &mut constraints.excess);
+        NormalForceConstraints::list_near(&constraints.excess, near_limits);
         jacobian.resize_vertically_mut(self.rows.len() + near_limits.len(), 0.0);
         self.write_goal_rows(linearisation);
-        self.write_load_rows(&rollout, linearisation);
+        self.write_normal_force_rows(&rollout, linearisation);
     }
 }
 

@@ -16,7 +16,7 @@ pub struct ContactModeSpan {
     pub degrees_of_freedom: u8,
 }
 
-/// A step in which a contact would have had to pull.
+/// A step in which the normal force of a contact would be negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Separation {
     /// Start of the step, s.

@@ -1,9 +1,9 @@
 //! Moreau time stepping, rollouts and their trajectories.
 
 mod contact_timeline;
-mod least_loads;
-mod load_sensitivity;
+mod least_normal_forces;
 mod moreau_step;
+mod normal_force_sensitivity;
 mod rollout;
 mod sensitivity;
 mod step_derivative;
@@ -11,8 +11,8 @@ mod torque_schedule;
 mod trajectory;
 
 pub use contact_timeline::{ContactModeSpan, Separation};
-pub use least_loads::LeastLoads;
-pub use load_sensitivity::LoadDerivative;
+pub use least_normal_forces::LeastNormalForces;
+pub use normal_force_sensitivity::NormalForceDerivative;
 pub use rollout::{ContactMethod, Rollout, Simulator};
 pub use sensitivity::{EndDerivative, EndSensitivity};
 pub use torque_schedule::{TorqueSchedule, control_interval};

@@ -26,14 +26,14 @@ pub(super) struct StepModel<const N: usize> {
     pub(super) centrifugal_acceleration: Vector3<f64>,
     /// 1 / J.
     pub(super) inverse_spin_inertia: f64,
-    pub(super) load: FreeLoad,
+    pub(super) free_normal_force: FreeNormalForce,
     /// How the motion follows from its data in the linear contact patterns.
     linear_chains: Option<[Chain<5>; WheelPattern::LINEAR.len()]>,
 }
 
 /// Normal forces without friction: affine in the squared rates and the torques.
 #[derive(Debug, Clone)]
-pub(super) struct FreeLoad {
+pub(super) struct FreeNormalForce {
     pub(super) at_rest: Vector3<f64>,
     pub(super) by_yaw_rate_squared: Vector3<f64>,
     pub(super) by_yaw_rate_wheel_rate: Vector3<f64>,
@@ -75,7 +75,7 @@ impl<const N: usize> StepModel<N> {
             restitution_factor: 1.0 + parameters.tangential_restitution,
             centrifugal_acceleration: unit_rate.fixed_rows::<3>(0).into_owned(),
             inverse_spin_inertia: 1.0 / parameters.wheel_spin_inertia,
-            load: FreeLoad::new(robot, &unit_rate),
+            free_normal_force: FreeNormalForce::new(robot, &unit_rate),
             linear_chains: None,
         };
         model.linear_chains = model.solve_linear_chains();
@@ -159,7 +159,7 @@ impl<const N: usize> StepModel<N> {
     ) -> OneStepProblem<N> {
         OneStepProblem {
             free_slip: self.slip(&(velocity * self.restitution_factor + smooth_change)),
-            free_normal: dt * self.load.normal_force(velocity, torque),
+            free_normal: dt * self.free_normal_force.at(velocity, torque),
         }
     }
 
@@ -179,9 +179,9 @@ impl<const N: usize> StepModel<N> {
     }
 }
 
-impl FreeLoad {
+impl FreeNormalForce {
     fn new(robot: &Robot, unit_rate: &BodyVector) -> Self {
-        let projection = robot.normal_load();
+        let projection = robot.normal_force_projection();
         let by_change = &projection.velocity_change_map;
         let inverse_spin = 1.0 / robot.parameters().wheel_spin_inertia;
         Self {
@@ -194,7 +194,7 @@ impl FreeLoad {
 
     /// Normal forces without friction, N.
     #[inline]
-    pub(super) fn normal_force(&self, velocity: &BodyVector, torque: PerWheel<f64>) -> Vector3<f64> {
+    pub(super) fn at(&self, velocity: &BodyVector, torque: PerWheel<f64>) -> Vector3<f64> {
         let yaw_rate = velocity[2];
         self.at_rest
             + self.by_yaw_rate_squared * (yaw_rate * yaw_rate)

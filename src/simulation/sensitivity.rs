@@ -14,7 +14,7 @@
 
 use nalgebra::{SVector, Vector3};
 
-use super::least_loads::LeastLoads;
+use super::least_normal_forces::LeastNormalForces;
 use super::moreau_step::{Step, StepModel};
 use super::rollout::{ExactContact, Model, Rollout, Simulator, integrate};
 use super::step_derivative::StepDerivative;
@@ -40,7 +40,7 @@ pub struct EndSensitivity {
     /// By the final time, per s.
     pub by_final_time: EndDerivative,
     /// The least normal forces on the way.
-    pub loads: LeastLoads,
+    pub least_normal_forces: LeastNormalForces,
     pub(super) tape: Vec<TapeEntry>,
 }
 
@@ -64,8 +64,8 @@ impl Simulator {
         self.differentiate(rollout, slip_smoothing, sensitivity);
     }
 
-    /// Integrates a rollout and keeps what its derivatives need: end state and least loads are those of the rollout,
-    /// the derivatives are not before [`Simulator::differentiate`]. Allocates nothing once the memory is there.
+    /// Integrates a rollout and keeps what its derivatives need: end state and least normal forces are those of the
+    /// rollout; the derivatives are valid only after [`Simulator::differentiate`]. Allocates nothing once the memory is there.
     pub fn record(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
         match self.model() {
             Model::Wheels(model) => record(model, rollout, slip_smoothing, sensitivity),
@@ -88,12 +88,12 @@ fn record<const N: usize>(
     slip_smoothing: f64,
     sensitivity: &mut EndSensitivity,
 ) {
-    let EndSensitivity { end, loads, tape, .. } = sensitivity;
+    let EndSensitivity { end, least_normal_forces, tape, .. } = sensitivity;
     tape.clear();
     tape.reserve(rollout.step_count);
-    loads.clear(rollout);
+    least_normal_forces.clear(rollout);
     let note = |index: usize, step: &Step<N>| {
-        loads.note(index, &step.contact.normal_impulse);
+        least_normal_forces.note(index, &step.contact.normal_impulse);
         tape.push(TapeEntry::new(step));
     };
     *end = if slip_smoothing > 0.0 {

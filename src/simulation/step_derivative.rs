@@ -108,26 +108,26 @@ impl<const K: usize> StepDerivative<K> {
 
         let planar = &model.centrifugal_acceleration;
         let by_rate = BodyVector::from([planar[0], planar[1], planar[2], 0.0, 0.0]) * (2.0 * velocity[2] * dt);
-        let load = &model.load;
+        let free = &model.free_normal_force;
         let wheel_rates = velocity[3] + velocity[4];
-        let load_by_rate =
-            (load.by_yaw_rate_squared * (2.0 * velocity[2]) + load.by_yaw_rate_wheel_rate * wheel_rates) * dt;
+        let force_by_rate =
+            (free.by_yaw_rate_squared * (2.0 * velocity[2]) + free.by_yaw_rate_wheel_rate * wheel_rates) * dt;
         let mut yaw_column = by_velocity.column_mut(2);
-        yaw_column += product(smooth, &by_rate) + product(by_normal, &load_by_rate);
-        let gyroscopic = product(by_normal, &(load.by_yaw_rate_wheel_rate * (velocity[2] * dt)));
+        yaw_column += product(smooth, &by_rate) + product(by_normal, &force_by_rate);
+        let gyroscopic = product(by_normal, &(free.by_yaw_rate_wheel_rate * (velocity[2] * dt)));
         for wheel in [3, 4] {
             let mut column = by_velocity.column_mut(wheel);
             column += gyroscopic;
         }
 
-        let by_torque = |wheel: usize, load: &Vector3<f64>| {
-            smooth.column(wheel) * (dt * model.inverse_spin_inertia) + product(by_normal, &(load * dt))
+        let by_torque = |wheel: usize, force: &Vector3<f64>| {
+            smooth.column(wheel) * (dt * model.inverse_spin_inertia) + product(by_normal, &(force * dt))
         };
         let by_step_length = product(smooth, &model.smooth_acceleration(velocity, torque))
-            + product(by_normal, &model.load.normal_force(velocity, torque));
+            + product(by_normal, &model.free_normal_force.at(velocity, torque));
         Self {
             by_velocity,
-            by_torque: PerWheel::new(by_torque(3, &load.by_torque.left), by_torque(4, &load.by_torque.right)),
+            by_torque: PerWheel::new(by_torque(3, &free.by_torque.left), by_torque(4, &free.by_torque.right)),
             by_step_length,
         }
     }

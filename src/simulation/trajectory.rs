@@ -41,7 +41,7 @@ impl Trajectory {
 /// One contact during one step: forces are the step's means, slips are `gamma_E` with W at `q_M`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactSample {
-    /// Normal force, N; negative means that the contact would separate.
+    /// Normal force, N; negative means that the contact separates.
     pub normal_force: f64,
     /// Friction force on the robot to the right, N. While both wheels stick only the wheels' sum is physical; the
     /// split follows the remaining friction capacity, by convention.

@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::progress::is_nearer;
 use crate::optimizer::{ConfirmedDecrease, FirstOrderSettings};
-use crate::shooting::{LOAD_TOLERANCE, ShootingProblem};
+use crate::shooting::{NORMAL_FORCE_TOLERANCE, ShootingProblem};
 
 /// Predicted decreases of this share of the final time are as good as none: a third of what `converged` asks for.
 const STATIONARY_SHARE: f64 = 3e-5;
@@ -18,8 +18,8 @@ pub(super) struct Candidate {
     pub(super) decision: DVector<f64>,
     /// Largest magnitude of its goal errors.
     pub(super) goal_error: f64,
-    /// Whether some contact would have to pull.
-    pub(super) lifts_off: bool,
+    /// Whether a contact separates (negative normal force).
+    pub(super) has_separation: bool,
     /// The winding of the goal heading that it meets.
     pub(super) goal_heading: Option<f64>,
     /// What its first-order measure came to, where the search has taken it.
@@ -45,14 +45,19 @@ impl Stationarity {
             weight: price,
             enough: STATIONARY_SHARE * final_time,
             residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
-            excess_tolerance: LOAD_TOLERANCE,
+            excess_tolerance: NORMAL_FORCE_TOLERANCE,
         }
     }
 }
 
 impl Candidate {
-    pub(super) fn new(decision: DVector<f64>, goal_error: f64, lifts_off: bool, goal_heading: Option<f64>) -> Self {
-        Self { decision, goal_error, lifts_off, goal_heading, stationarity: None }
+    pub(super) fn new(
+        decision: DVector<f64>,
+        goal_error: f64,
+        has_separation: bool,
+        goal_heading: Option<f64>,
+    ) -> Self {
+        Self { decision, goal_error, has_separation, goal_heading, stationarity: None }
     }
 
     pub(super) fn final_time(&self) -> f64 {
@@ -61,13 +66,13 @@ impl Candidate {
 
     /// Whether it meets the goal, with every contact on the floor.
     pub(super) fn is_feasible(&self, goal_tolerance: f64) -> bool {
-        self.goal_error <= goal_tolerance && !self.lifts_off
+        self.goal_error <= goal_tolerance && !self.has_separation
     }
 
     /// A feasible one before any other, one that meets the goal before one that misses it; then the faster one or the
     /// one nearer to the goal. A NaN is the worst.
     pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {
-        let rank = |candidate: &Self| match (candidate.goal_error <= goal_tolerance, candidate.lifts_off) {
+        let rank = |candidate: &Self| match (candidate.goal_error <= goal_tolerance, candidate.has_separation) {
             (true, false) => 2,
             (true, true) => 1,
             (false, _) => 0,

@@ -3,14 +3,14 @@
 //! Each claim is a proof for the equations of motion without separation (`docs/bounds.md`); what is merely hard is left to the
 //! search.
 
-use super::largest_load::{Rates, smallest_largest_load};
+use super::largest_normal_force::{Rates, smallest_largest_normal_force};
 use super::lower_bound::{Grid, LowerBound, lower_bounds};
 use super::settings::SolveInput;
 use super::solution::{LowerBoundAssumption, Reason};
 use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
 
-/// A normal force this far below zero, as a share of the weight, is no rounding.
-const LOAD_ROUNDING: f64 = 1e-9;
+/// A normal force further below zero than this share of the weight is not rounding.
+const NORMAL_FORCE_ROUNDING: f64 = 1e-9;
 
 /// Why no plan can meet the goal; none where that is not proven.
 pub(super) fn impossibility(input: &SolveInput) -> Option<Reason> {
@@ -44,7 +44,7 @@ fn separation(
     (end, yaw_rate): (&str, f64),
     time: f64,
 ) -> Option<Reason> {
-    let (contact, load) = smallest_largest_load(&input.robot, input.maneuver.torque_limit, rates);
+    let (contact, force) = smallest_largest_normal_force(&input.robot, input.maneuver.torque_limit, rates);
     let parameters = input.robot.parameters();
     let weight = parameters.total_mass() * parameters.gravity;
     let field = format!("maneuver.{end}.{}", StateComponent::YawRate.field());
@@ -52,15 +52,15 @@ fn separation(
         "front" => "front support".to_owned(),
         side => format!("{side} wheel"),
     };
-    (load < -LOAD_ROUNDING * weight).then(|| Reason {
+    (force < -NORMAL_FORCE_ROUNDING * weight).then(|| Reason {
         code,
         message: format!(
-            "`{field}` is {yaw_rate}, which lifts the {name} whatever the torques: its normal force is at most {load} N, \
+            "`{field}` is {yaw_rate}, which lifts the {name} whatever the torques: its normal force is at most {force} N, \
              must be >= 0 N; a slower spin or a lower centre of mass helps"
         ),
         field,
         time,
-        value: load,
+        value: force,
         limit: 0.0,
     })
 }

@@ -12,7 +12,7 @@ use crate::optimizer::{
     Budget, Constraints, Ending, Interruption, NelderMeadSettings, Problem, SequentialLinearResult,
     SequentialLinearSettings, minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{GoalScales, LOAD_TOLERANCE, Penalty, ShootingProblem};
+use crate::shooting::{GoalScales, NORMAL_FORCE_TOLERANCE, Penalty, ShootingProblem};
 
 /// Least prices of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is for the
 /// rest.
@@ -122,7 +122,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             weight,
             first_radius: radius,
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
-            excess_tolerance: LOAD_TOLERANCE,
+            excess_tolerance: NORMAL_FORCE_TOLERANCE,
             smallest_prediction,
             ..SequentialLinearSettings::default()
         };
@@ -132,13 +132,13 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let mut passed = None;
         let mut tell = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
-            // Within the margin some contact might pull.
-            let lifts_off = constraints.largest_excess() > 0.0;
-            if goal_error > tolerance || !lifts_off {
+            // Within the margin a contact may already separate.
+            let has_separation = constraints.largest_excess() > 0.0;
+            if goal_error > tolerance || !has_separation {
                 report(control, start, x, goal_error);
             }
-            if goal_error <= tolerance && !lifts_off {
-                passed = Some(Candidate::new(x.clone(), goal_error, lifts_off, goal_heading));
+            if goal_error <= tolerance && !has_separation {
+                passed = Some(Candidate::new(x.clone(), goal_error, has_separation, goal_heading));
             }
         };
         let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut tell);
@@ -157,8 +157,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     fn candidate(&self, result: &SequentialLinearResult) -> Candidate {
         let goal_error = self.scales.largest_goal_error(&result.constraints.residual);
-        let lifts_off = self.problem.lifts_off(&result.constraints);
-        Candidate::new(result.x.clone(), goal_error, lifts_off, self.goal_heading)
+        let has_separation = self.problem.has_separation(&result.constraints);
+        Candidate::new(result.x.clone(), goal_error, has_separation, self.goal_heading)
     }
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
@@ -174,7 +174,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let mut penalty = Penalty::new(self.problem);
         let mut value = |x: &DVector<f64>| {
             let value = penalty.value(x);
-            last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.lifts_off()));
+            last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.has_separation()));
             value
         };
         let mut best = last.get();
@@ -187,8 +187,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let result = minimise_by_nelder_mead(&mut value, guess, &settings, &mut self.budget, &mut tell);
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
-        let (goal_error, lifts_off) = best;
-        let candidate = Candidate::new(decision, goal_error, lifts_off, self.goal_heading);
+        let (goal_error, has_separation) = best;
+        let candidate = Candidate::new(decision, goal_error, has_separation, self.goal_heading);
         self.note(&candidate);
         result.interruption.map_or(Ok(candidate), Err)
     }
@@ -213,7 +213,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let tolerance = self.settings.goal_tolerance;
         if self.best.as_ref().is_none_or(|best| candidate.is_better_than(best, tolerance)) {
             self.best = Some(candidate.clone());
-            // What meets the goal and lifts off is no plan to be told of.
+            // A decision that meets the goal with a separation is not reported.
             if candidate.goal_error > tolerance || candidate.is_feasible(tolerance) {
                 report(self.control, self.start, &candidate.decision, candidate.goal_error);
             }

@@ -6,7 +6,7 @@ pub mod domain;
 mod goal_miss;
 mod helpers;
 mod impossibility;
-mod largest_load;
+mod largest_normal_force;
 mod local_search;
 mod lower_bound;
 mod parts;
@@ -95,8 +95,8 @@ fn fallback(input: &SolveInput, problem: &mut ShootingProblem) -> Option<Candida
     let mut constraints = problem.constraints();
     problem.evaluate(&decision, &mut constraints);
     let goal_error = problem.goal_scales().largest_goal_error(&constraints.residual);
-    let lifts_off = problem.lifts_off(&constraints);
-    goal_error.is_finite().then_some(Candidate::new(decision, goal_error, lifts_off, start.goal_heading))
+    let has_separation = problem.has_separation(&constraints);
+    goal_error.is_finite().then_some(Candidate::new(decision, goal_error, has_separation, start.goal_heading))
 }
 
 /// No torque, for so short a time that no motion diverges.

@@ -166,7 +166,7 @@ pub struct Report {
     pub lower_bound: f64,
     /// What the bound rests on.
     pub lower_bound_assumption: LowerBoundAssumption,
-    /// Steps in which a contact would have had to pull.
+    /// Steps in which a contact separates (negative normal force).
     pub separations: Vec<Separation>,
     /// Steps whose friction problem has several solutions.
     pub indeterminate_steps: usize,

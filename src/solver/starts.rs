@@ -2,7 +2,7 @@
 //!
 //! A maneuver from rest to rest is a turn, a drive and a turn, each with full effort and full braking. Forwards and
 //! backwards, either way round, gives several such plans. A moving start brakes first, a moving goal accelerates last.
-//! All are only first guesses: slip, load transfer and the centre of mass off the axle are left to the optimiser.
+//! All are only first guesses: slip, the shift of normal forces and the centre of mass off the axle are left to the optimiser.
 
 use std::f64::consts::{PI, TAU};
 

@@ -2,8 +2,8 @@
 
 use slipdrive::robot::{Robot, RobotParameters, State};
 use slipdrive::simulation::{
-    ContactMethod, EndDerivative, EndSensitivity, LeastLoads, LoadDerivative, Rollout, Simulator, TorqueSchedule,
-    Trajectory,
+    ContactMethod, EndDerivative, EndSensitivity, LeastNormalForces, NormalForceDerivative, Rollout, Simulator,
+    TorqueSchedule, Trajectory,
 };
 
 use crate::random::RandomCases;
@@ -151,36 +151,40 @@ fn derivatives_agree_on_the_reference_robot_and_grid() {
     assert!(compared * 2 > total, "most rollouts keep their modes: {compared} of {total}");
 }
 
-/// Compares the derivatives of every least load of one rollout; returns how many were comparable.
-fn compare_loads(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
+/// Compares the derivatives of every least normal force of one rollout; returns how many were comparable.
+fn compare_normal_forces(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
     let mut sensitivity = EndSensitivity::default();
     let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
     case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
-    let chosen: Vec<usize> = (0..LeastLoads::count(schedule.control_count())).collect();
-    let derivatives = case.simulator.load_sensitivity(&rollout, 0.0, &sensitivity, &chosen);
+    let chosen: Vec<usize> = (0..LeastNormalForces::count(schedule.control_count())).collect();
+    let derivatives = case.simulator.normal_force_sensitivity(&rollout, 0.0, &sensitivity, &chosen);
     let mut compared = 0;
-    let mut compare = |what: &str, change: &dyn Fn(&mut TorqueSchedule, f64), of: &dyn Fn(&LoadDerivative) -> f64| {
-        let [(above, modes_above), (below, modes_below)] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
-            let mut changed = schedule.clone();
-            change(&mut changed, step);
-            let rollout = Rollout { schedule: &changed, ..rollout };
-            (case.simulator.trajectory(&rollout, ContactMethod::Exact), case.end_and_modes(&changed).1)
-        });
-        if modes_above != modes_below {
-            return;
-        }
-        for (index, derivative) in derivatives.iter().enumerate() {
-            let force = |trajectory: &Trajectory| {
-                let sample = &trajectory.contact[sensitivity.loads.step(index)];
-                [sample.left, sample.right, sample.front][LeastLoads::contact(index)].normal_force
-            };
-            let difference = (force(&above) - force(&below)) / (2.0 * DIFFERENCE_STEP);
-            let scale = difference.abs().max(1.0);
-            // Forces of some 100 N round to 1e-14 of that, and the difference to 1e-6 of it.
-            assert!((of(derivative) - difference).abs() <= 10.0 * TOLERANCE * scale, "{label}, {what}, load {index}");
-            compared += 1;
-        }
-    };
+    let mut compare =
+        |what: &str, change: &dyn Fn(&mut TorqueSchedule, f64), of: &dyn Fn(&NormalForceDerivative) -> f64| {
+            let [(above, modes_above), (below, modes_below)] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
+                let mut changed = schedule.clone();
+                change(&mut changed, step);
+                let rollout = Rollout { schedule: &changed, ..rollout };
+                (case.simulator.trajectory(&rollout, ContactMethod::Exact), case.end_and_modes(&changed).1)
+            });
+            if modes_above != modes_below {
+                return;
+            }
+            for (index, derivative) in derivatives.iter().enumerate() {
+                let force = |trajectory: &Trajectory| {
+                    let sample = &trajectory.contact[sensitivity.least_normal_forces.step(index)];
+                    [sample.left, sample.right, sample.front][LeastNormalForces::contact(index)].normal_force
+                };
+                let difference = (force(&above) - force(&below)) / (2.0 * DIFFERENCE_STEP);
+                let scale = difference.abs().max(1.0);
+                // Forces of some 100 N round to 1e-14 of that, and the difference to 1e-6 of it.
+                assert!(
+                    (of(derivative) - difference).abs() <= 10.0 * TOLERANCE * scale,
+                    "{label}, {what}, normal force {index}"
+                );
+                compared += 1;
+            }
+        };
     for interval in 0..schedule.control_count() {
         compare("left", &|s, step| s.left[interval] += step, &|d| d.by_left_torque[interval]);
         compare("right", &|s, step| s.right[interval] += step, &|d| d.by_right_torque[interval]);
@@ -190,7 +194,7 @@ fn compare_loads(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
 }
 
 #[test]
-fn loads_are_differentiated_like_the_end() {
+fn normal_forces_are_differentiated_like_the_end() {
     let mut compared = 0;
     for seed in 0..20 {
         let mut cases = RandomCases::new(seed);
@@ -198,8 +202,11 @@ fn loads_are_differentiated_like_the_end() {
         let simulator = Simulator::new(&robot);
         let start = cases.state(&robot, 1.0);
         let schedule = cases.schedule(5, 1.0, 2.0);
-        compared +=
-            compare_loads(&Case { simulator: &simulator, start, step_count: 50 }, &schedule, &format!("{seed}"));
+        compared += compare_normal_forces(
+            &Case { simulator: &simulator, start, step_count: 50 },
+            &schedule,
+            &format!("{seed}"),
+        );
     }
     assert!(compared > 1000, "{compared} comparable derivatives");
 }

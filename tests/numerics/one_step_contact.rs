@@ -45,9 +45,9 @@ impl<const N: usize> RandomStep<N> {
         let grip = parameters.wheel_friction_coefficient * parameters.total_mass() * 9.81 * parameters.wheel_radius;
         let torque = [cases.between(-1.0, 1.0) * grip, cases.between(-1.0, 1.0) * grip];
         let smooth_change = robot.inverse_mass_matrix() * robot.smooth_force(u.yaw_rate, torque) * dt;
-        let load = robot.normal_load();
-        let rates = u.yaw_rate * u.yaw_rate * load.centrifugal
-            + u.yaw_rate * (u.wheel_rate.left + u.wheel_rate.right) * load.gyroscopic;
+        let projection = robot.normal_force_projection();
+        let rates = u.yaw_rate * u.yaw_rate * projection.centrifugal
+            + u.yaw_rate * (u.wheel_rate.left + u.wheel_rate.right) * projection.gyroscopic;
         let free = start_velocity * (1.0 + parameters.tangential_restitution) + smooth_change;
         let friction = parameters.wheel_friction_coefficient;
         Self {
@@ -58,7 +58,7 @@ impl<const N: usize> RandomStep<N> {
             ),
             problem: OneStepProblem {
                 free_slip: (robot.tangent_jacobian().matrix() * free).fixed_rows::<N>(0).into_owned(),
-                free_normal: (load.static_force + rates) * dt + load.velocity_change_map * smooth_change,
+                free_normal: (projection.static_force + rates) * dt + projection.velocity_change_map * smooth_change,
             },
             start_velocity,
             smooth_change,

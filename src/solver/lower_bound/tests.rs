@@ -255,7 +255,7 @@ fn no_feasible_rollout_is_faster_than_any_bound() {
         let Some(case) = random_case(seed).and_then(Case::with_goal) else { continue };
         cases += 1;
         if let Some(reason) = impossibility(&case.input) {
-            // The end itself may lift a contact in the step that would follow.
+            // At the end state a contact may separate in the step that would follow.
             assert_eq!(reason.code, "goal_separates", "seed {seed}: {}", reason.message);
         }
         for bound in lower_bounds(&case.input, Grid::Steps(case.step_count)) {

@@ -19,7 +19,7 @@ use crate::robot::{BodyVector, PerWheel};
 
 /// Derivatives of one normal force.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct LoadDerivative {
+pub struct NormalForceDerivative {
     /// By the left torque of each interval, 1/m.
     pub by_left_torque: Vec<f64>,
     /// By the right torque of each interval, 1/m.
@@ -38,15 +38,15 @@ struct Row {
 }
 
 impl Simulator {
-    /// Differentiates some of the least loads of a rollout that `sensitivity` has just been computed for, under the same
-    /// `slip_smoothing` (0 for the exact law). `chosen` are indices into [`super::LeastLoads`].
-    pub fn load_sensitivity(
+    /// Differentiates some of the least normal forces of a rollout that `sensitivity` has just been computed for, under the same
+    /// `slip_smoothing` (0 for the exact law). `chosen` are indices into [`super::LeastNormalForces`].
+    pub fn normal_force_sensitivity(
         &self,
         rollout: &Rollout,
         slip_smoothing: f64,
         sensitivity: &EndSensitivity,
         chosen: &[usize],
-    ) -> Vec<LoadDerivative> {
+    ) -> Vec<NormalForceDerivative> {
         match self.model() {
             Model::Wheels(model) => differentiate(model, rollout, slip_smoothing, sensitivity, chosen),
             Model::WheelsAndFront(model) => differentiate(model, rollout, slip_smoothing, sensitivity, chosen),
@@ -60,10 +60,10 @@ fn differentiate<const N: usize>(
     slip_smoothing: f64,
     sensitivity: &EndSensitivity,
     chosen: &[usize],
-) -> Vec<LoadDerivative> {
+) -> Vec<NormalForceDerivative> {
     let control_count = rollout.schedule.control_count();
     let mut rows: Vec<Row> = chosen.iter().map(|&index| Row::new(sensitivity, index)).collect();
-    let mut derivatives = vec![LoadDerivative::zero(control_count); chosen.len()];
+    let mut derivatives = vec![NormalForceDerivative::zero(control_count); chosen.len()];
     let last = rows.iter().map(|row| row.step).max().unwrap_or(0);
     let dt = rollout.schedule.final_time / rollout.step_count as f64;
     for (index, entry) in sensitivity.tape[..=last].iter().enumerate().rev() {
@@ -87,7 +87,7 @@ fn differentiate<const N: usize>(
     derivatives
 }
 
-impl LoadDerivative {
+impl NormalForceDerivative {
     fn zero(control_count: usize) -> Self {
         Self { by_left_torque: vec![0.0; control_count], by_right_torque: vec![0.0; control_count], by_final_time: 0.0 }
     }
@@ -96,8 +96,8 @@ impl LoadDerivative {
 impl Row {
     fn new(sensitivity: &EndSensitivity, index: usize) -> Self {
         Self {
-            contact: super::LeastLoads::contact(index),
-            step: sensitivity.loads.step(index),
+            contact: super::LeastNormalForces::contact(index),
+            step: sensitivity.least_normal_forces.step(index),
             by_velocity: RowSVector::zeros(),
             by_step_length: 0.0,
         }

@@ -1,6 +1,6 @@
 //! The largest normal force that a contact can have in a state of motion, whatever torques and friction do.
 //!
-//! At a yaw rate omega and a sum Psi of the wheel rates a contact carries
+//! At a yaw rate omega and a sum Psi of the wheel rates the normal force of a contact is
 //!
 //! ```text
 //! N = static + omega^2 centrifugal + omega Psi gyroscopic + by_torque' torque + by_friction' friction
@@ -22,13 +22,18 @@ pub(super) struct Rates {
 }
 
 /// The contact with the smallest bound on its normal force, and the bound, N.
-pub(super) fn smallest_largest_load(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rates) -> (ContactName, f64) {
-    let loads = ContactName::ALL.map(|contact| (contact, largest_load(robot, torque_limit, rates, contact as usize)));
-    loads.into_iter().fold(loads[0], |least, load| if load.1 < least.1 { load } else { least })
+pub(super) fn smallest_largest_normal_force(
+    robot: &Robot,
+    torque_limit: PerWheel<f64>,
+    rates: &Rates,
+) -> (ContactName, f64) {
+    let forces =
+        ContactName::ALL.map(|contact| (contact, largest_normal_force(robot, torque_limit, rates, contact as usize)));
+    forces.into_iter().fold(forces[0], |least, force| if force.1 < least.1 { force } else { least })
 }
 
-fn largest_load(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rates, contact: usize) -> f64 {
-    let projection = robot.normal_load();
+fn largest_normal_force(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rates, contact: usize) -> f64 {
+    let projection = robot.normal_force_projection();
     let by_change = projection.velocity_change_map.row(contact);
     let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
     let centrifugal = projection.centrifugal[contact] + (by_change * unit_rate)[0];
@@ -72,16 +77,16 @@ mod tests {
     }
 
     #[test]
-    fn at_rest_every_contact_can_carry_its_static_load() {
+    fn at_rest_every_contact_reaches_its_static_normal_force() {
         let rates = Rates { yaw: (0.0, 0.0), wheels: (-100.0, 100.0) };
-        let (contact, load) = smallest_largest_load(&robot(), PerWheel::new(0.0, 0.0), &rates);
-        assert!(load > robot().normal_load().static_force[contact as usize], "{contact:?} {load}");
+        let (contact, force) = smallest_largest_normal_force(&robot(), PerWheel::new(0.0, 0.0), &rates);
+        assert!(force > robot().normal_force_projection().static_force[contact as usize], "{contact:?} {force}");
     }
 
     #[test]
-    fn a_fast_spin_lifts_a_contact() {
+    fn a_fast_spin_separates_a_contact() {
         let rates = Rates { yaw: (200.0, 200.0), wheels: (0.0, 0.0) };
-        assert!(smallest_largest_load(&robot(), PerWheel::new(1.0, 1.0), &rates).1 < 0.0);
+        assert!(smallest_largest_normal_force(&robot(), PerWheel::new(1.0, 1.0), &rates).1 < 0.0);
     }
 
     #[test]

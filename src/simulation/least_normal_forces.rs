@@ -1,7 +1,8 @@
 //! The least normal force of each contact in each stretch of a rollout.
 //!
-//! A contact that would have to pull lifts off, which the model does not describe. The least forces tell how near a plan
-//! comes to that; by stretches, because a limit that a whole phase of a plan runs into is many limits.
+//! A contact whose normal force would be negative separates, which the model does not describe. The least forces measure
+//! the distance of a plan from separation; by stretches, because a constraint that is active over a whole phase of a plan is
+//! many constraints.
 
 use nalgebra::Vector3;
 
@@ -14,21 +15,21 @@ const CONTACT_COUNT: usize = 3;
 
 /// The least normal forces of one rollout.
 #[derive(Debug, Clone, Default)]
-pub struct LeastLoads {
+pub struct LeastNormalForces {
     step_count: usize,
     step_length: f64,
     /// By stretch, then by contact (left, right, front).
-    least: Vec<LeastLoad>,
+    least: Vec<LeastNormalForce>,
 }
 
 /// The least normal impulse of one contact in one stretch.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct LeastLoad {
+pub(super) struct LeastNormalForce {
     impulse: f64,
     pub(super) step: usize,
 }
 
-impl LeastLoads {
+impl LeastNormalForces {
     /// Number of values for a schedule: contacts times stretches.
     pub fn count(control_count: usize) -> usize {
         CONTACT_COUNT * control_count.min(STRETCH_LIMIT)
@@ -39,7 +40,7 @@ impl LeastLoads {
         index % CONTACT_COUNT
     }
 
-    /// A value, N; negative where the contact would have to pull.
+    /// A value, N; negative where the contact separates.
     pub fn force(&self, index: usize) -> f64 {
         self.least[index].impulse / self.step_length
     }
@@ -53,7 +54,7 @@ impl LeastLoads {
         self.step_count = rollout.step_count;
         self.step_length = rollout.schedule.final_time / rollout.step_count as f64;
         self.least.clear();
-        let none = LeastLoad { impulse: f64::INFINITY, step: 0 };
+        let none = LeastNormalForce { impulse: f64::INFINITY, step: 0 };
         self.least.resize(Self::count(rollout.schedule.control_count()), none);
     }
 
@@ -63,7 +64,7 @@ impl LeastLoads {
         for contact in 0..CONTACT_COUNT {
             let least = &mut self.least[CONTACT_COUNT * stretch + contact];
             if normal_impulse[contact] < least.impulse {
-                *least = LeastLoad { impulse: normal_impulse[contact], step };
+                *least = LeastNormalForce { impulse: normal_impulse[contact], step };
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Normal impulses by projection of the momentum change on lift, pitch and roll, (12) and (22) of the paper.
 //!
-//! The three contacts must carry the weight and the two tilting moments of a step:
+//! The normal impulses of the three contacts balance the weight and the two tilting moments of a step:
 //!
 //! ```text
 //! sum Lambda_i        = m g dt
@@ -21,7 +21,7 @@ use super::RobotParameters;
 
 /// The affine map from one step's motion to its normal impulses; contacts in the order left, right, front.
 #[derive(Debug, Clone)]
-pub struct NormalLoad {
+pub struct NormalForceProjection {
     /// Normal forces at rest, N.
     pub static_force: Vector3<f64>,
     /// Normal force per squared yaw rate, N s2.
@@ -32,7 +32,7 @@ pub struct NormalLoad {
     pub velocity_change_map: SMatrix<f64, 3, 5>,
 }
 
-impl NormalLoad {
+impl NormalForceProjection {
     pub(super) fn new(parameters: &RobotParameters) -> Self {
         let points = parameters.contact_points();
         let equilibrium = Matrix3::from_fn(|row, contact| match row {
@@ -40,7 +40,7 @@ impl NormalLoad {
             1 => points[contact].y,
             _ => points[contact].x,
         });
-        let loads_from_moments =
+        let forces_from_moments =
             equilibrium.try_inverse().expect("validated parameters have contacts that are not on one line");
 
         let wheel_weight = parameters.wheel_mass * parameters.gravity;
@@ -68,10 +68,10 @@ impl NormalLoad {
         let moment_from_gyroscopic = Vector3::new(0.0, 0.0, spin);
 
         Self {
-            static_force: loads_from_moments * weight,
-            centrifugal: loads_from_moments * moment_from_centrifugal,
-            gyroscopic: loads_from_moments * moment_from_gyroscopic,
-            velocity_change_map: loads_from_moments * moment_from_change,
+            static_force: forces_from_moments * weight,
+            centrifugal: forces_from_moments * moment_from_centrifugal,
+            gyroscopic: forces_from_moments * moment_from_gyroscopic,
+            velocity_change_map: forces_from_moments * moment_from_change,
         }
     }
 }
