@@ -12,8 +12,8 @@ pub trait Problem {
     fn lower(&self) -> &DVector<f64>;
     /// Upper bounds.
     fn upper(&self) -> &DVector<f64>;
-    /// How far each variable may move at x in a trust region of radius 1.
-    fn reach(&self, x: &DVector<f64>) -> DVector<f64>;
+    /// The scale of each variable at x: how far it may move in a trust region of radius 1.
+    fn variable_scale(&self, x: &DVector<f64>) -> DVector<f64>;
     /// Constraint values of the right lengths, all zero.
     fn constraints(&self) -> Constraints;
     /// The constraint values at x; one rollout.

@@ -27,7 +27,7 @@ impl Problem for LinearProblem {
         &self.upper
     }
 
-    fn reach(&self, _x: &DVector<f64>) -> DVector<f64> {
+    fn variable_scale(&self, _x: &DVector<f64>) -> DVector<f64> {
         self.upper.clone()
     }
 

@@ -44,8 +44,8 @@ impl Problem for Relaxed<'_> {
         self.problem.upper()
     }
 
-    fn reach(&self, x: &DVector<f64>) -> DVector<f64> {
-        self.problem.reach(x)
+    fn variable_scale(&self, x: &DVector<f64>) -> DVector<f64> {
+        self.problem.variable_scale(x)
     }
 
     fn constraints(&self) -> Constraints {

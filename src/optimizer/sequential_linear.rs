@@ -22,7 +22,7 @@ use super::relaxed::Relaxed;
 pub struct SequentialLinearSettings {
     /// Price of a unit of violation, above every multiplier of the problem.
     pub weight: f64,
-    /// First trust radius, as a fraction of each variable's reach.
+    /// First trust radius, as a fraction of each variable's scale.
     pub first_radius: f64,
     /// Residuals of at most this magnitude are met.
     pub feasibility_tolerance: f64,
@@ -296,9 +296,9 @@ impl<'a> Search<'a> {
 
     /// The minimiser of the linear model in the trust region.
     fn linear_step(&mut self, budget: &Budget) -> Result<DVector<f64>, Interruption> {
-        let reach = self.problem.reach(&self.x) * self.radius;
-        let lower = (self.problem.lower() - &self.x).zip_map(&reach, |bound, reach| bound.max(-reach));
-        let upper = (self.problem.upper() - &self.x).zip_map(&reach, f64::min);
+        let half_width = self.problem.variable_scale(&self.x) * self.radius;
+        let lower = (self.problem.lower() - &self.x).zip_map(&half_width, |bound, half_width| bound.max(-half_width));
+        let upper = (self.problem.upper() - &self.x).zip_map(&half_width, f64::min);
         let program = ElasticProgram {
             matrix: &self.model.jacobian,
             target: &-self.model.rows_of(&self.model.constraints),
@@ -407,20 +407,21 @@ impl<'a> Search<'a> {
         (0..equations).chain(exceeded.map(|(row, _)| equations + row)).collect()
     }
 
-    /// The smallest change (in units of reach) of the variables off their bounds whose linear effect on `rows` is `missed`.
+    /// The smallest change (in units of the variable scales) of the variables off their bounds whose linear effect on `rows` is
+    /// `missed`.
     fn least_change(&self, x: &DVector<f64>, rows: &[usize], missed: &DVector<f64>) -> Option<DVector<f64>> {
-        let mut reach = self.problem.reach(x);
-        for (index, reach) in reach.iter_mut().enumerate() {
+        let mut scale = self.problem.variable_scale(x);
+        for (index, scale) in scale.iter_mut().enumerate() {
             if x[index] <= self.problem.lower()[index] || x[index] >= self.problem.upper()[index] {
-                *reach = 0.0;
+                *scale = 0.0;
             }
         }
         let mut scaled = self.model.jacobian.select_rows(rows);
-        for (mut column, reach) in scaled.column_iter_mut().zip(reach.iter()) {
-            column *= *reach;
+        for (mut column, scale) in scaled.column_iter_mut().zip(scale.iter()) {
+            column *= *scale;
         }
         let weights = pseudo_solve(&(&scaled * scaled.transpose()), &missed.select_rows(rows))?;
-        Some((scaled.transpose() * weights).component_mul(&reach))
+        Some((scaled.transpose() * weights).component_mul(&scale))
     }
 
     fn merit(&self, x: &DVector<f64>, constraints: &Constraints) -> f64 {

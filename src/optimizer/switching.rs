@@ -10,16 +10,16 @@ use super::elastic_program::ElasticProgram;
 use super::evaluation::{Linearisation, Problem};
 use super::linear_program::ElasticSolver;
 
-/// The prices are those of the linear model in a box this small, as a fraction of each variable's reach.
+/// The prices are those of the linear model in a box this small, as a fraction of each variable's scale.
 const RADIUS: f64 = 1e-3;
 /// Reduced costs below this share of the largest one count as zero.
 const ZERO: f64 = 1e-2;
-/// A variable this close to a bound, as a fraction of its reach, is at it.
+/// A variable this close to a bound, as a fraction of its scale, is at it.
 const AT_BOUND: f64 = 1e-9;
 
 /// How many variables contradict the sign of their reduced cost at `x`, where `model` is the problem's linearisation.
 pub fn sign_violations(problem: &dyn Problem, x: &DVector<f64>, model: &Linearisation, weight: f64) -> usize {
-    let reach = problem.reach(x);
+    let scale = problem.variable_scale(x);
     let below = problem.lower() - x;
     let above = problem.upper() - x;
     let program = ElasticProgram {
@@ -27,16 +27,16 @@ pub fn sign_violations(problem: &dyn Problem, x: &DVector<f64>, model: &Linearis
         target: &-model.rows_of(&model.constraints),
         equation_count: model.constraints.residual.len(),
         cost: problem.cost(),
-        lower: &below.zip_map(&reach, |room, reach| room.max(-RADIUS * reach).min(0.0)),
-        upper: &above.zip_map(&reach, |room, reach| room.min(RADIUS * reach).max(0.0)),
+        lower: &below.zip_map(&scale, |room, scale| room.max(-RADIUS * scale).min(0.0)),
+        upper: &above.zip_map(&scale, |room, scale| room.min(RADIUS * scale).max(0.0)),
         weight,
     };
     let price = ElasticSolver::new().solve(&program).price;
-    let reduced_cost = (problem.cost() - model.jacobian.tr_mul(&price)).component_mul(&reach);
+    let reduced_cost = (problem.cost() - model.jacobian.tr_mul(&price)).component_mul(&scale);
 
     let zero = ZERO * reduced_cost.amax();
     let contradicts = |index: usize| {
-        let slack = AT_BOUND * reach[index];
+        let slack = AT_BOUND * scale[index];
         let can_fall = below[index] < -slack && reduced_cost[index] > zero;
         let can_rise = above[index] > slack && reduced_cost[index] < -zero;
         can_fall || can_rise

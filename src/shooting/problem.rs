@@ -12,8 +12,8 @@ use crate::simulation::{EndDerivative, EndSensitivity, LeastNormalForces, Rollou
 
 /// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): what is left of a maneuver shows first in its end.
 const SPEED_SCALE: f64 = 0.3;
-/// A trust region of radius 1 spans the torque limit, and this fraction of the final time.
-const FINAL_TIME_REACH: f64 = 0.5;
+/// The variable scale of a torque is its limit, that of the final time this fraction of itself.
+const FINAL_TIME_SCALE: f64 = 0.5;
 /// Shortest final time that is searched, s: without a bound the linear model would let it collapse.
 pub const SHORTEST_FINAL_TIME: f64 = 0.02;
 /// Longest final time that is searched, s.
@@ -214,11 +214,11 @@ impl Problem for ShootingProblem<'_> {
         &self.upper
     }
 
-    fn reach(&self, decision: &DVector<f64>) -> DVector<f64> {
-        let mut reach = self.upper.clone();
-        let last = reach.len() - 1;
-        reach[last] = FINAL_TIME_REACH * decision[last];
-        reach
+    fn variable_scale(&self, decision: &DVector<f64>) -> DVector<f64> {
+        let mut scale = self.upper.clone();
+        let last = scale.len() - 1;
+        scale[last] = FINAL_TIME_SCALE * decision[last];
+        scale
     }
 
     fn constraints(&self) -> Constraints {

@@ -29,7 +29,7 @@ const GIVEN_UP: f64 = 0.7;
 /// The restoration aims this far below the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
-/// First edge of the simplex, as a fraction of each variable's reach.
+/// First edge of the simplex, as a fraction of each variable's scale.
 const NELDER_MEAD_EDGE: f64 = 0.2;
 /// Enough for the restarts to stop by themselves.
 const NELDER_MEAD_RESTART_LIMIT: usize = 1000;
@@ -163,7 +163,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let settings = NelderMeadSettings {
-            edge: self.problem.reach(guess) * NELDER_MEAD_EDGE,
+            edge: self.problem.variable_scale(guess) * NELDER_MEAD_EDGE,
             restart_limit: NELDER_MEAD_RESTART_LIMIT,
             value_tolerance: NELDER_MEAD_VALUE_TOLERANCE,
             smallest_gain: NELDER_MEAD_SMALLEST_GAIN,

@@ -235,13 +235,13 @@ impl LocalSearch<'_, '_, '_> {
                 shift(right, from, to);
             }
             Shake::Noise { share, everywhere } => {
-                let reach = self.problem.reach(decision) * share;
-                let (left_reach, right_reach) = reach.as_slice()[..last].split_at(last / 2);
-                for (torques, reach) in [(left, left_reach), (right, right_reach)] {
+                let scale = self.problem.variable_scale(decision) * share;
+                let (left_scale, right_scale) = scale.as_slice()[..last].split_at(last / 2);
+                for (torques, scale) in [(left, left_scale), (right, right_scale)] {
                     let count = torques.len();
                     let stretch = if everywhere { 0..count } else { random_stretch(count, rng) };
                     for index in stretch {
-                        torques[index] += reach[index] * rng.random_range(-1.0..1.0);
+                        torques[index] += scale[index] * rng.random_range(-1.0..1.0);
                     }
                 }
             }
