@@ -7,8 +7,8 @@ mod linear_problem;
 mod linear_program;
 mod nelder_mead;
 mod pseudo_solve;
-mod relaxed;
 mod sequential_linear;
+mod shifted_constraints;
 mod switching;
 
 pub use elastic_program::{ElasticProgram, ElasticSolution};

@@ -15,7 +15,7 @@ use super::elastic_program::{ElasticProgram, violation_sum};
 use super::evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 use super::linear_program::ElasticSolver;
 use super::pseudo_solve::pseudo_solve;
-use super::relaxed::Relaxed;
+use super::shifted_constraints::ShiftedConstraints;
 
 /// Parameters of the iteration; the defaults were measured on the paper's forward drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -191,9 +191,9 @@ pub fn confirmed_decrease(
     let mut model = Linearisation::new(problem.constraints(), x.len());
     budget.spend()?;
     problem.linearise(x, &mut model);
-    let mut relaxed = Relaxed::at(problem, &model.constraints, (residual_tolerance, excess_tolerance));
-    relaxed.relax(&mut model.constraints);
-    let mut search = Search { model, model_is_current: true, ..Search::new(&mut relaxed, x, &settings) };
+    let mut shifted = ShiftedConstraints::at(problem, &model.constraints, (residual_tolerance, excess_tolerance));
+    shifted.shift(&mut model.constraints);
+    let mut search = Search { model, model_is_current: true, ..Search::new(&mut shifted, x, &settings) };
     let merit = search.merit(&search.x, &search.model.constraints);
     let (prediction, better, interruption) = loop {
         let step = search.linear_step(budget)?;

@@ -1,18 +1,18 @@
-//! A problem whose goal and limits are moved to where a point has them.
+//! A problem with shifted constraints: small violations of a given point count as none.
 
 use nalgebra::DVector;
 
 use super::evaluation::{Constraints, Linearisation, Problem};
 
 /// The same problem with a constant offset of its constraint values.
-pub(super) struct Relaxed<'a> {
+pub(super) struct ShiftedConstraints<'a> {
     problem: &'a mut dyn Problem,
-    accepted: Constraints,
+    offset: Constraints,
 }
 
-impl<'a> Relaxed<'a> {
-    /// Accepts the violations of a point with these constraint values, as far as they are within the tolerances of
-    /// residuals and limits.
+impl<'a> ShiftedConstraints<'a> {
+    /// Shifts the constraints by the violations of a point with these constraint values, as far as they are within the
+    /// tolerances of residuals and limits.
     pub(super) fn at(
         problem: &'a mut dyn Problem,
         constraints: &Constraints,
@@ -21,17 +21,17 @@ impl<'a> Relaxed<'a> {
         let within = |value: f64, tolerance: f64| if value.abs() <= tolerance { value } else { 0.0 };
         let residual = constraints.residual.map(|value| within(value, residual_tolerance));
         let excess = constraints.excess.map(|value| within(value.max(0.0), excess_tolerance));
-        Self { problem, accepted: Constraints { residual, excess } }
+        Self { problem, offset: Constraints { residual, excess } }
     }
 
-    /// Constraint values of the problem become those of the relaxed one.
-    pub(super) fn relax(&self, constraints: &mut Constraints) {
-        constraints.residual -= &self.accepted.residual;
-        constraints.excess -= &self.accepted.excess;
+    /// Turns constraint values of the problem into those of the shifted one.
+    pub(super) fn shift(&self, constraints: &mut Constraints) {
+        constraints.residual -= &self.offset.residual;
+        constraints.excess -= &self.offset.excess;
     }
 }
 
-impl Problem for Relaxed<'_> {
+impl Problem for ShiftedConstraints<'_> {
     fn cost(&self) -> &DVector<f64> {
         self.problem.cost()
     }
@@ -54,12 +54,12 @@ impl Problem for Relaxed<'_> {
 
     fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints) {
         self.problem.evaluate(x, constraints);
-        self.relax(constraints);
+        self.shift(constraints);
     }
 
     fn linearise(&mut self, x: &DVector<f64>, linearisation: &mut Linearisation) {
         self.problem.linearise(x, linearisation);
-        self.relax(&mut linearisation.constraints);
+        self.shift(&mut linearisation.constraints);
     }
 }
 
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn room_below_a_limit_still_counts() {
+    fn slack_below_a_limit_still_counts() {
         assert!((decrease_at(to_one(true), 1.001, 1e-2) - 0.001).abs() < 1e-12);
     }
 }
