@@ -1,7 +1,7 @@
 //! The data of an elastic linear program, and how its columns are numbered.
 //!
 //! Column j < n is variable j; then come m slacks above and m slacks below: `matrix x - above + below = target`. Both
-//! slacks of an equation are priced; of a limit only the one above.
+//! slacks of an equation are priced; of an inequality only the one above.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,7 +12,7 @@ pub struct ElasticProgram<'a> {
     pub matrix: &'a DMatrix<f64>,
     /// m.
     pub target: &'a DVector<f64>,
-    /// The first rows are equations, `matrix x = target`; the others are limits, `matrix x <= target`.
+    /// The first rows are equations, `matrix x = target`; the others are inequalities, `matrix x <= target`.
     pub equation_count: usize,
     /// n.
     pub cost: &'a DVector<f64>,
@@ -29,7 +29,7 @@ pub struct ElasticProgram<'a> {
 pub struct ElasticSolution {
     /// n.
     pub x: DVector<f64>,
-    /// Price of each row, between -weight and weight, and at most 0 for a limit: change of the minimum per unit of its
+    /// Price of each row, between -weight and weight, and at most 0 for an inequality: change of the minimum per unit of its
     /// target.
     pub price: DVector<f64>,
     /// `cost' x + weight (violations of all rows)`.
@@ -72,10 +72,10 @@ impl ElasticProgram<'_> {
     }
 }
 
-/// Sum of the violations of rows of which the first are equations, `value = 0`, and the others limits, `value <= 0`.
+/// Sum of the violations of rows of which the first are equations, `value = 0`, and the others inequalities, `value <= 0`.
 pub(super) fn violation_sum(rows: &DVector<f64>, equation_count: usize) -> f64 {
-    let (equations, limits) = rows.as_slice().split_at(equation_count);
-    let missed: f64 = equations.iter().map(|value| value.abs()).sum();
-    let exceeded: f64 = limits.iter().map(|value| value.max(0.0)).sum();
-    missed + exceeded
+    let (equations, inequalities) = rows.as_slice().split_at(equation_count);
+    let of_equations: f64 = equations.iter().map(|value| value.abs()).sum();
+    let of_inequalities: f64 = inequalities.iter().map(|value| value.max(0.0)).sum();
+    of_equations + of_inequalities
 }

@@ -4,9 +4,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::{DMatrix, DVector};
 
-/// A problem with a linear cost, boxed variables, residuals that should vanish and limits that should be kept.
+/// A problem with a linear cost, box bounds, equality constraints (residuals) and inequality constraints.
 pub trait Problem {
-    /// Price of each variable; the cost is `cost' x`.
+    /// Cost of each variable; the objective is `cost' x`.
     fn cost(&self) -> &DVector<f64>;
     /// Lower bounds.
     fn lower(&self) -> &DVector<f64>;
@@ -18,34 +18,34 @@ pub trait Problem {
     fn constraints(&self) -> Constraints;
     /// The constraint values at x; one rollout.
     fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints);
-    /// The constraint values at x and the derivatives of those that matter nearby; counts as one rollout.
+    /// The constraint values at x, the working set and its derivatives; counts as one rollout.
     fn linearise(&mut self, x: &DVector<f64>, linearisation: &mut Linearisation);
 }
 
 /// The constraint values at a point.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Constraints {
-    /// Scaled values that should be 0.
+    /// Scaled residuals of the equality constraints `residual = 0`.
     pub residual: DVector<f64>,
-    /// Scaled values that should be at most 0.
-    pub excess: DVector<f64>,
+    /// Scaled values of the inequality constraints `inequality <= 0`.
+    pub inequality: DVector<f64>,
 }
 
 impl Constraints {
     /// The largest violation.
     pub fn violation(&self) -> f64 {
-        self.residual.amax().max(self.largest_excess())
+        self.residual.amax().max(self.largest_inequality_violation())
     }
 
     /// Sum of all violations.
     pub fn violation_sum(&self) -> f64 {
-        let exceeded: f64 = self.excess.iter().map(|value| value.max(0.0)).sum();
-        self.residual.lp_norm(1) + exceeded
+        let violated: f64 = self.inequality.iter().map(|value| value.max(0.0)).sum();
+        self.residual.lp_norm(1) + violated
     }
 
-    /// The largest excess, at least 0.
-    pub fn largest_excess(&self) -> f64 {
-        self.excess.iter().copied().fold(0.0, f64::max)
+    /// The largest violation of an inequality, at least 0.
+    pub fn largest_inequality_violation(&self) -> f64 {
+        self.inequality.iter().copied().fold(0.0, f64::max)
     }
 }
 
@@ -54,23 +54,23 @@ impl Constraints {
 pub struct Linearisation {
     /// The values at the point.
     pub constraints: Constraints,
-    /// Which limits are near enough to have a row.
-    pub near_limits: Vec<usize>,
-    /// Derivatives: a row per residual, then one per near limit.
+    /// The working set: inequalities that are violated or nearly active, which have a row.
+    pub working_set: Vec<usize>,
+    /// Derivatives: a row per residual, then one per inequality of the working set.
     pub jacobian: DMatrix<f64>,
 }
 
 impl Linearisation {
-    /// A model without rows for limits, all zero.
+    /// A model with an empty working set, all zero.
     pub fn new(constraints: Constraints, variable_count: usize) -> Self {
         let jacobian = DMatrix::zeros(constraints.residual.len(), variable_count);
-        Self { constraints, near_limits: Vec::new(), jacobian }
+        Self { constraints, working_set: Vec::new(), jacobian }
     }
 
     /// The values of the rows at any point.
     pub fn rows_of(&self, constraints: &Constraints) -> DVector<f64> {
-        let near = self.near_limits.iter().map(|&limit| constraints.excess[limit]);
-        let rows = constraints.residual.iter().copied().chain(near);
+        let inequalities = self.working_set.iter().map(|&index| constraints.inequality[index]);
+        let rows = constraints.residual.iter().copied().chain(inequalities);
         DVector::from_iterator(self.jacobian.nrows(), rows)
     }
 }

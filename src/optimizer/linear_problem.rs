@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::evaluation::{Constraints, Linearisation, Problem};
 
-/// Rows `matrix x - target`: first the residuals, then the limits.
+/// Rows `matrix x - target`: first the residuals, then the inequalities.
 pub(super) struct LinearProblem {
     pub(super) cost: DVector<f64>,
     pub(super) lower: DVector<f64>,
@@ -32,20 +32,20 @@ impl Problem for LinearProblem {
     }
 
     fn constraints(&self) -> Constraints {
-        let limit_count = self.target.len() - self.residual_count;
-        Constraints { residual: DVector::zeros(self.residual_count), excess: DVector::zeros(limit_count) }
+        let inequality_count = self.target.len() - self.residual_count;
+        Constraints { residual: DVector::zeros(self.residual_count), inequality: DVector::zeros(inequality_count) }
     }
 
     fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints) {
         let rows = &self.matrix * x - &self.target;
-        let (residual, excess) = rows.as_slice().split_at(self.residual_count);
+        let (residual, inequality) = rows.as_slice().split_at(self.residual_count);
         constraints.residual.copy_from_slice(residual);
-        constraints.excess.copy_from_slice(excess);
+        constraints.inequality.copy_from_slice(inequality);
     }
 
     fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation) {
         self.evaluate(x, &mut model.constraints);
-        model.near_limits = (0..model.constraints.excess.len()).collect();
+        model.working_set = (0..model.constraints.inequality.len()).collect();
         model.jacobian.clone_from(&self.matrix);
     }
 }

@@ -1,7 +1,7 @@
 //! Elastic linear programs with few rows and many boxed variables, by a primal simplex with bounds.
 //!
 //! ```text
-//! minimise cost' x + weight (violations of equations and limits) subject to lower <= x <= upper, lower <= 0 <= upper
+//! minimise cost' x + weight (violations of equations and inequalities) subject to lower <= x <= upper, lower <= 0 <= upper
 //! ```
 //!
 //! Each row gets two slacks, `matrix x - above + below = target`, so the simplex starts at x = 0 without a first phase,
@@ -175,12 +175,12 @@ impl ElasticSolver {
         for row in 0..rows {
             let above = columns + row;
             let below = columns + rows + row;
-            let excess = -program.target[row];
-            let (basic, resting) = if excess >= 0.0 { (above, below) } else { (below, above) };
+            let value = -program.target[row];
+            let (basic, resting) = if value >= 0.0 { (above, below) } else { (below, above) };
             self.basis[row] = basic;
             self.place[basic] = Place::Basic;
             self.place[resting] = Place::Lower;
-            self.basis_value[row] = excess.abs();
+            self.basis_value[row] = value.abs();
             self.inverse[(row, row)] = program.slack_sign(basic);
         }
         self.pivots_since_inversion = 0;

@@ -1,7 +1,7 @@
 //! Trust-region sequential linear programming on an exact l1 penalty.
 //!
 //! ```text
-//! merit(x) = cost' x + weight (|residual(x)|_1 + |excess(x)+|_1)
+//! merit(x) = cost' x + weight (|residual(x)|_1 + |inequality(x)+|_1)
 //! ```
 //!
 //! Each iteration minimises the merit's linear model in a box about x (an elastic program), tries the step, corrects it
@@ -26,8 +26,8 @@ pub struct SequentialLinearSettings {
     pub first_radius: f64,
     /// Residuals of at most this magnitude are met.
     pub feasibility_tolerance: f64,
-    /// Limits exceeded by at most this much are kept.
-    pub excess_tolerance: f64,
+    /// Inequalities violated by at most this much are met.
+    pub inequality_tolerance: f64,
     /// Ends where the model promises at most this much decrease of the merit.
     pub smallest_prediction: f64,
     /// Most iterations.
@@ -51,7 +51,7 @@ impl Default for SequentialLinearSettings {
             weight: 5.0,
             first_radius: 0.3,
             feasibility_tolerance: 1e-9,
-            excess_tolerance: 0.0,
+            inequality_tolerance: 0.0,
             smallest_prediction: SMALLEST_PREDICTION,
             iteration_limit: 400,
             restoration: Restoration::Restore,
@@ -115,7 +115,7 @@ pub struct SequentialLinearResult {
     pub ending: Ending,
 }
 
-/// Minimises `cost' x` subject to vanishing residuals, limits and bounds, from `start`.
+/// Minimises `cost' x` subject to `residual = 0`, `inequality <= 0` and the bounds, from `start`.
 ///
 /// `on_improvement` hears of each accepted point (the point and its constraint values).
 pub fn minimise_sequentially(
@@ -150,7 +150,7 @@ pub struct FirstOrderSettings {
     /// accepts.
     pub residual_tolerance: f64,
     /// Limits that are exceeded by at most this much likewise.
-    pub excess_tolerance: f64,
+    pub inequality_tolerance: f64,
 }
 
 /// What [`confirmed_decrease`] found.
@@ -182,7 +182,7 @@ pub fn confirmed_decrease(
     first_order: &FirstOrderSettings,
     budget: &mut Budget,
 ) -> Result<ConfirmedDecrease, Interruption> {
-    let &FirstOrderSettings { weight, enough, residual_tolerance, excess_tolerance } = first_order;
+    let &FirstOrderSettings { weight, enough, residual_tolerance, inequality_tolerance } = first_order;
     let settings = SequentialLinearSettings {
         weight,
         first_radius: LARGEST_CONFIRMED_RADIUS,
@@ -191,7 +191,7 @@ pub fn confirmed_decrease(
     let mut model = Linearisation::new(problem.constraints(), x.len());
     budget.spend()?;
     problem.linearise(x, &mut model);
-    let mut shifted = ShiftedConstraints::at(problem, &model.constraints, (residual_tolerance, excess_tolerance));
+    let mut shifted = ShiftedConstraints::at(problem, &model.constraints, (residual_tolerance, inequality_tolerance));
     shifted.shift(&mut model.constraints);
     let mut search = Search { model, model_is_current: true, ..Search::new(&mut shifted, x, &settings) };
     let merit = search.merit(&search.x, &search.model.constraints);
@@ -370,7 +370,7 @@ impl<'a> Search<'a> {
     fn restore(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
         for _ in 0..RESTORATION_LIMIT {
             let constraints = &self.model.constraints;
-            let is_kept = constraints.largest_excess() <= self.settings.excess_tolerance;
+            let is_kept = constraints.largest_inequality_violation() <= self.settings.inequality_tolerance;
             if constraints.residual.amax() <= self.settings.feasibility_tolerance && is_kept {
                 return Ok(());
             }
@@ -399,12 +399,12 @@ impl<'a> Search<'a> {
         Ok(false)
     }
 
-    /// All residuals, and the rows of limits that are exceeded.
+    /// All residuals, and the rows of violated inequalities.
     fn violated_rows(&self, constraints: &Constraints) -> Vec<usize> {
         let equations = self.equation_count();
-        let limits = self.model.near_limits.iter().enumerate();
-        let exceeded = limits.filter(|(_, limit)| constraints.excess[**limit] > 0.0);
-        (0..equations).chain(exceeded.map(|(row, _)| equations + row)).collect()
+        let working_set = self.model.working_set.iter().enumerate();
+        let violated = working_set.filter(|(_, index)| constraints.inequality[**index] > 0.0);
+        (0..equations).chain(violated.map(|(row, _)| equations + row)).collect()
     }
 
     /// The smallest change (in units of the variable scales) of the variables off their bounds whose linear effect on `rows` is

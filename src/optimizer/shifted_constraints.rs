@@ -12,22 +12,22 @@ pub(super) struct ShiftedConstraints<'a> {
 
 impl<'a> ShiftedConstraints<'a> {
     /// Shifts the constraints by the violations of a point with these constraint values, as far as they are within the
-    /// tolerances of residuals and limits.
+    /// tolerances of residuals and inequalities.
     pub(super) fn at(
         problem: &'a mut dyn Problem,
         constraints: &Constraints,
-        (residual_tolerance, excess_tolerance): (f64, f64),
+        (residual_tolerance, inequality_tolerance): (f64, f64),
     ) -> Self {
         let within = |value: f64, tolerance: f64| if value.abs() <= tolerance { value } else { 0.0 };
         let residual = constraints.residual.map(|value| within(value, residual_tolerance));
-        let excess = constraints.excess.map(|value| within(value.max(0.0), excess_tolerance));
-        Self { problem, offset: Constraints { residual, excess } }
+        let inequality = constraints.inequality.map(|value| within(value.max(0.0), inequality_tolerance));
+        Self { problem, offset: Constraints { residual, inequality } }
     }
 
     /// Turns constraint values of the problem into those of the shifted one.
     pub(super) fn shift(&self, constraints: &mut Constraints) {
         constraints.residual -= &self.offset.residual;
-        constraints.excess -= &self.offset.excess;
+        constraints.inequality -= &self.offset.inequality;
     }
 }
 
@@ -85,7 +85,7 @@ mod tests {
             weight: 50.0,
             enough: 1e-9,
             residual_tolerance: tolerance,
-            excess_tolerance: tolerance,
+            inequality_tolerance: tolerance,
         };
         let stop = AtomicBool::new(false);
         let mut budget = Budget::new(&stop, 100);
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn slack_below_a_limit_still_counts() {
+    fn slack_of_an_inequality_still_counts() {
         assert!((decrease_at(to_one(true), 1.001, 1e-2) - 0.001).abs() < 1e-12);
     }
 }

@@ -8,14 +8,14 @@ use crate::simulation::{LeastNormalForces, NormalForceDerivative};
 /// The search keeps the normal force of every contact above this share of the weight, so that the last corrections of a plan
 /// cause no separation.
 const MARGIN: f64 = 1e-3;
-/// Excess, as a share of the weight, that still lifts nothing.
+/// Inequality values up to this much, as a share of the weight, mean no separation.
 pub const NORMAL_FORCE_TOLERANCE: f64 = MARGIN / 2.0;
 /// A contact with a small static normal force keeps at least this share of it.
 const STATIC_SHARE: f64 = 0.5;
 /// Contacts with less than this share of the weight above their margin may separate within one step of the search.
-const NEAR: f64 = 0.1;
+const WORKING_SET_SHARE: f64 = 0.1;
 
-/// The limits of one robot: `excess = margin - load / weight <= 0` for the least loads of a rollout.
+/// The constraints of one robot: `margin - normal force / weight <= 0` for the least normal forces of a rollout.
 #[derive(Debug, Clone)]
 pub(super) struct NormalForceConstraints {
     weight: f64,
@@ -32,15 +32,17 @@ impl NormalForceConstraints {
         Self { weight, margin }
     }
 
-    pub(super) fn write_excess(&self, forces: &LeastNormalForces, excess: &mut DVector<f64>) {
-        for (index, value) in excess.iter_mut().enumerate() {
+    pub(super) fn write_inequality_values(&self, forces: &LeastNormalForces, values: &mut DVector<f64>) {
+        for (index, value) in values.iter_mut().enumerate() {
             *value = self.margin[LeastNormalForces::contact(index)] - forces.force(index) / self.weight;
         }
     }
 
-    pub(super) fn list_near(excess: &DVector<f64>, near: &mut Vec<usize>) {
-        near.clear();
-        near.extend(excess.iter().enumerate().filter(|(_, excess)| **excess > -NEAR).map(|(index, _)| index));
+    pub(super) fn select_working_set(values: &DVector<f64>, working_set: &mut Vec<usize>) {
+        working_set.clear();
+        working_set.extend(
+            values.iter().enumerate().filter(|(_, value)| **value > -WORKING_SET_SHARE).map(|(index, _)| index),
+        );
     }
 
     pub(super) fn write_row(&self, derivative: &NormalForceDerivative, mut row: MatrixViewMut<f64, U1, Dyn, U1, Dyn>) {
@@ -50,7 +52,7 @@ impl NormalForceConstraints {
         }
     }
 
-    pub(super) fn has_separation(&self, excess: &DVector<f64>) -> bool {
-        excess.iter().enumerate().any(|(index, excess)| *excess > self.margin[LeastNormalForces::contact(index)])
+    pub(super) fn has_separation(&self, values: &DVector<f64>) -> bool {
+        values.iter().enumerate().any(|(index, value)| *value > self.margin[LeastNormalForces::contact(index)])
     }
 }

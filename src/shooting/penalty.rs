@@ -2,8 +2,8 @@
 //! violations of the normal forces' lower limits, which do not occur in the paper's case.
 //!
 //! ```text
-//! penalty(y) = t_f + weight_goal sum (scale_i error_i)^2 + weight_torque sum (excess_j / limit_j)^2
-//!            + weight_load sum (lack_k / weight)^2
+//! penalty(y) = t_f + weight_goal sum (scale_i error_i)^2 + weight_torque sum (violation_j / limit_j)^2
+//!            + weight_normal_force sum max(inequality_k, 0)^2
 //! ```
 //!
 //! The rollout itself runs with torques cut to their limits, so that every iterate is a plan the robot can follow.
@@ -15,9 +15,9 @@ use crate::optimizer::{Constraints, Problem};
 
 /// Price of a squared scaled goal error, s per m2: at the optimum a millimetre of error pays for 0.3 ms.
 const WEIGHT_GOAL: f64 = 150.0;
-/// Price of a squared relative torque excess, s.
+/// Price of a squared relative torque violation, s.
 const WEIGHT_TORQUE: f64 = 1.0;
-/// Price of a squared lack of normal load relative to the weight, s.
+/// Price of a squared normal-force violation relative to the weight, s.
 const WEIGHT_NORMAL_FORCE: f64 = 10.0;
 
 /// The penalty of a shooting problem.
@@ -46,18 +46,21 @@ impl<'a, 'b> Penalty<'a, 'b> {
 
     /// The penalty of a decision; one rollout.
     pub fn value(&mut self, decision: &DVector<f64>) -> f64 {
-        let mut excess = 0.0;
+        let mut torque_violation = 0.0;
         for (index, value) in decision.iter().enumerate() {
             let (lower, upper) = (self.problem.lower()[index], self.problem.upper()[index]);
             self.clamped[index] = value.clamp(lower, upper);
             if *value != self.clamped[index] {
-                excess += ((value - self.clamped[index]) / upper).powi(2);
+                torque_violation += ((value - self.clamped[index]) / upper).powi(2);
             }
         }
         self.problem.evaluate(&self.clamped, &mut self.constraints);
         let final_time = self.clamped[self.clamped.len() - 1];
-        let lack: f64 = self.constraints.excess.iter().map(|value| value.max(0.0).powi(2)).sum();
+        let normal_force_violation: f64 = self.constraints.inequality.iter().map(|value| value.max(0.0).powi(2)).sum();
         let goal = self.constraints.residual.norm_squared();
-        final_time + WEIGHT_GOAL * goal + WEIGHT_TORQUE * excess + WEIGHT_NORMAL_FORCE * lack
+        final_time
+            + WEIGHT_GOAL * goal
+            + WEIGHT_TORQUE * torque_violation
+            + WEIGHT_NORMAL_FORCE * normal_force_violation
     }
 }

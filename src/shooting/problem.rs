@@ -141,7 +141,7 @@ impl<'a> ShootingProblem<'a> {
 
     /// Whether a contact separates (negative normal force) at a point with these constraint values.
     pub fn has_separation(&self, constraints: &Constraints) -> bool {
-        self.normal_force_constraints.has_separation(&constraints.excess)
+        self.normal_force_constraints.has_separation(&constraints.inequality)
     }
 
     /// Rolls out, unless that is what was done last: a point that a search accepts is the one that it has just tried.
@@ -188,12 +188,12 @@ impl<'a> ShootingProblem<'a> {
     }
 
     fn write_normal_force_rows(&self, rollout: &Rollout, linearisation: &mut Linearisation) {
-        let near = &linearisation.near_limits;
-        if near.is_empty() {
+        let working_set = &linearisation.working_set;
+        if working_set.is_empty() {
             return;
         }
         let derivatives =
-            self.simulator.normal_force_sensitivity(rollout, self.slip_smoothing, &self.sensitivity, near);
+            self.simulator.normal_force_sensitivity(rollout, self.slip_smoothing, &self.sensitivity, working_set);
         for (index, derivative) in derivatives.iter().enumerate() {
             let row = linearisation.jacobian.row_mut(self.rows.len() + index);
             self.normal_force_constraints.write_row(derivative, row);
@@ -222,24 +222,26 @@ impl Problem for ShootingProblem<'_> {
     }
 
     fn constraints(&self) -> Constraints {
-        let limit_count = LeastNormalForces::count(self.schedule.control_count());
-        Constraints { residual: DVector::zeros(self.rows.len()), excess: DVector::zeros(limit_count) }
+        let inequality_count = LeastNormalForces::count(self.schedule.control_count());
+        Constraints { residual: DVector::zeros(self.rows.len()), inequality: DVector::zeros(inequality_count) }
     }
 
     fn evaluate(&mut self, decision: &DVector<f64>, constraints: &mut Constraints) {
         self.record(decision);
         self.write_residual(&self.sensitivity.end, &mut constraints.residual);
-        self.normal_force_constraints.write_excess(&self.sensitivity.least_normal_forces, &mut constraints.excess);
+        self.normal_force_constraints
+            .write_inequality_values(&self.sensitivity.least_normal_forces, &mut constraints.inequality);
     }
 
     fn linearise(&mut self, decision: &DVector<f64>, linearisation: &mut Linearisation) {
         self.record(decision);
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
         self.simulator.differentiate(&rollout, self.slip_smoothing, &mut self.sensitivity);
-        let Linearisation { constraints, near_limits, jacobian } = linearisation;
-        self.normal_force_constraints.write_excess(&self.sensitivity.least_normal_forces, &mut constraints.excess);
-        NormalForceConstraints::list_near(&constraints.excess, near_limits);
-        jacobian.resize_vertically_mut(self.rows.len() + near_limits.len(), 0.0);
+        let Linearisation { constraints, working_set, jacobian } = linearisation;
+        self.normal_force_constraints
+            .write_inequality_values(&self.sensitivity.least_normal_forces, &mut constraints.inequality);
+        NormalForceConstraints::select_working_set(&constraints.inequality, working_set);
+        jacobian.resize_vertically_mut(self.rows.len() + working_set.len(), 0.0);
         self.write_goal_rows(linearisation);
         self.write_normal_force_rows(&rollout, linearisation);
     }

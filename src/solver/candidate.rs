@@ -45,7 +45,7 @@ impl Stationarity {
             weight: price,
             enough: STATIONARY_SHARE * final_time,
             residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
-            excess_tolerance: NORMAL_FORCE_TOLERANCE,
+            inequality_tolerance: NORMAL_FORCE_TOLERANCE,
         }
     }
 }

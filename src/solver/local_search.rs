@@ -122,7 +122,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             weight,
             first_radius: radius,
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
-            excess_tolerance: NORMAL_FORCE_TOLERANCE,
+            inequality_tolerance: NORMAL_FORCE_TOLERANCE,
             smallest_prediction,
             ..SequentialLinearSettings::default()
         };
@@ -133,7 +133,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let mut tell = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
             // Within the margin a contact may already separate.
-            let has_separation = constraints.largest_excess() > 0.0;
+            let has_separation = constraints.largest_inequality_violation() > 0.0;
             if goal_error > tolerance || !has_separation {
                 report(control, start, x, goal_error);
             }
