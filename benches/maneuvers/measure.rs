@@ -42,7 +42,7 @@ pub(crate) struct Answer {
     pub(crate) replay_miss_m: f64,
     pub(crate) replay_miss_rad: f64,
     pub(crate) lower_bound_s: f64,
-    /// The first-order measure over the final time.
+    /// The criticality measure over the final time.
     pub(crate) predicted_decrease: f64,
     pub(crate) worst_contact_residual: f64,
     /// Steps and contacts that would have to pull.

@@ -77,9 +77,9 @@ const CORRECTION_RATIO: f64 = 0.1;
 const LARGEST_CORRECTION: f64 = 0.2;
 /// Residual norm at which small gains start to count as convergence.
 const NEAR_FEASIBLE: f64 = 1e-4;
-/// The first-order measure starts with torques that may change by a tenth of their limits.
-const LARGEST_CONFIRMED_RADIUS: f64 = 0.1;
-/// Share of a predicted decrease that counts as its confirmation.
+/// Radius with which the criticality measure starts: variables may change by a tenth of their scale.
+const LARGEST_CRITICALITY_RADIUS: f64 = 0.1;
+/// A predicted decrease is confirmed when the merit falls by at least this share of it.
 const CONFIRMED_SHARE: f64 = 0.1;
 const RESTORATION_LIMIT: usize = 20;
 const SHORTENING_LIMIT: usize = 4;
@@ -139,24 +139,23 @@ pub fn minimise_sequentially(
     SequentialLinearResult { x, constraints: model.constraints, unrestored, iterations, ending }
 }
 
-/// Parameters of [`confirmed_decrease`].
+/// Parameters of [`criticality_measure`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FirstOrderSettings {
+pub struct CriticalitySettings {
     /// Price of a unit of violation.
     pub weight: f64,
     /// A predicted decrease of at most this much needs no confirmation.
-    pub enough: f64,
-    /// Residuals of at most this magnitude are accepted as they are: the measure must not ask to take back what a search
-    /// accepts.
+    pub negligible_decrease: f64,
+    /// Residuals of at most this magnitude count as met: removing violations that a search accepts is no decrease.
     pub residual_tolerance: f64,
-    /// Limits that are exceeded by at most this much likewise.
+    /// Inequalities violated by at most this much count as met.
     pub inequality_tolerance: f64,
 }
 
-/// What [`confirmed_decrease`] found.
+/// The result of [`criticality_measure`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct ConfirmedDecrease {
-    /// The first-order measure: the predicted decrease.
+pub struct CriticalityMeasure {
+    /// The measure: the predicted decrease.
     pub prediction: f64,
     /// The better point that confirms it, if there is one.
     pub better: Option<DVector<f64>>,
@@ -166,26 +165,27 @@ pub struct ConfirmedDecrease {
     pub model: Linearisation,
 }
 
-/// First-order measure of a point: the decrease that the linear model predicts within the largest trust region in which
-/// the merit confirms a tenth of it.
+/// Criticality measure of a point: the decrease that the linear model predicts within the largest trust region in which
+/// the merit confirms a tenth of it. (The usual measure, as in Conn, Gould & Toint, "Trust-Region Methods", 2000, has a
+/// fixed radius and no confirmation.)
 ///
-/// Zero at a smooth stationary point. At a kink between contact modes the model sees one side only and promises what the
-/// other side takes back; there the trust region, and with it the measure, shrinks to nothing. A descent direction that
-/// really helps keeps its region, and the measure tells how much it would help. Takes some ten rollouts;
+/// Zero at a smooth stationary point. At a kink between contact modes the linear model describes one side only, and the
+/// merit does not confirm its decrease; there the trust region, and with it the measure, shrinks to zero. Along a true
+/// descent direction the region stays large, and the measure estimates the attainable decrease. Takes about ten rollouts;
 /// with fewer the answer is an upper bound of the measure.
 ///
 /// # Errors
-/// When the budget ends before the first region was judged.
-pub fn confirmed_decrease(
+/// When the budget ends before the first linear program is solved.
+pub fn criticality_measure(
     problem: &mut dyn Problem,
     x: &DVector<f64>,
-    first_order: &FirstOrderSettings,
+    criticality: &CriticalitySettings,
     budget: &mut Budget,
-) -> Result<ConfirmedDecrease, Interruption> {
-    let &FirstOrderSettings { weight, enough, residual_tolerance, inequality_tolerance } = first_order;
+) -> Result<CriticalityMeasure, Interruption> {
+    let &CriticalitySettings { weight, negligible_decrease, residual_tolerance, inequality_tolerance } = criticality;
     let settings = SequentialLinearSettings {
         weight,
-        first_radius: LARGEST_CONFIRMED_RADIUS,
+        first_radius: LARGEST_CRITICALITY_RADIUS,
         ..SequentialLinearSettings::default()
     };
     let mut model = Linearisation::new(problem.constraints(), x.len());
@@ -198,10 +198,10 @@ pub fn confirmed_decrease(
     let (prediction, better, interruption) = loop {
         let step = search.linear_step(budget)?;
         let prediction = merit - search.modelled_merit(&step);
-        if prediction <= enough.max(SMALLEST_PREDICTION) || search.radius <= SMALLEST_RADIUS {
+        if prediction <= negligible_decrease.max(SMALLEST_PREDICTION) || search.radius <= SMALLEST_RADIUS {
             break (prediction, None, None);
         }
-        // Smaller regions promise less: what this one promises is a bound on the measure.
+        // The prediction falls with the radius, so this one is an upper bound of the measure.
         let trial = match search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget) {
             Ok(trial) => trial,
             Err(end) => break (prediction, None, Some(end)),
@@ -211,7 +211,7 @@ pub fn confirmed_decrease(
         }
         search.radius *= SHRINK_FACTOR;
     };
-    Ok(ConfirmedDecrease { prediction, better, interruption, model: search.model })
+    Ok(CriticalityMeasure { prediction, better, interruption, model: search.model })
 }
 
 struct Search<'a> {

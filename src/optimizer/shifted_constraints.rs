@@ -71,7 +71,7 @@ mod tests {
 
     use super::*;
     use crate::optimizer::linear_problem::LinearProblem;
-    use crate::optimizer::{Budget, FirstOrderSettings, confirmed_decrease};
+    use crate::optimizer::{Budget, CriticalitySettings, criticality_measure};
 
     /// Minimise the only variable, which should be 1, or at least 1.
     fn to_one(at_least: bool) -> LinearProblem {
@@ -81,15 +81,15 @@ mod tests {
     }
 
     fn decrease_at(mut problem: LinearProblem, x: f64, tolerance: f64) -> f64 {
-        let settings = FirstOrderSettings {
+        let settings = CriticalitySettings {
             weight: 50.0,
-            enough: 1e-9,
+            negligible_decrease: 1e-9,
             residual_tolerance: tolerance,
             inequality_tolerance: tolerance,
         };
         let stop = AtomicBool::new(false);
         let mut budget = Budget::new(&stop, 100);
-        confirmed_decrease(&mut problem, &DVector::repeat(1, x), &settings, &mut budget).unwrap().prediction
+        criticality_measure(&mut problem, &DVector::repeat(1, x), &settings, &mut budget).unwrap().prediction
     }
 
     #[test]

@@ -6,10 +6,10 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use super::progress::is_nearer;
-use crate::optimizer::{ConfirmedDecrease, FirstOrderSettings};
+use crate::optimizer::{CriticalityMeasure, CriticalitySettings};
 use crate::shooting::{NORMAL_FORCE_TOLERANCE, ShootingProblem};
 
-/// Predicted decreases of this share of the final time are as good as none: a third of what `converged` asks for.
+/// Predicted decreases of at most this share of the final time are negligible: a third of what `converged` asks for.
 const STATIONARY_SHARE: f64 = 3e-5;
 
 /// A decision with what the search needs to rank it.
@@ -22,28 +22,28 @@ pub(super) struct Candidate {
     pub(super) has_separation: bool,
     /// The winding of the goal heading that it meets.
     pub(super) goal_heading: Option<f64>,
-    /// What its first-order measure came to, where the search has taken it.
+    /// Its criticality measure, where the search has computed it.
     pub(super) stationarity: Option<Arc<Stationarity>>,
 }
 
-/// The first-order measure of a decision.
+/// The criticality measure of a decision.
 #[derive(Debug)]
 pub(super) struct Stationarity {
     /// Price of the goal errors that it was taken at, s/m.
     pub(super) price: f64,
-    pub(super) decrease: ConfirmedDecrease,
+    pub(super) measure: CriticalityMeasure,
 }
 
 impl Stationarity {
-    /// How it is measured for a plan of this final time.
+    /// The settings for a plan of this final time.
     pub(super) fn settings(
         problem: &ShootingProblem,
         (price, final_time): (f64, f64),
         goal_tolerance: f64,
-    ) -> FirstOrderSettings {
-        FirstOrderSettings {
+    ) -> CriticalitySettings {
+        CriticalitySettings {
             weight: price,
-            enough: STATIONARY_SHARE * final_time,
+            negligible_decrease: STATIONARY_SHARE * final_time,
             residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
             inequality_tolerance: NORMAL_FORCE_TOLERANCE,
         }

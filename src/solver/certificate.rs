@@ -12,7 +12,7 @@ use super::lower_bound::{Grid, LowerBound, largest, lower_bounds};
 use super::search::SearchResult;
 use super::settings::{Refinement, SolveInput};
 use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
-use crate::optimizer::{Budget, confirmed_decrease, sign_violations};
+use crate::optimizer::{Budget, criticality_measure, sign_violations};
 use crate::robot::State;
 use crate::shooting::{LONGEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
@@ -21,9 +21,9 @@ use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Traje
 const REPLAY_REFINEMENT: usize = 16;
 /// Largest accepted residual of the contact law, relative to m g dt.
 const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
-/// Largest accepted first-order measure, as a share of the final time.
-const FIRST_ORDER_TOLERANCE: f64 = 1e-4;
-/// Rollouts that the first-order measure of a stopped solve may take.
+/// Largest accepted criticality measure, as a share of the final time.
+const CRITICALITY_TOLERANCE: f64 = 1e-4;
+/// Rollouts that the criticality measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
 /// A stop flag that nobody sets.
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -44,12 +44,12 @@ pub(super) fn certified(
     let tolerance = input.settings.goal_tolerance;
     let measured = || measured(problem, best, tolerance, is_urgent).map(Arc::new);
     let stationarity = best.stationarity.clone().or_else(measured);
-    let measure = stationarity.as_ref().map_or(f64::NAN, |known| known.decrease.prediction);
-    // Where nothing is known, all of the final time might be gained, and every sign be wrong.
+    let measure = stationarity.as_ref().map_or(f64::NAN, |known| known.measure.prediction);
+    // Without a measure the bounds are the whole final time, and a violation at every control.
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
-    let is_stationary = measure <= FIRST_ORDER_TOLERANCE * schedule.final_time;
+    let is_stationary = measure <= CRITICALITY_TOLERANCE * schedule.final_time;
     let violations = stationarity.map_or(best.decision.len(), |known| {
-        sign_violations(problem, &best.decision, &known.decrease.model, known.price)
+        sign_violations(problem, &best.decision, &known.measure.model, known.price)
     });
     let evidence = Evidence::collect(input, simulator, schedule, &result);
     let mut solution = evidence.solution(input, result, bound, (measure, is_stationary));
@@ -57,10 +57,10 @@ pub(super) fn certified(
     solution
 }
 
-/// The first-order measure of a decision that the search has not finished.
+/// The criticality measure of a decision for which the search has not computed it.
 ///
-/// It belongs to the answer, not to the search: neither the search's limit nor its stop flag ends it. But an answer that is
-/// waited for must not take long.
+/// It belongs to the answer, not to the search: neither the search's rollout limit nor its stop flag ends it. After a stop
+/// it has a small limit of its own, because the caller waits.
 fn measured(
     problem: &mut ShootingProblem,
     best: &Candidate,
@@ -69,9 +69,9 @@ fn measured(
 ) -> Option<Stationarity> {
     let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
     let [_, price] = prices(problem, best.final_time());
-    let first_order = Stationarity::settings(problem, (price, best.final_time()), goal_tolerance);
-    let decrease = confirmed_decrease(problem, &best.decision, &first_order, &mut budget).ok()?;
-    Some(Stationarity { price, decrease })
+    let settings = Stationarity::settings(problem, (price, best.final_time()), goal_tolerance);
+    let measure = criticality_measure(problem, &best.decision, &settings, &mut budget).ok()?;
+    Some(Stationarity { price, measure })
 }
 
 /// The answer where no plan exists: the start with its distance from the goal, an empty schedule, and why.

@@ -9,7 +9,7 @@ use crate::simulation::{ContactModeSpan, Separation, TorqueSchedule, Trajectory}
 /// How good the plan is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
-    /// Goal met, first-order measure small, no separation, contact law kept.
+    /// Goal met, criticality measure small, no separation, contact law kept.
     Converged,
     /// Goal met, but not shown to be a local optimum.
     Feasible,
@@ -160,7 +160,7 @@ pub struct Report {
     pub distinct_optima: Vec<DistinctOptimum>,
     /// Largest residual of the contact law, relative to m g dt.
     pub worst_contact_residual: f64,
-    /// First-order measure: decrease of the final time that the linear model still predicts, s.
+    /// Criticality measure: decrease of the final time that the linear model still predicts, s.
     pub predicted_decrease: f64,
     /// Rigorous lower bound on the final time, s.
     pub lower_bound: f64,

@@ -12,7 +12,7 @@ use super::local_search::LocalSearch;
 use super::run_control::Phase;
 use super::starts::{Start, Way};
 use crate::optimizer::{
-    Ending, Interruption, Problem, Restoration, SequentialLinearSettings, confirmed_decrease, minimise_sequentially,
+    Ending, Interruption, Problem, Restoration, SequentialLinearSettings, criticality_measure, minimise_sequentially,
 };
 use crate::shooting::decision_from_schedule;
 
@@ -254,13 +254,13 @@ impl LocalSearch<'_, '_, '_> {
         let (price, tolerance) = (self.prices[1], self.settings.goal_tolerance);
         let mut radius = RADIUS;
         for _ in 0..FINISH_LIMIT {
-            let first_order = Stationarity::settings(self.problem, (price, best.final_time()), tolerance);
-            let mut decrease = confirmed_decrease(self.problem, &best.decision, &first_order, &mut self.budget)?;
-            if let Some(interruption) = decrease.interruption {
+            let settings = Stationarity::settings(self.problem, (price, best.final_time()), tolerance);
+            let mut measure = criticality_measure(self.problem, &best.decision, &settings, &mut self.budget)?;
+            if let Some(interruption) = measure.interruption {
                 return Err(interruption);
             }
-            let Some(better) = decrease.better.take() else {
-                self.note_stationarity(best, Stationarity { price, decrease });
+            let Some(better) = measure.better.take() else {
+                self.note_stationarity(best, Stationarity { price, measure });
                 return Ok(());
             };
             let next = self.descend(&better, price, radius)?;
