@@ -18,7 +18,7 @@ struct Data {
     cost: DVector<f64>,
     lower: DVector<f64>,
     upper: DVector<f64>,
-    weight: f64,
+    penalty_parameter: f64,
 }
 
 /// A random program in which final time is cheap and the goal is within reach.
@@ -32,7 +32,7 @@ fn random_program(seed: u64) -> Data {
         cost,
         lower: DVector::from_fn(81, |_, _| -rng.random_range(0.0..0.3)),
         upper: DVector::from_fn(81, |_, _| rng.random_range(0.0..0.3)),
-        weight: 5.0,
+        penalty_parameter: 5.0,
     }
 }
 
@@ -41,8 +41,8 @@ fn by_library(data: &Data) -> f64 {
     let variables: Vec<_> =
         (0..81).map(|index| problem.add_var(data.cost[index], (data.lower[index], data.upper[index]))).collect();
     for row in 0..ROWS {
-        let above = problem.add_var(data.weight, (0.0, f64::INFINITY));
-        let below = problem.add_var(data.weight, (0.0, f64::INFINITY));
+        let above = problem.add_var(data.penalty_parameter, (0.0, f64::INFINITY));
+        let below = problem.add_var(data.penalty_parameter, (0.0, f64::INFINITY));
         let terms = variables.iter().enumerate().map(|(index, &variable)| (variable, data.matrix[(row, index)]));
         let terms: Vec<_> = terms.chain([(above, -1.0), (below, 1.0)]).collect();
         problem.add_constraint(terms, ComparisonOp::Eq, data.target[row]);
@@ -61,7 +61,7 @@ fn by_elastic_simplex(solver: &mut ElasticSolver, data: &Data) -> f64 {
         cost: &data.cost,
         lower: &data.lower,
         upper: &data.upper,
-        weight: data.weight,
+        penalty_parameter: data.penalty_parameter,
     };
     solver.solve(&program).objective
 }

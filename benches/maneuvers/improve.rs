@@ -2,8 +2,8 @@
 //!
 //! Half of the starts are the solver's own search, of which the seed perturbs all but the first ten or so. The other half
 //! leaves from the best plan itself, with torques perturbed over some stretch, and descends again. Where no plan without
-//! separations is known, larger robots and weaker torques are tried for a first one: the goals of small maneuvers are dear
-//! in their own scale, and a gentle enough maneuver lifts no wheel.
+//! separations is known, larger robots and weaker torques are tried for a first one: small maneuvers need a large penalty
+//! parameter in their own scale, and a gentle enough maneuver causes no separation.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;

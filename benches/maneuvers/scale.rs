@@ -2,7 +2,7 @@
 //!
 //! With lengths times s, gravity times k, inertias times s^2 and torques times s k, every motion is repeated with lengths
 //! times s and times times sqrt(s / k); masses and friction stay. What a metre of goal is worth in seconds thus falls by
-//! sqrt(s k): where an optimiser's price is too low for the goal of a small maneuver, it is not for a large one's.
+//! sqrt(s k): a penalty parameter that is too small for a small maneuver is large enough for a large one.
 
 use slipdrive::robot::{PerWheel, Robot, RobotParameters, State};
 use slipdrive::service::domain::{StateComponent, TorqueSchedule};

@@ -1,7 +1,7 @@
 //! The data of an elastic linear program, and how its columns are numbered.
 //!
 //! Column j < n is variable j; then come m slacks above and m slacks below: `matrix x - above + below = target`. Both
-//! slacks of an equation are priced; of an inequality only the one above.
+//! slacks of an equation are penalised; of an inequality only the one above.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -20,8 +20,8 @@ pub struct ElasticProgram<'a> {
     pub lower: &'a DVector<f64>,
     /// n.
     pub upper: &'a DVector<f64>,
-    /// Price of a unit of any row's violation, > 0.
-    pub weight: f64,
+    /// Penalty per unit of any row's violation, > 0.
+    pub penalty_parameter: f64,
 }
 
 /// The minimiser.
@@ -29,19 +29,19 @@ pub struct ElasticProgram<'a> {
 pub struct ElasticSolution {
     /// n.
     pub x: DVector<f64>,
-    /// Price of each row, between -weight and weight, and at most 0 for an inequality: change of the minimum per unit of its
-    /// target.
-    pub price: DVector<f64>,
-    /// `cost' x + weight (violations of all rows)`.
+    /// Lagrange multiplier of each row: change of the minimum per unit of its target. Its magnitude is at most the penalty
+    /// parameter, and it is at most 0 for an inequality.
+    pub multiplier: DVector<f64>,
+    /// `cost' x + penalty_parameter (violations of all rows)`.
     pub objective: f64,
     /// Simplex iterations.
     pub iterations: usize,
 }
 
 impl ElasticProgram<'_> {
-    /// `cost' x + weight (violations of all rows)`.
+    /// `cost' x + penalty_parameter (violations of all rows)`.
     pub(super) fn objective(&self, x: &DVector<f64>) -> f64 {
-        self.cost.dot(x) + self.weight * violation_sum(&(self.matrix * x - self.target), self.equation_count)
+        self.cost.dot(x) + self.penalty_parameter * violation_sum(&(self.matrix * x - self.target), self.equation_count)
     }
 
     pub(super) fn column_cost(&self, column: usize) -> f64 {
@@ -49,7 +49,7 @@ impl ElasticProgram<'_> {
         if column < columns {
             self.cost[column]
         } else if column < columns + rows + self.equation_count {
-            self.weight
+            self.penalty_parameter
         } else {
             0.0
         }

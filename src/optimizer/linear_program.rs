@@ -1,7 +1,7 @@
 //! Elastic linear programs with few rows and many boxed variables, by a primal simplex with bounds.
 //!
 //! ```text
-//! minimise cost' x + weight (violations of equations and inequalities) subject to lower <= x <= upper, lower <= 0 <= upper
+//! minimise cost' x + penalty_parameter (violations of equations and inequalities) subject to lower <= x <= upper, lower <= 0 <= upper
 //! ```
 //!
 //! Each row gets two slacks, `matrix x - above + below = target`, so the simplex starts at x = 0 without a first phase,
@@ -13,8 +13,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
 
-/// Reduced costs closer to zero are rounding of the row prices.
-const PRICE_TOLERANCE: f64 = 1e-11;
+/// Reduced costs closer to zero are rounding of the multipliers.
+const REDUCED_COST_TOLERANCE: f64 = 1e-11;
 /// How far a basic variable may pass its bound within one ratio test.
 const BOUND_TOLERANCE: f64 = 1e-9;
 /// Iterations without progress after which the lowest index is chosen, which cannot cycle.
@@ -60,7 +60,7 @@ pub struct ElasticSolver {
     basis: Vec<usize>,
     basis_value: Vec<f64>,
     inverse: DMatrix<f64>,
-    price: DVector<f64>,
+    multiplier: DVector<f64>,
     direction: DVector<f64>,
     pivots_since_inversion: usize,
     /// (descent, column)
@@ -104,7 +104,7 @@ impl ElasticSolver {
     /// As [`ElasticSolver::solve`]; asks `is_stopped` now and then and gives up, with x = 0 at worst, when it says so:
     /// programs of thousands of variables take many milliseconds.
     pub fn solve_until(&mut self, program: &ElasticProgram, is_stopped: &dyn Fn() -> bool) -> ElasticSolution {
-        let staying = program.weight * violation_sum(&-program.target, program.equation_count);
+        let staying = program.penalty_parameter * violation_sum(&-program.target, program.equation_count);
         let mut iterations = 0;
         for care in [Care::Usual, Care::Great] {
             let mut solution = self.solve_with(program, care, is_stopped);
@@ -116,13 +116,13 @@ impl ElasticSolver {
         }
         // Singular to rounding, or not finite.
         let (rows, columns) = program.matrix.shape();
-        ElasticSolution { x: DVector::zeros(columns), price: DVector::zeros(rows), objective: staying, iterations }
+        ElasticSolution { x: DVector::zeros(columns), multiplier: DVector::zeros(rows), objective: staying, iterations }
     }
 
     fn solve_with(&mut self, program: &ElasticProgram, care: Care, is_stopped: &dyn Fn() -> bool) -> ElasticSolution {
         self.care = care;
         self.start(program);
-        self.update_prices(program);
+        self.update_multipliers(program);
         let (rows, columns) = program.matrix.shape();
         let mut stalled = 0;
         let mut iterations = 0;
@@ -151,10 +151,10 @@ impl ElasticSolver {
         self.solution(program, iterations)
     }
 
-    /// Columns that improve the objective at the current prices, the steepest first.
+    /// Columns that improve the objective at the current multipliers, the largest reduced cost first (Dantzig's rule).
     ///
-    /// A variable that goes from bound to bound changes no price, so one list serves many moves; after a pivot the
-    /// rest of the list is judged again, one by one.
+    /// A variable that goes from bound to bound changes no multiplier, so one list serves many moves; after a pivot the
+    /// reduced cost of each remaining column is computed again before it enters.
     fn list_candidates(&mut self, program: &ElasticProgram) {
         let mut candidates = std::mem::take(&mut self.candidates);
         candidates.clear();
@@ -194,16 +194,16 @@ impl ElasticSolver {
         }
     }
 
-    /// price' = (cost of the basis)' inverse.
-    fn update_prices(&mut self, program: &ElasticProgram) {
+    /// multiplier' = (cost of the basis)' inverse.
+    fn update_multipliers(&mut self, program: &ElasticProgram) {
         let rows = self.basis.len();
-        self.price.resize_vertically_mut(rows, 0.0);
-        self.price.fill(0.0);
+        self.multiplier.resize_vertically_mut(rows, 0.0);
+        self.multiplier.fill(0.0);
         for (position, &column) in self.basis.iter().enumerate() {
             let cost = program.column_cost(column);
             if cost != 0.0 {
                 for row in 0..rows {
-                    self.price[row] += cost * self.inverse[(position, row)];
+                    self.multiplier[row] += cost * self.inverse[(position, row)];
                 }
             }
         }
@@ -224,7 +224,7 @@ impl ElasticSolver {
         };
         let descent = -sign * reduced_cost;
         let entering = Entering { column, sign };
-        (descent > PRICE_TOLERANCE && self.room(program, &entering) > 0.0).then_some((entering, descent))
+        (descent > REDUCED_COST_TOLERANCE && self.room(program, &entering) > 0.0).then_some((entering, descent))
     }
 
     #[inline]
@@ -232,9 +232,9 @@ impl ElasticSolver {
         let columns = program.cost.len();
         let cost = program.column_cost(column);
         if column < columns {
-            cost - program.matrix.column(column).dot(&self.price)
+            cost - program.matrix.column(column).dot(&self.multiplier)
         } else {
-            cost - program.slack_sign(column) * self.price[program.slack_row(column)]
+            cost - program.slack_sign(column) * self.multiplier[program.slack_row(column)]
         }
     }
 
@@ -256,7 +256,7 @@ impl ElasticSolver {
                 self.basis[index] = entering.column;
                 self.basis_value[index] = entering_value;
                 self.pivot(program, index);
-                self.update_prices(program);
+                self.update_multipliers(program);
             }
         }
         step
@@ -383,7 +383,7 @@ impl ElasticSolver {
                 x[column] = self.basis_value[position].clamp(program.lower[column], program.upper[column]);
             }
         }
-        ElasticSolution { objective: program.objective(&x), x, price: self.price.clone(), iterations }
+        ElasticSolution { objective: program.objective(&x), x, multiplier: self.multiplier.clone(), iterations }
     }
 }
 
@@ -391,7 +391,13 @@ impl ElasticSolver {
 mod tests {
     use super::*;
 
-    fn solve(matrix: &DMatrix<f64>, target: &[f64], cost: &[f64], bound: f64, weight: f64) -> ElasticSolution {
+    fn solve(
+        matrix: &DMatrix<f64>,
+        target: &[f64],
+        cost: &[f64],
+        bound: f64,
+        penalty_parameter: f64,
+    ) -> ElasticSolution {
         let n = cost.len();
         let program = ElasticProgram {
             matrix,
@@ -400,7 +406,7 @@ mod tests {
             cost: &DVector::from_column_slice(cost),
             lower: &DVector::repeat(n, -bound),
             upper: &DVector::repeat(n, bound),
-            weight,
+            penalty_parameter,
         };
         ElasticSolver::new().solve(&program)
     }
@@ -413,15 +419,15 @@ mod tests {
     }
 
     #[test]
-    fn a_dear_row_is_met_and_its_price_is_the_marginal_cost() {
+    fn a_large_penalty_meets_the_row_and_its_multiplier_is_the_marginal_cost() {
         // minimise x0 + 3 x1 with x0 + x1 = 1.5 and |x| <= 1: x0 = 1, x1 = 0.5, a unit of target costs 3.
         let solution = solve(&DMatrix::from_row_slice(1, 2, &[1.0, 1.0]), &[1.5], &[1.0, 3.0], 1.0, 10.0);
         assert!((solution.x[0] - 1.0).abs() < 1e-14 && (solution.x[1] - 0.5).abs() < 1e-14);
-        assert!((solution.price[0] - 3.0).abs() < 1e-14);
+        assert!((solution.multiplier[0] - 3.0).abs() < 1e-14);
     }
 
     #[test]
-    fn a_cheap_row_is_violated() {
+    fn a_small_penalty_violates_the_row() {
         let solution = solve(&DMatrix::from_row_slice(1, 1, &[1.0]), &[0.5], &[1.0], 1.0, 0.5);
         assert_eq!(solution.x[0], -1.0);
         assert!((solution.objective - (-1.0 + 0.5 * 1.5)).abs() < 1e-15);

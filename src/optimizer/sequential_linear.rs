@@ -1,7 +1,7 @@
 //! Trust-region sequential linear programming on an exact l1 penalty.
 //!
 //! ```text
-//! merit(x) = cost' x + weight (|residual(x)|_1 + |inequality(x)+|_1)
+//! merit(x) = cost' x + penalty_parameter (|residual(x)|_1 + |inequality(x)+|_1)
 //! ```
 //!
 //! Each iteration minimises the merit's linear model in a box about x (an elastic program), tries the step, corrects it
@@ -20,8 +20,8 @@ use super::shifted_constraints::ShiftedConstraints;
 /// Parameters of the iteration; the defaults were measured on the paper's forward drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SequentialLinearSettings {
-    /// Price of a unit of violation, above every multiplier of the problem.
-    pub weight: f64,
+    /// Penalty parameter of the merit; the penalty is exact when it exceeds every multiplier of the problem.
+    pub penalty_parameter: f64,
     /// First trust radius, as a fraction of each variable's scale.
     pub first_radius: f64,
     /// Residuals of at most this magnitude are met.
@@ -48,7 +48,7 @@ pub enum Restoration {
 impl Default for SequentialLinearSettings {
     fn default() -> Self {
         Self {
-            weight: 5.0,
+            penalty_parameter: 5.0,
             first_radius: 0.3,
             feasibility_tolerance: 1e-9,
             inequality_tolerance: 0.0,
@@ -106,8 +106,8 @@ pub struct SequentialLinearResult {
     pub x: DVector<f64>,
     /// Its constraint values.
     pub constraints: Constraints,
-    /// Largest violation before the restoration: not small when the weight is below the multipliers of the problem, so
-    /// that violating a constraint paid.
+    /// Largest violation before the restoration: not small when the penalty parameter is below the multipliers of the
+    /// problem, so that a violation lowers the merit.
     pub unrestored: f64,
     /// Linear programs solved.
     pub iterations: u64,
@@ -142,8 +142,8 @@ pub fn minimise_sequentially(
 /// Parameters of [`criticality_measure`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CriticalitySettings {
-    /// Price of a unit of violation.
-    pub weight: f64,
+    /// Penalty parameter of the merit.
+    pub penalty_parameter: f64,
     /// A predicted decrease of at most this much needs no confirmation.
     pub negligible_decrease: f64,
     /// Residuals of at most this magnitude count as met: removing violations that a search accepts is no decrease.
@@ -182,9 +182,10 @@ pub fn criticality_measure(
     criticality: &CriticalitySettings,
     budget: &mut Budget,
 ) -> Result<CriticalityMeasure, Interruption> {
-    let &CriticalitySettings { weight, negligible_decrease, residual_tolerance, inequality_tolerance } = criticality;
+    let &CriticalitySettings { penalty_parameter, negligible_decrease, residual_tolerance, inequality_tolerance } =
+        criticality;
     let settings = SequentialLinearSettings {
-        weight,
+        penalty_parameter,
         first_radius: LARGEST_CRITICALITY_RADIUS,
         ..SequentialLinearSettings::default()
     };
@@ -306,7 +307,7 @@ impl<'a> Search<'a> {
             cost: self.problem.cost(),
             lower: &lower,
             upper: &upper,
-            weight: self.settings.weight,
+            penalty_parameter: self.settings.penalty_parameter,
         };
         let step = self.programs.solve_until(&program, &|| budget.is_stopped()).x;
         if budget.is_stopped() { Err(Interruption::Stopped) } else { Ok(step) }
@@ -324,7 +325,7 @@ impl<'a> Search<'a> {
     /// The merit's linear model after a step.
     fn modelled_merit(&self, step: &DVector<f64>) -> f64 {
         let violation = violation_sum(&self.modelled_rows(step), self.equation_count());
-        self.problem.cost().dot(&(&self.x + step)) + self.settings.weight * violation
+        self.problem.cost().dot(&(&self.x + step)) + self.settings.penalty_parameter * violation
     }
 
     /// The point after the step; above `good_merit` also its correction is tried, and the better one kept.
@@ -425,7 +426,7 @@ impl<'a> Search<'a> {
     }
 
     fn merit(&self, x: &DVector<f64>, constraints: &Constraints) -> f64 {
-        self.problem.cost().dot(x) + self.settings.weight * constraints.violation_sum()
+        self.problem.cost().dot(x) + self.settings.penalty_parameter * constraints.violation_sum()
     }
 }
 

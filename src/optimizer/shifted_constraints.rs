@@ -82,7 +82,7 @@ mod tests {
 
     fn decrease_at(mut problem: LinearProblem, x: f64, tolerance: f64) -> f64 {
         let settings = CriticalitySettings {
-            weight: 50.0,
+            penalty_parameter: 50.0,
             negligible_decrease: 1e-9,
             residual_tolerance: tolerance,
             inequality_tolerance: tolerance,

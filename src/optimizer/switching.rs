@@ -1,6 +1,6 @@
 //! Sign check of the switching function.
 //!
-//! The reduced cost of a variable, `cost_j - price' jacobian_j`, is the change of the optimal cost per unit of that variable:
+//! The reduced cost of a variable, `cost_j - multiplier' jacobian_j`, is the change of the optimal cost per unit of that variable:
 //! for a torque over time it is the switching function. At a first-order optimum it is negative or zero where the variable
 //! is at its upper bound, positive or zero at its lower bound, and zero in between.
 
@@ -10,7 +10,7 @@ use super::elastic_program::ElasticProgram;
 use super::evaluation::{Linearisation, Problem};
 use super::linear_program::ElasticSolver;
 
-/// The prices are those of the linear model in a box this small, as a fraction of each variable's scale.
+/// The multipliers are those of the linear model in a box this small, as a fraction of each variable's scale.
 const RADIUS: f64 = 1e-3;
 /// Reduced costs below this share of the largest one count as zero.
 const ZERO: f64 = 1e-2;
@@ -18,7 +18,12 @@ const ZERO: f64 = 1e-2;
 const AT_BOUND: f64 = 1e-9;
 
 /// How many variables contradict the sign of their reduced cost at `x`, where `model` is the problem's linearisation.
-pub fn sign_violations(problem: &dyn Problem, x: &DVector<f64>, model: &Linearisation, weight: f64) -> usize {
+pub fn sign_violations(
+    problem: &dyn Problem,
+    x: &DVector<f64>,
+    model: &Linearisation,
+    penalty_parameter: f64,
+) -> usize {
     let scale = problem.variable_scale(x);
     let below = problem.lower() - x;
     let above = problem.upper() - x;
@@ -29,10 +34,10 @@ pub fn sign_violations(problem: &dyn Problem, x: &DVector<f64>, model: &Linearis
         cost: problem.cost(),
         lower: &below.zip_map(&scale, |room, scale| room.max(-RADIUS * scale).min(0.0)),
         upper: &above.zip_map(&scale, |room, scale| room.min(RADIUS * scale).max(0.0)),
-        weight,
+        penalty_parameter,
     };
-    let price = ElasticSolver::new().solve(&program).price;
-    let reduced_cost = (problem.cost() - model.jacobian.tr_mul(&price)).component_mul(&scale);
+    let multiplier = ElasticSolver::new().solve(&program).multiplier;
+    let reduced_cost = (problem.cost() - model.jacobian.tr_mul(&multiplier)).component_mul(&scale);
 
     let zero = ZERO * reduced_cost.amax();
     let contradicts = |index: usize| {

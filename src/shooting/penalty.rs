@@ -2,8 +2,8 @@
 //! violations of the normal forces' lower limits, which do not occur in the paper's case.
 //!
 //! ```text
-//! penalty(y) = t_f + weight_goal sum (scale_i error_i)^2 + weight_torque sum (violation_j / limit_j)^2
-//!            + weight_normal_force sum max(inequality_k, 0)^2
+//! penalty(y) = t_f + goal_penalty sum (scale_i error_i)^2 + torque_penalty sum (violation_j / limit_j)^2
+//!            + normal_force_penalty sum max(inequality_k, 0)^2
 //! ```
 //!
 //! The rollout itself runs with torques cut to their limits, so that every iterate is a plan the robot can follow.
@@ -13,12 +13,12 @@ use nalgebra::DVector;
 use super::problem::ShootingProblem;
 use crate::optimizer::{Constraints, Problem};
 
-/// Price of a squared scaled goal error, s per m2: at the optimum a millimetre of error pays for 0.3 ms.
-const WEIGHT_GOAL: f64 = 150.0;
-/// Price of a squared relative torque violation, s.
-const WEIGHT_TORQUE: f64 = 1.0;
-/// Price of a squared normal-force violation relative to the weight, s.
-const WEIGHT_NORMAL_FORCE: f64 = 10.0;
+/// Penalty parameter of squared scaled goal errors, s per m2: at the optimum a millimetre of error saves 0.3 ms.
+const GOAL_PENALTY: f64 = 150.0;
+/// Penalty parameter of squared torque violations relative to the limit, s.
+const TORQUE_PENALTY: f64 = 1.0;
+/// Penalty parameter of squared normal-force violations relative to the weight, s.
+const NORMAL_FORCE_PENALTY: f64 = 10.0;
 
 /// The penalty of a shooting problem.
 pub struct Penalty<'a, 'b> {
@@ -59,8 +59,8 @@ impl<'a, 'b> Penalty<'a, 'b> {
         let normal_force_violation: f64 = self.constraints.inequality.iter().map(|value| value.max(0.0).powi(2)).sum();
         let goal = self.constraints.residual.norm_squared();
         final_time
-            + WEIGHT_GOAL * goal
-            + WEIGHT_TORQUE * torque_violation
-            + WEIGHT_NORMAL_FORCE * normal_force_violation
+            + GOAL_PENALTY * goal
+            + TORQUE_PENALTY * torque_violation
+            + NORMAL_FORCE_PENALTY * normal_force_violation
     }
 }

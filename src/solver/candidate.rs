@@ -29,8 +29,8 @@ pub(super) struct Candidate {
 /// The criticality measure of a decision.
 #[derive(Debug)]
 pub(super) struct Stationarity {
-    /// Price of the goal errors that it was taken at, s/m.
-    pub(super) price: f64,
+    /// Penalty parameter of the goal errors in the merit, s/m.
+    pub(super) penalty_parameter: f64,
     pub(super) measure: CriticalityMeasure,
 }
 
@@ -38,11 +38,11 @@ impl Stationarity {
     /// The settings for a plan of this final time.
     pub(super) fn settings(
         problem: &ShootingProblem,
-        (price, final_time): (f64, f64),
+        (penalty_parameter, final_time): (f64, f64),
         goal_tolerance: f64,
     ) -> CriticalitySettings {
         CriticalitySettings {
-            weight: price,
+            penalty_parameter,
             negligible_decrease: STATIONARY_SHARE * final_time,
             residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
             inequality_tolerance: NORMAL_FORCE_TOLERANCE,

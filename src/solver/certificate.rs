@@ -7,7 +7,7 @@ use nalgebra::SVector;
 
 use super::candidate::{Candidate, Stationarity};
 use super::goal_miss::goal_missed;
-use super::local_search::prices;
+use super::local_search::penalty_parameters;
 use super::lower_bound::{Grid, LowerBound, largest, lower_bounds};
 use super::search::SearchResult;
 use super::settings::{Refinement, SolveInput};
@@ -49,7 +49,7 @@ pub(super) fn certified(
     let measure = if measure.is_finite() { measure } else { schedule.final_time };
     let is_stationary = measure <= CRITICALITY_TOLERANCE * schedule.final_time;
     let violations = stationarity.map_or(best.decision.len(), |known| {
-        sign_violations(problem, &best.decision, &known.measure.model, known.price)
+        sign_violations(problem, &best.decision, &known.measure.model, known.penalty_parameter)
     });
     let evidence = Evidence::collect(input, simulator, schedule, &result);
     let mut solution = evidence.solution(input, result, bound, (measure, is_stationary));
@@ -68,10 +68,10 @@ fn measured(
     is_urgent: bool,
 ) -> Option<Stationarity> {
     let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
-    let [_, price] = prices(problem, best.final_time());
-    let settings = Stationarity::settings(problem, (price, best.final_time()), goal_tolerance);
+    let [_, penalty_parameter] = penalty_parameters(problem, best.final_time());
+    let settings = Stationarity::settings(problem, (penalty_parameter, best.final_time()), goal_tolerance);
     let measure = criticality_measure(problem, &best.decision, &settings, &mut budget).ok()?;
-    Some(Stationarity { price, measure })
+    Some(Stationarity { penalty_parameter, measure })
 }
 
 /// The answer where no plan exists: the start with its distance from the goal, an empty schedule, and why.

@@ -14,18 +14,19 @@ use crate::optimizer::{
 };
 use crate::shooting::{GoalScales, NORMAL_FORCE_TOLERANCE, Penalty, ShootingProblem};
 
-/// Least prices of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is for the
-/// rest.
-const LEAST_PRICES: [f64; 2] = [5.0, 50.0];
-/// Standing still must cost more than the maneuver, or the search gives it up: this many times as much.
+/// Least penalty parameters of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is
+/// for the rest.
+const LEAST_PENALTY_PARAMETERS: [f64; 2] = [5.0, 50.0];
+/// The penalty of standing still, in units of the final time: if it is cheaper than the maneuver, the search collapses to
+/// final time zero.
 const STANDING_COST: f64 = 2.0;
-const DEARER: f64 = 10.0;
-/// Rows of a higher price would drown the final time in rounding.
-const LARGEST_PRICE: f64 = 1e3;
-/// A scaled residual above this before the restoration means that violating the goal paid.
-const VIOLATION_PAID: f64 = 1e-4;
-/// A descent that violates the goal in less than this share of its guess's final time has given the maneuver up.
-const GIVEN_UP: f64 = 0.7;
+const PENALTY_GROWTH: f64 = 10.0;
+/// With a larger penalty parameter the rounding of the rows would exceed the resolution of the final time.
+const LARGEST_PENALTY_PARAMETER: f64 = 1e3;
+/// A scaled residual above this before the restoration means that the penalty parameter was below a multiplier.
+const PENALTY_TOO_SMALL: f64 = 1e-4;
+/// A descent that violates the goal and ends below this share of its guess's final time has collapsed.
+const COLLAPSED_SHARE: f64 = 0.7;
 /// The restoration aims this far below the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
@@ -46,7 +47,7 @@ pub(super) struct LocalSearch<'a, 'b, 'c> {
     /// (running start, number of starts).
     pub(super) start: (usize, usize),
     goal_heading: Option<f64>,
-    pub(super) prices: [f64; 2],
+    pub(super) penalty_parameters: [f64; 2],
     best: Option<Candidate>,
     pub(super) iterations: u64,
 }
@@ -68,7 +69,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             budget,
             start: (0, 0),
             goal_heading: None,
-            prices: LEAST_PRICES,
+            penalty_parameters: LEAST_PENALTY_PARAMETERS,
             best: None,
             iterations: 0,
         }
@@ -78,48 +79,49 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         (self.best, self.iterations, self.budget.spent())
     }
 
-    /// Descends under the exact law and restores the goal; again at the higher price where violating the goal paid.
+    /// Descends under the exact law and restores the goal; again with the larger penalty parameter where the smaller one left
+    /// the goal violated.
     pub(super) fn descend(
         &mut self,
         guess: &DVector<f64>,
-        weight: f64,
+        penalty_parameter: f64,
         radius: f64,
     ) -> Result<Candidate, Interruption> {
-        self.descend_until(guess, (weight, radius), SequentialLinearSettings::default().smallest_prediction)
+        self.descend_until(guess, (penalty_parameter, radius), SequentialLinearSettings::default().smallest_prediction)
     }
 
     /// As [`Self::descend`], as long as the linear model promises more than `smallest_prediction`, s.
     pub(super) fn descend_until(
         &mut self,
         guess: &DVector<f64>,
-        (weight, radius): (f64, f64),
+        (penalty_parameter, radius): (f64, f64),
         smallest_prediction: f64,
     ) -> Result<Candidate, Interruption> {
-        let result = self.descend_at_price(guess, (weight, radius), smallest_prediction)?;
-        if result.unrestored <= VIOLATION_PAID || weight >= self.prices[1] {
+        let result = self.descend_with_penalty(guess, (penalty_parameter, radius), smallest_prediction)?;
+        if result.unrestored <= PENALTY_TOO_SMALL || penalty_parameter >= self.penalty_parameters[1] {
             return Ok(self.candidate(&result));
         }
-        let from = if gave_up(&result.x, guess) {
-            // What has collapsed does not rise again, and neither would any other descent at that price.
-            self.prices[0] = self.prices[1];
+        let from = if has_collapsed(&result.x, guess) {
+            // Start again from the guess; later descents with the smaller penalty parameter would collapse too.
+            self.penalty_parameters[0] = self.penalty_parameters[1];
             guess
         } else {
             &result.x
         };
-        let dearer = self.descend_at_price(from, (self.prices[1], radius), smallest_prediction)?;
-        let (mut best, next) = (self.candidate(&result), self.candidate(&dearer));
+        let stricter = self.descend_with_penalty(from, (self.penalty_parameters[1], radius), smallest_prediction)?;
+        let (mut best, next) = (self.candidate(&result), self.candidate(&stricter));
         keep_better(&mut best, next, self.settings.goal_tolerance);
         Ok(best)
     }
 
-    fn descend_at_price(
+    fn descend_with_penalty(
         &mut self,
         guess: &DVector<f64>,
-        (weight, radius): (f64, f64),
+        (penalty_parameter, radius): (f64, f64),
         smallest_prediction: f64,
     ) -> Result<SequentialLinearResult, Interruption> {
         let settings = SequentialLinearSettings {
-            weight,
+            penalty_parameter,
             first_radius: radius,
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
             inequality_tolerance: NORMAL_FORCE_TOLERANCE,
@@ -198,7 +200,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         if let Some(heading) = goal_heading {
             self.problem.aim_at_heading(heading);
         }
-        self.prices = prices(self.problem, final_time);
+        self.penalty_parameters = penalty_parameters(self.problem, final_time);
     }
 
     /// Keeps what was found out about a candidate, also for the best one if it is that.
@@ -221,18 +223,18 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     }
 }
 
-/// Whether a descent traded the goal for time.
-fn gave_up(x: &DVector<f64>, guess: &DVector<f64>) -> bool {
+/// Whether a descent gave up the goal for a shorter final time.
+fn has_collapsed(x: &DVector<f64>, guess: &DVector<f64>) -> bool {
     let last = guess.len() - 1;
-    x[last] < GIVEN_UP * guess[last]
+    x[last] < COLLAPSED_SHARE * guess[last]
 }
 
-/// Prices of the goal errors for a maneuver of about this final time, s/m: usual and dear.
-pub(super) fn prices(problem: &ShootingProblem, final_time: f64) -> [f64; 2] {
+/// Penalty parameters of the goal errors for a maneuver of about this final time, s/m: the usual and the larger one.
+pub(super) fn penalty_parameters(problem: &ShootingProblem, final_time: f64) -> [f64; 2] {
     let standing = STANDING_COST * final_time / problem.violation_at_start();
-    let [usual, dear] = LEAST_PRICES;
-    let usual = standing.clamp(usual, LARGEST_PRICE);
-    [usual, dear.max(DEARER * usual).min(LARGEST_PRICE)]
+    let [usual, large] = LEAST_PENALTY_PARAMETERS;
+    let usual = standing.clamp(usual, LARGEST_PENALTY_PARAMETER);
+    [usual, large.max(PENALTY_GROWTH * usual).min(LARGEST_PENALTY_PARAMETER)]
 }
 
 fn report(control: &RunControl, (start, start_count): (usize, usize), x: &DVector<f64>, goal_error: f64) {

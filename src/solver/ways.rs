@@ -121,14 +121,14 @@ impl LocalSearch<'_, '_, '_> {
         let tolerance = self.settings.goal_tolerance;
         let slowest = (1.0 + ADAPTION_LOSS) * candidate.final_time();
         let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
-        let mut best = self.descend(&candidate.decision, self.prices[0], RADIUS)?;
+        let mut best = self.descend(&candidate.decision, self.penalty_parameters[0], RADIUS)?;
         if !arrived(&best) {
-            let next = self.descend(&candidate.decision, self.prices[1], START_RADIUS)?;
+            let next = self.descend(&candidate.decision, self.penalty_parameters[1], START_RADIUS)?;
             keep_better(&mut best, next, tolerance);
         }
         if !arrived(&best) {
             let smoothed = self.around(&candidate.decision)?;
-            let next = self.descend(&smoothed, self.prices[0], RADIUS)?;
+            let next = self.descend(&smoothed, self.penalty_parameters[0], RADIUS)?;
             keep_better(&mut best, next, tolerance);
         }
         if best.is_feasible(tolerance) {
@@ -151,12 +151,14 @@ impl LocalSearch<'_, '_, '_> {
         let mut best = candidate;
         for _ in 0..POLISH_LIMIT {
             let before = best.final_time();
-            for (weight, radius) in [(self.prices[0], START_RADIUS), (self.prices[1], RADIUS)] {
-                let next = self.descend(&best.decision, weight, radius)?;
+            for (penalty_parameter, radius) in
+                [(self.penalty_parameters[0], START_RADIUS), (self.penalty_parameters[1], RADIUS)]
+            {
+                let next = self.descend(&best.decision, penalty_parameter, radius)?;
                 keep_better(&mut best, next, tolerance);
             }
             let smoothed = self.around(&best.decision)?;
-            let next = self.descend(&smoothed, self.prices[0], RADIUS)?;
+            let next = self.descend(&smoothed, self.penalty_parameters[0], RADIUS)?;
             keep_better(&mut best, next, tolerance);
             if before - best.final_time() < POLISH_GAIN * before {
                 break;
@@ -171,9 +173,9 @@ impl LocalSearch<'_, '_, '_> {
     /// the exact law leads nowhere.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let tolerance = self.settings.goal_tolerance;
-        let mut best = self.descend(guess, self.prices[0], FIRST_RADII[0])?;
+        let mut best = self.descend(guess, self.penalty_parameters[0], FIRST_RADII[0])?;
         for radius in &FIRST_RADII[1..] {
-            let next = self.descend(guess, self.prices[0], *radius)?;
+            let next = self.descend(guess, self.penalty_parameters[0], *radius)?;
             keep_better(&mut best, next, tolerance);
         }
         if !best.is_feasible(tolerance) {
@@ -189,9 +191,9 @@ impl LocalSearch<'_, '_, '_> {
     fn warmly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let (tolerance, guessed) = (self.settings.goal_tolerance, guess[guess.len() - 1]);
         let smallest_prediction = ROUGH_PROMISE * guessed;
-        let mut warm = self.descend_until(guess, (self.prices[0], WARM_RADIUS), smallest_prediction)?;
+        let mut warm = self.descend_until(guess, (self.penalty_parameters[0], WARM_RADIUS), smallest_prediction)?;
         if !warm.is_feasible(tolerance) || warm.final_time() > (1.0 + WARM_LOSS) * guessed {
-            let next = self.descend_until(guess, (self.prices[0], START_RADIUS), smallest_prediction)?;
+            let next = self.descend_until(guess, (self.penalty_parameters[0], START_RADIUS), smallest_prediction)?;
             keep_better(&mut warm, next, tolerance);
         }
         if warm.is_feasible(tolerance) {
@@ -210,8 +212,8 @@ impl LocalSearch<'_, '_, '_> {
         for shake in SHAKES.iter().cycle().take(patience.copies) {
             let shaken = self.shaken(&best.decision, shake, &mut rng);
             let (was_feasible, before) = (best.is_feasible(tolerance), best.final_time());
-            let weight = if was_feasible { self.prices[0] } else { self.prices[1] };
-            let next = self.descend_until(&shaken, (weight, RADIUS), ROUGH_PROMISE * before)?;
+            let penalty_parameter = if was_feasible { self.penalty_parameters[0] } else { self.penalty_parameters[1] };
+            let next = self.descend_until(&shaken, (penalty_parameter, RADIUS), ROUGH_PROMISE * before)?;
             keep_better(best, next, tolerance);
             let gained =
                 best.is_feasible(tolerance) && !was_feasible || before - best.final_time() > SHAKEN_GAIN * before;
@@ -251,19 +253,19 @@ impl LocalSearch<'_, '_, '_> {
 
     /// Goes on from the very step that would refute the certificate of the plan, while there is one.
     fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
-        let (price, tolerance) = (self.prices[1], self.settings.goal_tolerance);
+        let (penalty_parameter, tolerance) = (self.penalty_parameters[1], self.settings.goal_tolerance);
         let mut radius = RADIUS;
         for _ in 0..FINISH_LIMIT {
-            let settings = Stationarity::settings(self.problem, (price, best.final_time()), tolerance);
+            let settings = Stationarity::settings(self.problem, (penalty_parameter, best.final_time()), tolerance);
             let mut measure = criticality_measure(self.problem, &best.decision, &settings, &mut self.budget)?;
             if let Some(interruption) = measure.interruption {
                 return Err(interruption);
             }
             let Some(better) = measure.better.take() else {
-                self.note_stationarity(best, Stationarity { price, measure });
+                self.note_stationarity(best, Stationarity { penalty_parameter, measure });
                 return Ok(());
             };
-            let next = self.descend(&better, price, radius)?;
+            let next = self.descend(&better, penalty_parameter, radius)?;
             if next.is_better_than(best, tolerance) {
                 *best = next;
             } else {
@@ -274,39 +276,49 @@ impl LocalSearch<'_, '_, '_> {
         Ok(())
     }
 
-    /// Through ever less smoothing to the exact law; at a higher price where that leads past the goal.
+    /// Through decreasing smoothing to the exact law; with the larger penalty parameter where that misses the goal.
     fn smoothly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let mut best = self.smoothly_at_price(guess, self.prices[0])?;
+        let mut best = self.smoothly_with_penalty(guess, self.penalty_parameters[0])?;
         if !best.is_feasible(self.settings.goal_tolerance) {
-            let next = self.smoothly_at_price(guess, self.prices[1])?;
+            let next = self.smoothly_with_penalty(guess, self.penalty_parameters[1])?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
         Ok(best)
     }
 
-    fn smoothly_at_price(&mut self, guess: &DVector<f64>, price: f64) -> Result<Candidate, Interruption> {
-        let smoothed = self.through_smoothing(guess, &SMOOTHING, price, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
+    fn smoothly_with_penalty(
+        &mut self,
+        guess: &DVector<f64>,
+        penalty_parameter: f64,
+    ) -> Result<Candidate, Interruption> {
+        let smoothed =
+            self.through_smoothing(guess, &SMOOTHING, penalty_parameter, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
         let smallest_prediction = ROUGH_PROMISE * smoothed[smoothed.len() - 1];
-        self.descend_until(&smoothed, (price, RADIUS), smallest_prediction)
+        self.descend_until(&smoothed, (penalty_parameter, RADIUS), smallest_prediction)
     }
 
     /// Back into the smoothed laws from a local optimum, to get off the kink on which it sits.
     fn around(&mut self, decision: &DVector<f64>) -> Result<DVector<f64>, Interruption> {
-        self.through_smoothing(decision, &POLISH_SMOOTHING, self.prices[0], (RADIUS, POLISH_ITERATION_LIMIT))
+        self.through_smoothing(
+            decision,
+            &POLISH_SMOOTHING,
+            self.penalty_parameters[0],
+            (RADIUS, POLISH_ITERATION_LIMIT),
+        )
     }
 
     fn through_smoothing(
         &mut self,
         guess: &DVector<f64>,
         smoothings: &[f64],
-        price: f64,
+        penalty_parameter: f64,
         (first_radius, iteration_limit): (f64, usize),
     ) -> Result<DVector<f64>, Interruption> {
         let mut decision = guess.clone();
         let mut radius = first_radius;
         for &smoothing in smoothings {
             let settings = SequentialLinearSettings {
-                weight: price,
+                penalty_parameter,
                 first_radius: radius,
                 iteration_limit,
                 restoration: Restoration::Skip,

@@ -15,7 +15,7 @@ struct Data {
     cost: DVector<f64>,
     lower: DVector<f64>,
     upper: DVector<f64>,
-    weight: f64,
+    penalty_parameter: f64,
 }
 
 /// A program like those of a maneuver: some variables at a bound, rows that depend on each other where it ends sticking.
@@ -36,7 +36,7 @@ fn random_program(seed: u64) -> Data {
     let size = if rng.random_bool(0.5) { 0.0 } else { radius };
     let inside = DVector::from_fn(COLUMNS, |_, _| rng.random_range(-1.0..1.0) * size);
     let target = &matrix * inside;
-    Data { matrix, target, cost, lower, upper, weight: if rng.random_bool(0.5) { 5.0 } else { 50.0 } }
+    Data { matrix, target, cost, lower, upper, penalty_parameter: if rng.random_bool(0.5) { 5.0 } else { 50.0 } }
 }
 
 fn by_library(data: &Data) -> f64 {
@@ -44,8 +44,8 @@ fn by_library(data: &Data) -> f64 {
     let variables: Vec<_> =
         (0..COLUMNS).map(|index| problem.add_var(data.cost[index], (data.lower[index], data.upper[index]))).collect();
     for row in 0..ROWS {
-        let above = problem.add_var(data.weight, (0.0, f64::INFINITY));
-        let below = problem.add_var(data.weight, (0.0, f64::INFINITY));
+        let above = problem.add_var(data.penalty_parameter, (0.0, f64::INFINITY));
+        let below = problem.add_var(data.penalty_parameter, (0.0, f64::INFINITY));
         let terms = variables.iter().enumerate().map(|(index, &variable)| (variable, data.matrix[(row, index)]));
         let terms: Vec<_> = terms.chain([(above, -1.0), (below, 1.0)]).collect();
         problem.add_constraint(terms, ComparisonOp::Eq, data.target[row]);
@@ -68,13 +68,13 @@ fn elastic_simplex_is_as_good_as_a_general_solver() {
             cost: &data.cost,
             lower: &data.lower,
             upper: &data.upper,
-            weight: data.weight,
+            penalty_parameter: data.penalty_parameter,
         };
         let solution = solver.solve(&program);
         let violation = (&data.matrix * &solution.x - &data.target).lp_norm(1);
-        let objective = data.cost.dot(&solution.x) + data.weight * violation;
+        let objective = data.cost.dot(&solution.x) + data.penalty_parameter * violation;
         let expected = by_library(&data);
-        // The library stops at 1e-9 or so; the weight magnifies that.
+        // The library stops at 1e-9 or so; the penalty parameter magnifies that.
         assert!(objective <= expected + 1e-7 * (1.0 + expected.abs()), "seed {seed}: {objective}, library {expected}");
         let box_of = |index: usize| data.lower[index]..=data.upper[index];
         assert!((0..COLUMNS).all(|index| box_of(index).contains(&solution.x[index])), "seed {seed} leaves its box");
