@@ -20,7 +20,7 @@ mod settings;
 mod simulate;
 mod solution;
 mod starts;
-mod ways;
+mod strategies;
 
 pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};

@@ -7,8 +7,8 @@ use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::solution::{DistinctOptimum, RefinementOutcome, Replay, StopReason};
-use super::starts::{Way, starts};
-use super::ways::Patience;
+use super::starts::{Strategy, starts};
+use super::strategies::HopBudget;
 use crate::optimizer::Interruption;
 use crate::shooting::ShootingProblem;
 
@@ -19,7 +19,7 @@ const DISTINCT_FINAL_TIME: f64 = 1e-3;
 const MORE_STARTS: usize = 2;
 
 /// Rounds of polishing: how many distinct local optima, fastest first, and how thoroughly each.
-const POLISH_ROUNDS: [(usize, Patience); 2] = [(8, Patience::SHORT), (3, Patience::LONG)];
+const POLISH_ROUNDS: [(usize, HopBudget); 2] = [(8, HopBudget::SHORT), (3, HopBudget::LONG)];
 
 /// What the search found, and what it spent.
 #[derive(Debug)]
@@ -68,8 +68,8 @@ pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &Ru
     }
 
     optima = fastest_first(optima);
-    let is_polished = starts[..found.tried].iter().any(|start| start.way == Way::Smoothed);
-    for (count, patience) in POLISH_ROUNDS.into_iter().filter(|_| is_polished) {
+    let is_polished = starts[..found.tried].iter().any(|start| start.strategy == Strategy::Smoothed);
+    for (count, hop_budget) in POLISH_ROUNDS.into_iter().filter(|_| is_polished) {
         if found.interruption.is_some() {
             break;
         }
@@ -78,7 +78,7 @@ pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &Ru
         let left = settings.rollout_limit - found.rollouts;
         let polished = parts_of(left, chosen.len(), &|index, control, rollout_limit| {
             let optimum = optima[chosen[index]].clone();
-            part(input, problem, (control, rollout_limit), |search| search.polish(optimum, patience))
+            part(input, problem, (control, rollout_limit), |search| search.polish(optimum, hop_budget))
         });
         for (index, local) in &polished.locals {
             optima[chosen[*index]] = local.clone();

@@ -1,4 +1,4 @@
-//! Where the search starts: bang-bang legs that would reach the goal if the wheels rolled.
+//! The starts of the search: bang-bang legs that would reach the goal if the wheels rolled without slip.
 //!
 //! A maneuver from rest to rest is a turn, a drive and a turn, each with full effort and full braking. Forwards and
 //! backwards, either way round, gives several such plans. A moving start brakes first, a moving goal accelerates last.
@@ -22,32 +22,32 @@ pub(super) struct Start {
     pub(super) schedule: TorqueSchedule,
     /// The goal heading, or none where it is free.
     pub(super) goal_heading: Option<f64>,
-    pub(super) way: Way,
+    pub(super) strategy: Strategy,
 }
 
-/// How a start is brought to a local optimum.
+/// The strategy from a start to a local optimum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Way {
-    /// As [`Way::Direct`] with the least effort: it comes from a plan that already nearly is one.
+pub(super) enum Strategy {
+    /// As [`Strategy::Direct`] with the least effort: the start is the plan of a similar maneuver.
     Warm,
     /// Under the exact friction law at once: to the nearest local optimum, the paper's family on the paper's case.
     Direct,
-    /// Through smoothed laws: slower, and often to a much better one.
+    /// Through smoothed laws: slower, and often to a much better local optimum.
     Smoothed,
 }
 
-/// Share of the torque limit: off the limit, every torque can move both ways.
+/// Torques of a plan, as shares of their limits: away from the limit, every torque can move both ways.
 const AMPLITUDES: [f64; 2] = [0.8, 0.5];
 /// Share of the static friction that a first guess uses.
 const GRIP: f64 = 0.9;
 /// A turn of more than this is also tried the other way round, rad.
 const EITHER_WAY_FROM: f64 = 0.6 * PI;
 
-/// Wheels against each other in the middle of a plan: the way into drifting turns.
+/// Wheels driven against each other in the middle of a plan: leads to drifting turns.
 struct Spin {
     /// Which of the plans, fastest first.
     plan: usize,
-    /// Begin and end, in hundredths of the final time.
+    /// Begin and end, in percent of the final time.
     begin: usize,
     end: usize,
     goes_on: After,
@@ -64,7 +64,7 @@ enum After {
     TurnedRound,
 }
 
-/// Measured on the suite: those that find most which the others miss come first.
+/// In the order of what they find on the benchmark suite that the ones before miss.
 const SPINS: [Spin; 9] = [
     Spin { plan: 0, begin: 35, end: 55, goes_on: After::AsPlanned, revolutions: 0.0 },
     Spin { plan: 0, begin: 50, end: 80, goes_on: After::TurnedRound, revolutions: 0.0 },
@@ -81,7 +81,7 @@ const SPINS: [Spin; 9] = [
 const PERTURBED_STRETCH: usize = 4;
 /// Largest perturbation, as a share of the torque limit.
 const PERTURBATION: f64 = 0.7;
-/// Durations of coasting plans, s, the likeliest first: a search moves each by a factor of a few.
+/// Final times of coasting plans, s, the most likely first: a search changes each by a factor of a few.
 const COASTING_TIMES: [f64; 8] = [1.0, 3.0, 0.3, 10.0, 0.1, 30.0, 0.03, 100.0];
 /// Speeds below this, m/s or rad/s, count as rest.
 const REST: f64 = 1e-9;
@@ -93,7 +93,7 @@ struct Pose {
     heading: f64,
 }
 
-/// Inertias and torques of rolling, of which the legs are made.
+/// Inertias and torques of rolling without slip, from which the legs are computed.
 #[derive(Debug, Clone, Copy)]
 struct Rolling {
     torque: PerWheel<f64>,
@@ -113,7 +113,7 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
     let guess = input.initial_guess.iter().map(|guess| Start {
         schedule: resampled(guess, input.settings.control_count),
         goal_heading: input.maneuver.nearest_goal_heading(),
-        way: Way::Warm,
+        strategy: Strategy::Warm,
     });
     let mut starts: Vec<Start> = guess.collect();
     if input.maneuver.torque_limit == PerWheel::new(0.0, 0.0) {
@@ -127,7 +127,7 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
         return starts;
     }
     let plans = turn_drive_turn(input);
-    starts.push(Start { way: Way::Direct, ..plans[0].clone() });
+    starts.push(Start { strategy: Strategy::Direct, ..plans[0].clone() });
     starts.extend(plans.iter().take(2).cloned());
     for spin in &SPINS {
         starts.extend(plans.get(spin.plan).into_iter().flat_map(|plan| spin.of(plan, input.maneuver.torque_limit)));
@@ -148,7 +148,7 @@ fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
     COASTING_TIMES.into_iter().map(move |final_time| Start {
         schedule: TorqueSchedule { final_time, left: zeros.clone(), right: zeros.clone() },
         goal_heading,
-        way: Way::Direct,
+        strategy: Strategy::Direct,
     })
 }
 
@@ -162,7 +162,7 @@ impl Spin {
         let either_way = [-1.0, 1.0].map(|turn| {
             let torque = PerWheel::new(-turn * limit.left, turn * limit.right);
             let goal_heading = plan.goal_heading.map(|heading| heading + turn * self.revolutions * TAU);
-            Start { schedule: self.in_schedule(&plan.schedule, torque), goal_heading, way: plan.way }
+            Start { schedule: self.in_schedule(&plan.schedule, torque), goal_heading, strategy: plan.strategy }
         });
         either_way.into()
     }
@@ -210,7 +210,7 @@ fn straight(maneuver: &Maneuver, robot: &RobotParameters, control_count: usize) 
     Start {
         schedule: schedule_from_segments(&segments, control_count),
         goal_heading: maneuver.nearest_goal_heading(),
-        way: Way::Direct,
+        strategy: Strategy::Direct,
     }
 }
 
@@ -265,7 +265,7 @@ fn plans_in_direction(
             let goal_heading =
                 maneuver.goal.value(StateComponent::Heading).map(|goal| goal + (winding / TAU).round() * TAU);
             let schedule = schedule_from_segments(&segments, control_count);
-            plans.push((final_time, Start { schedule, goal_heading, way: Way::Smoothed }));
+            plans.push((final_time, Start { schedule, goal_heading, strategy: Strategy::Smoothed }));
         }
     }
     plans
@@ -383,7 +383,7 @@ mod tests {
     fn plan(goal_heading: Option<f64>) -> Start {
         let torques = [1.0, 1.0, -1.0, -1.0].to_vec();
         let schedule = TorqueSchedule { final_time: 2.0, left: torques.clone(), right: torques };
-        Start { schedule, goal_heading, way: Way::Smoothed }
+        Start { schedule, goal_heading, strategy: Strategy::Smoothed }
     }
 
     #[test]

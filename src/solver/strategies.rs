@@ -1,4 +1,7 @@
-//! The ways from a start to a local optimum, and from one local optimum to a better one nearby.
+//! Strategies from a start to a local optimum, and from one local optimum to a better one nearby.
+//!
+//! The latter is monotonic basin hopping (Leary 2000; basin hopping: Wales & Doye 1997): a perturbed copy of the local optimum
+//! descends again, and the better of both is kept.
 
 use std::ops::Range;
 
@@ -10,82 +13,83 @@ use super::Method;
 use super::candidate::{Candidate, Stationarity, keep_better};
 use super::local_search::LocalSearch;
 use super::run_control::Phase;
-use super::starts::{Start, Way};
+use super::starts::{Start, Strategy};
 use crate::optimizer::{
     Ending, Interruption, Problem, Restoration, SequentialLinearSettings, criticality_measure, minimise_sequentially,
 };
 use crate::shooting::decision_from_schedule;
 
-/// Slip smoothing on the way from a start to the exact law, m/s: it carries the search over the kinks where contacts
-/// change their modes, by which the exact law alone would stop it up to 20 % too slow.
+/// Slip smoothings between a start and the exact law, m/s: they remove the kinks where contacts change their modes. Under
+/// the exact law alone the search stops at such kinks, with final times up to 20 % longer.
 const SMOOTHING: [f64; 3] = [0.1, 0.03, 0.01];
-/// Shorter ways back to the exact law from a local optimum.
+/// Fewer smoothings between a local optimum and the exact law.
 const POLISH_SMOOTHING: [f64; 2] = [0.03, 0.01];
-/// Linear programs under one smoothing, on the way from a start: the next smoothing moves the optimum anyway, and more
-/// starts find more than more iterations.
+/// Most linear programs under one smoothing from a start: the next smoothing moves the optimum anyway, and more starts find
+/// more than more iterations.
 const SMOOTHED_ITERATION_LIMIT: usize = 15;
-/// And around a good local optimum.
+/// Most linear programs under one smoothing from a good local optimum.
 const POLISH_ITERATION_LIMIT: usize = 40;
-/// First trust radii under the exact law: kinks decide which one gets furthest.
+/// First trust radii under the exact law: which one leads to the best point depends on the kinks.
 const FIRST_RADII: [f64; 2] = [0.5, 0.3];
-/// Trust radius of a start, of which its torques may be far from the optimum.
+/// First trust radius from a start, whose torques may be far from the optimum.
 const START_RADIUS: f64 = 0.3;
-/// Trust radius of a plan of a similar maneuver: small enough to stay near it.
+/// First trust radius from the plan of a similar maneuver: small enough to stay near it.
 const WARM_RADIUS: f64 = 0.05;
 /// A descent that loses more than this share of that plan's final time has left its local optimum.
 const WARM_LOSS: f64 = 0.05;
-/// Trust radius of all later descents: large enough to jump off a kink.
+/// First trust radius of all later descents: large enough to leave a kink.
 const RADIUS: f64 = 0.1;
-/// Share of the final time that each step of a rough descent must promise: the last third of the rollouts gains less.
-const ROUGH_PROMISE: f64 = 1e-5;
-/// How local optima are disturbed, in turn.
-const SHAKES: [Shake; 6] = [
-    Shake::Shift,
-    Shake::Noise { share: 0.03, everywhere: true },
-    Shake::Noise { share: 0.05, everywhere: false },
-    Shake::Noise { share: 0.2, everywhere: false },
-    Shake::Noise { share: 0.5, everywhere: false },
-    Shake::Noise { share: 1.0, everywhere: false },
+/// Least predicted decrease of each step of a rough descent, as a share of the final time: below that the last third of the
+/// rollouts would gain little.
+const ROUGH_PREDICTION: f64 = 1e-5;
+/// The perturbations of local optima, used in turn.
+const PERTURBATIONS: [Perturbation; 6] = [
+    Perturbation::Shift,
+    Perturbation::Noise { share: 0.03, everywhere: true },
+    Perturbation::Noise { share: 0.05, everywhere: false },
+    Perturbation::Noise { share: 0.2, everywhere: false },
+    Perturbation::Noise { share: 0.5, everywhere: false },
+    Perturbation::Noise { share: 1.0, everywhere: false },
 ];
-/// A disturbed copy takes this much longer.
-const SHAKEN_FINAL_TIME: f64 = 1.003;
+/// Factor of a perturbed copy's final time.
+const PERTURBED_FINAL_TIME: f64 = 1.003;
 const FINISH_LIMIT: usize = 5;
 const FINISH_SHRINK_FACTOR: f64 = 0.1;
-/// No more disturbed copies once so many rollouts went into one optimum: long descents, on the moon say, would take the
+/// No further hops once so many rollouts were spent on one optimum: long descents, as under lunar gravity, would use up the
 /// time limit.
-const SHAKEN_ROLLOUTS: u64 = 5000;
-/// Gains below this share of the final time count as nothing.
-const SHAKEN_GAIN: f64 = 1e-4;
+const HOP_ROLLOUTS: u64 = 5000;
+/// A hop that gains less than this share of the final time counts as idle.
+const HOP_GAIN: f64 = 1e-4;
 const POLISH_LIMIT: usize = 4;
 /// A round of polishing that gains less than this share of the final time is the last one.
 const POLISH_GAIN: f64 = 3e-6;
 /// A plan that loses more than this share of its final time on another grid has left its local optimum.
 const ADAPTION_LOSS: f64 = 5e-3;
 
-/// When to stop disturbing a local optimum.
+/// How many hops to try from a local optimum.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Patience {
-    /// Most disturbed copies.
-    copies: usize,
-    /// Copies in a row that gain nothing.
-    in_vain: usize,
-    /// Added to the seed: what was tried in vain before is not tried again.
+pub(super) struct HopBudget {
+    /// Most hops.
+    hops: usize,
+    /// Idle hops in a row that end the search.
+    idle_hops: usize,
+    /// Added to the seed, so that a second round tries other perturbations.
     stream: u64,
 }
 
-impl Patience {
+impl HopBudget {
     /// For one of many starts.
-    const LEAST: Self = Self { copies: 3, in_vain: 3, stream: 0 };
-    /// Each disturbance once or twice.
-    pub(super) const SHORT: Self = Self { copies: 12, in_vain: 6, stream: 0 };
-    /// As long as it pays.
-    pub(super) const LONG: Self = Self { copies: 80, in_vain: 15, stream: 1 };
+    const LEAST: Self = Self { hops: 3, idle_hops: 3, stream: 0 };
+    /// Each perturbation once or twice.
+    pub(super) const SHORT: Self = Self { hops: 12, idle_hops: 6, stream: 0 };
+    /// As long as hops gain.
+    pub(super) const LONG: Self = Self { hops: 80, idle_hops: 15, stream: 1 };
 }
 
-/// A disturbance of the torques.
-enum Shake {
-    /// What both wheels do between two intervals happens one interval earlier or later: a descent cannot move a switch on to
-    /// the next interval where that costs before it pays.
+/// A perturbation of the torques.
+enum Perturbation {
+    /// The torques of both wheels between two intervals move one interval earlier or later: a descent cannot move a switch
+    /// to the next interval where the final time first rises.
     Shift,
     /// All torques change, each by up to this share of its limit, or those of one stretch of each wheel do.
     Noise { share: f64, everywhere: bool },
@@ -102,16 +106,17 @@ impl LocalSearch<'_, '_, '_> {
         self.aim(start.goal_heading, start.schedule.final_time);
         let guess = decision_from_schedule(&start.schedule);
         match self.settings.method {
-            Method::SequentialLinear => match start.way {
-                Way::Warm => self.warmly(&guess),
-                Way::Direct => self.directly(&guess),
-                Way::Smoothed => self.smoothly(&guess),
+            Method::SequentialLinear => match start.strategy {
+                Strategy::Warm => self.warmly(&guess),
+                Strategy::Direct => self.directly(&guess),
+                Strategy::Smoothed => self.smoothly(&guess),
             },
             Method::NelderMead => self.nelder_mead(&guess),
         }
     }
 
-    /// Moves a local optimum of another grid to this one; by longer ways where the near one loses the goal or much time.
+    /// Moves a local optimum of another grid to this one; by longer strategies where the short one loses the goal or much
+    /// time.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
@@ -141,7 +146,7 @@ impl LocalSearch<'_, '_, '_> {
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn polish(&mut self, candidate: Candidate, patience: Patience) -> Result<Candidate, Interruption> {
+    pub(super) fn polish(&mut self, candidate: Candidate, hop_budget: HopBudget) -> Result<Candidate, Interruption> {
         if self.settings.method == Method::NelderMead {
             return Ok(candidate);
         }
@@ -164,13 +169,13 @@ impl LocalSearch<'_, '_, '_> {
                 break;
             }
         }
-        self.shake(&mut best, patience)?;
+        self.hop(&mut best, hop_budget)?;
         self.finish(&mut best)?;
         Ok(best)
     }
 
-    /// Under the exact law from several trust radii, then from shaken copies of the best point; through smoothing where
-    /// the exact law leads nowhere.
+    /// Under the exact law from several trust radii, then from perturbed copies of the best point; through smoothing where
+    /// the exact law does not lead to the goal.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let tolerance = self.settings.goal_tolerance;
         let mut best = self.descend(guess, self.penalty_parameters[0], FIRST_RADII[0])?;
@@ -181,16 +186,16 @@ impl LocalSearch<'_, '_, '_> {
         if !best.is_feasible(tolerance) {
             keep_better(&mut best, self.smoothly(guess)?, tolerance);
         }
-        self.shake(&mut best, Patience::LEAST)?;
+        self.hop(&mut best, HopBudget::LEAST)?;
         self.finish(&mut best)?;
         Ok(best)
     }
 
-    /// From a plan of a similar maneuver: one descent near it, another one with more room where that loses the goal or much
-    /// time, and the direct way where neither meets the goal.
+    /// From a plan of a similar maneuver: one descent near it, another one with a larger trust region where that loses the goal
+    /// or much time, and the direct strategy where neither meets the goal.
     fn warmly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let (tolerance, guessed) = (self.settings.goal_tolerance, guess[guess.len() - 1]);
-        let smallest_prediction = ROUGH_PROMISE * guessed;
+        let smallest_prediction = ROUGH_PREDICTION * guessed;
         let mut warm = self.descend_until(guess, (self.penalty_parameters[0], WARM_RADIUS), smallest_prediction)?;
         if !warm.is_feasible(tolerance) || warm.final_time() > (1.0 + WARM_LOSS) * guessed {
             let next = self.descend_until(guess, (self.penalty_parameters[0], START_RADIUS), smallest_prediction)?;
@@ -203,40 +208,44 @@ impl LocalSearch<'_, '_, '_> {
         self.directly(guess)
     }
 
-    /// Descends again from slightly slower, disturbed copies of a local optimum: it sits on a kink, and another one
-    /// nearby is often better.
-    fn shake(&mut self, best: &mut Candidate, patience: Patience) -> Result<(), Interruption> {
+    /// Basin hopping: descends again from slightly slower, perturbed copies of a local optimum. Local optima lie on kinks, and
+    /// another one nearby is often better.
+    fn hop(&mut self, best: &mut Candidate, hop_budget: HopBudget) -> Result<(), Interruption> {
         let tolerance = self.settings.goal_tolerance;
-        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(patience.stream));
-        let mut in_vain = 0;
-        for shake in SHAKES.iter().cycle().take(patience.copies) {
-            let shaken = self.shaken(&best.decision, shake, &mut rng);
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(hop_budget.stream));
+        let mut idle_hops = 0;
+        for perturbation in PERTURBATIONS.iter().cycle().take(hop_budget.hops) {
+            let perturbed = self.perturbed(&best.decision, perturbation, &mut rng);
             let (was_feasible, before) = (best.is_feasible(tolerance), best.final_time());
             let penalty_parameter = if was_feasible { self.penalty_parameters[0] } else { self.penalty_parameters[1] };
-            let next = self.descend_until(&shaken, (penalty_parameter, RADIUS), ROUGH_PROMISE * before)?;
+            let next = self.descend_until(&perturbed, (penalty_parameter, RADIUS), ROUGH_PREDICTION * before)?;
             keep_better(best, next, tolerance);
-            let gained =
-                best.is_feasible(tolerance) && !was_feasible || before - best.final_time() > SHAKEN_GAIN * before;
-            in_vain = if gained { 0 } else { in_vain + 1 };
-            if in_vain == patience.in_vain || self.budget.spent() > SHAKEN_ROLLOUTS {
+            let gained = best.is_feasible(tolerance) && !was_feasible || before - best.final_time() > HOP_GAIN * before;
+            idle_hops = if gained { 0 } else { idle_hops + 1 };
+            if idle_hops == hop_budget.idle_hops || self.budget.spent() > HOP_ROLLOUTS {
                 break;
             }
         }
         Ok(())
     }
 
-    fn shaken(&self, decision: &DVector<f64>, shake: &Shake, rng: &mut Xoshiro256PlusPlus) -> DVector<f64> {
-        let mut shaken = decision.clone();
+    fn perturbed(
+        &self,
+        decision: &DVector<f64>,
+        perturbation: &Perturbation,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> DVector<f64> {
+        let mut perturbed = decision.clone();
         let last = decision.len() - 1;
-        shaken[last] *= SHAKEN_FINAL_TIME;
-        let (left, right) = shaken.as_mut_slice()[..last].split_at_mut(last / 2);
-        match *shake {
-            Shake::Shift => {
+        perturbed[last] *= PERTURBED_FINAL_TIME;
+        let (left, right) = perturbed.as_mut_slice()[..last].split_at_mut(last / 2);
+        match *perturbation {
+            Perturbation::Shift => {
                 let (from, to) = (rng.random_range(0..left.len()), rng.random_range(0..left.len()));
                 shift(left, from, to);
                 shift(right, from, to);
             }
-            Shake::Noise { share, everywhere } => {
+            Perturbation::Noise { share, everywhere } => {
                 let scale = self.problem.variable_scale(decision) * share;
                 let (left_scale, right_scale) = scale.as_slice()[..last].split_at(last / 2);
                 for (torques, scale) in [(left, left_scale), (right, right_scale)] {
@@ -248,10 +257,11 @@ impl LocalSearch<'_, '_, '_> {
                 }
             }
         }
-        shaken
+        perturbed
     }
 
-    /// Goes on from the very step that would refute the certificate of the plan, while there is one.
+    /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find
+    /// it too.
     fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
         let (penalty_parameter, tolerance) = (self.penalty_parameters[1], self.settings.goal_tolerance);
         let mut radius = RADIUS;
@@ -269,7 +279,7 @@ impl LocalSearch<'_, '_, '_> {
             if next.is_better_than(best, tolerance) {
                 *best = next;
             } else {
-                // Nearer to the step that has been confirmed.
+                // Stay nearer to the confirmed point.
                 radius *= FINISH_SHRINK_FACTOR;
             }
         }
@@ -293,11 +303,11 @@ impl LocalSearch<'_, '_, '_> {
     ) -> Result<Candidate, Interruption> {
         let smoothed =
             self.through_smoothing(guess, &SMOOTHING, penalty_parameter, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
-        let smallest_prediction = ROUGH_PROMISE * smoothed[smoothed.len() - 1];
+        let smallest_prediction = ROUGH_PREDICTION * smoothed[smoothed.len() - 1];
         self.descend_until(&smoothed, (penalty_parameter, RADIUS), smallest_prediction)
     }
 
-    /// Back into the smoothed laws from a local optimum, to get off the kink on which it sits.
+    /// From a local optimum back through the smoothed laws, to leave the kink on which it lies.
     fn around(&mut self, decision: &DVector<f64>) -> Result<DVector<f64>, Interruption> {
         self.through_smoothing(
             decision,
@@ -322,7 +332,7 @@ impl LocalSearch<'_, '_, '_> {
                 first_radius: radius,
                 iteration_limit,
                 restoration: Restoration::Skip,
-                smallest_prediction: ROUGH_PROMISE * decision[decision.len() - 1],
+                smallest_prediction: ROUGH_PREDICTION * decision[decision.len() - 1],
                 ..SequentialLinearSettings::default()
             };
             self.problem.set_slip_smoothing(smoothing);
@@ -344,7 +354,7 @@ fn random_stretch(count: usize, rng: &mut Xoshiro256PlusPlus) -> Range<usize> {
     one.min(other)..one.max(other) + 1
 }
 
-/// Drops the torque of one interval and repeats that of another; those in between move over.
+/// Drops the torque of one interval and repeats that of another; those in between move by one interval.
 fn shift(torques: &mut [f64], from: usize, to: usize) {
     if from < to {
         torques.copy_within(from + 1..=to, from);
