@@ -1,4 +1,4 @@
-//! Descents of the search, all against one budget.
+//! Descents of the search; all descents of one part share a rollout budget.
 
 use std::cell::Cell;
 use std::sync::Arc;
@@ -27,12 +27,12 @@ const LARGEST_PENALTY_PARAMETER: f64 = 1e3;
 const PENALTY_TOO_SMALL: f64 = 1e-4;
 /// A descent that violates the goal and ends below this share of its guess's final time has collapsed.
 const COLLAPSED_SHARE: f64 = 0.7;
-/// The restoration aims this far below the goal tolerance.
+/// The tolerance of the restoration, as a share of the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
 /// First edge of the simplex, as a fraction of each variable's scale.
 const NELDER_MEAD_EDGE: f64 = 0.2;
-/// Enough for the restarts to stop by themselves.
+/// Large enough that idle restarts end the search first.
 const NELDER_MEAD_RESTART_LIMIT: usize = 1000;
 const NELDER_MEAD_VALUE_TOLERANCE: f64 = 1e-6;
 const NELDER_MEAD_SMALLEST_GAIN: f64 = 1e-5;
@@ -130,9 +130,9 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         };
         let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
         let tolerance = self.settings.goal_tolerance;
-        // The latest feasible point is the fastest one: the merit only falls.
+        // The latest feasible point is the fastest one, because the merit decreases monotonically.
         let mut passed = None;
-        let mut tell = |x: &DVector<f64>, constraints: &Constraints| {
+        let mut report_improvement = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
             // Within the margin a contact may already separate.
             let has_separation = constraints.largest_inequality_violation() > 0.0;
@@ -143,11 +143,11 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
                 passed = Some(Candidate::new(x.clone(), goal_error, has_separation, goal_heading));
             }
         };
-        let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut tell);
+        let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         let candidate = self.candidate(&result);
         self.note(&candidate);
-        // A descent that ends infeasible, because it was cut or by itself, is worth what it passed.
+        // When a descent ends infeasible, its last feasible iterate is kept.
         if let Some(passed) = passed.filter(|_| !candidate.is_feasible(tolerance)) {
             self.note(&passed);
         }
@@ -180,13 +180,13 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             value
         };
         let mut best = last.get();
-        let mut tell = |x: &DVector<f64>| {
+        let mut report_improvement = |x: &DVector<f64>| {
             best = last.get();
             if best.0 > tolerance || !best.1 {
                 report(control, start, x, best.0);
             }
         };
-        let result = minimise_by_nelder_mead(&mut value, guess, &settings, &mut self.budget, &mut tell);
+        let result = minimise_by_nelder_mead(&mut value, guess, &settings, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
         let (goal_error, has_separation) = best;
@@ -203,7 +203,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         self.penalty_parameters = penalty_parameters(self.problem, final_time);
     }
 
-    /// Keeps what was found out about a candidate, also for the best one if it is that.
+    /// Stores the criticality measure of a candidate, also with the best one if they are the same.
     pub(super) fn note_stationarity(&mut self, candidate: &mut Candidate, stationarity: Stationarity) {
         candidate.stationarity = Some(Arc::new(stationarity));
         if let Some(best) = self.best.as_mut().filter(|best| best.decision == candidate.decision) {

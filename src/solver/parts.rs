@@ -1,9 +1,10 @@
-//! Independent parts of a search, done by any number of threads with the outcome of one.
+//! Independent parts of a search, run by any number of threads with the result of a single thread.
 //!
-//! One thread does the parts in order, and each may spend what the parts before it have left of the rollout limit.
-//! Several threads cannot know what that will be, so a part runs under an upper bound: the limit less what is known to be
-//! spent. Afterwards the parts are taken in order. One that ended by itself within its true share is what one thread
-//! would have got; the first that did not is done again with exactly its share, and what lies behind it is forgotten.
+//! A single thread runs the parts in order, and each part may spend the rollouts that the parts before it have left. With
+//! several threads this share is not known in advance, so a part runs under an upper bound of it: the limit less what the
+//! parts before it are known to have spent. Afterwards the parts are taken in order. The outcome of a part that ended by
+//! itself within its true share is the single thread's; the first other part is run again with exactly its share, and the
+//! outcomes of the parts after it are discarded.
 
 use std::iter;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,12 +16,12 @@ use super::progress::BestProgress;
 use super::run_control::RunControl;
 use crate::optimizer::Interruption;
 
-/// What one part came to.
+/// The outcome of one part.
 #[derive(Debug)]
 pub(super) struct PartOutcome {
     /// Its local optimum, or why there is none.
     pub(super) local: Result<Candidate, Interruption>,
-    /// The best decision on its way.
+    /// The best decision that it met.
     pub(super) best: Option<Candidate>,
     pub(super) iterations: u64,
     pub(super) rollouts: u64,
@@ -37,7 +38,7 @@ impl PartOutcome {
     }
 }
 
-/// Does the part with this number under a control and a rollout limit.
+/// Runs the part with this number under a control and a rollout limit.
 pub(super) type RunPart<'a> = dyn Fn(usize, &RunControl, u64) -> PartOutcome + Sync + 'a;
 
 /// The parts of one search.
@@ -48,13 +49,13 @@ pub(super) struct Parts<'a> {
     rollout_limit: u64,
     run: &'a RunPart<'a>,
     state: Mutex<State>,
-    /// Set when the parts under way are of no use any more.
-    is_moot: AtomicBool,
+    /// Set when the outcomes of the running parts are no longer needed.
+    is_cancelled: AtomicBool,
 }
 
 struct State {
     slots: Vec<Slot>,
-    /// The best decision of the parts that were given back: of use only when the search is stopped.
+    /// The best decision of the parts that were given back; used only when the search is stopped.
     given_back: Option<Candidate>,
 }
 
@@ -64,12 +65,12 @@ enum Slot {
     Done { outcome: PartOutcome, limit: u64 },
 }
 
-/// What all parts came to.
+/// The outcome of all parts.
 #[derive(Debug, Default)]
 pub(super) struct Total {
     /// The local optima with the numbers of their parts, in order.
     pub(super) locals: Vec<(usize, Candidate)>,
-    /// Why some are missing.
+    /// Why some parts have no local optimum.
     pub(super) interruption: Option<Interruption>,
     /// Parts that were begun.
     pub(super) tried: usize,
@@ -88,7 +89,7 @@ impl Total {
         }
     }
 
-    /// Adds what was spent and found by a later search, which has the last word on the ending.
+    /// Adds the outcome of a later search, whose interruption replaces this one's.
     pub(super) fn follow(&mut self, later: Self, goal_tolerance: f64) {
         self.iterations += later.iterations;
         self.rollouts += later.rollouts;
@@ -131,11 +132,11 @@ impl<'a> Parts<'a> {
             rollout_limit,
             run,
             state: Mutex::new(state),
-            is_moot: AtomicBool::new(false),
+            is_cancelled: AtomicBool::new(false),
         }
     }
 
-    /// Does all parts, with the helpers of the control.
+    /// Runs all parts, with the helpers of the control.
     pub(super) fn total(self) -> Total {
         self.control.share(&self);
         let Self { control, progress, goal_tolerance, rollout_limit, run, state, .. } = self;
@@ -167,7 +168,7 @@ impl<'a> Parts<'a> {
     }
 
     fn is_over(&self) -> bool {
-        self.is_moot.load(Ordering::Relaxed) || self.control.is_stopped()
+        self.is_cancelled.load(Ordering::Relaxed) || self.control.is_stopped()
     }
 
     /// The first open part, and the most that it may spend.
@@ -191,7 +192,7 @@ impl<'a> Parts<'a> {
         }
         state.slots[index] = Slot::Done { outcome, limit };
         if state.is_used_up(self.rollout_limit) {
-            self.is_moot.store(true, Ordering::Relaxed);
+            self.is_cancelled.store(true, Ordering::Relaxed);
         }
     }
 }
@@ -203,7 +204,8 @@ impl State {
         self.given_back = kept.best;
     }
 
-    /// Whether the first parts without a gap have used up the rollout limit, so that the rest is of no use.
+    /// Whether the finished parts before the first unfinished one have used up the rollout limit, so that the rest is not
+    /// needed.
     fn is_used_up(&self, rollout_limit: u64) -> bool {
         let mut rollouts = 0;
         for slot in &self.slots {
@@ -230,8 +232,8 @@ impl SharedWork for Parts<'_> {
             return false;
         }
         let Some((index, limit)) = self.begin() else { return false };
-        let mut alarm = MootAfterPanic(Some(&self.is_moot));
-        let interrupts = [&self.is_moot, recalled];
+        let mut alarm = CancelOnPanic(Some(&self.is_cancelled));
+        let interrupts = [&self.is_cancelled, recalled];
         let outcome = (self.run)(index, &self.control.of_part(&interrupts, self.progress), limit);
         alarm.0 = None;
         self.end(index, limit, outcome);
@@ -239,13 +241,13 @@ impl SharedWork for Parts<'_> {
     }
 }
 
-/// Ends the other parts when one panics.
-struct MootAfterPanic<'a>(Option<&'a AtomicBool>);
+/// Cancels the other parts when one panics.
+struct CancelOnPanic<'a>(Option<&'a AtomicBool>);
 
-impl Drop for MootAfterPanic<'_> {
+impl Drop for CancelOnPanic<'_> {
     fn drop(&mut self) {
-        if let Some(is_moot) = self.0 {
-            is_moot.store(true, Ordering::Relaxed);
+        if let Some(is_cancelled) = self.0 {
+            is_cancelled.store(true, Ordering::Relaxed);
         }
     }
 }

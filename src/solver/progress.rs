@@ -1,15 +1,15 @@
-//! What is told of several searches at once: the best of all of them.
+//! Progress of several searches at once: the best of all of them is reported.
 
 use std::sync::{Mutex, PoisonError};
 
 use super::run_control::{Phase, ProgressObserver, RunControl, SolveProgress};
 
-/// Whether the first goal error is the smaller one; one that is no number is the largest.
+/// Whether the first goal error is the smaller one; NaN counts as the largest.
 pub(super) fn is_nearer(first: f64, second: f64) -> bool {
     first < second || (second.is_nan() && !first.is_nan())
 }
 
-/// Whether the first of two points is to be told in place of the second: the faster among those that meet the goal, else
+/// Whether the first of two points is reported in place of the second: the faster among those that meet the goal, else
 /// the one nearer to the goal.
 fn is_better(first: &SolveProgress, second: &SolveProgress, goal_tolerance: f64) -> bool {
     match (first.best_goal_error <= goal_tolerance, second.best_goal_error <= goal_tolerance) {
@@ -20,22 +20,22 @@ fn is_better(first: &SolveProgress, second: &SolveProgress, goal_tolerance: f64)
     }
 }
 
-/// Passes on what is better than all that was told before, and the latest start that has begun.
+/// Forwards progress that is better than all reported before, and the latest start that has begun.
 pub(super) struct BestProgress<'a> {
     control: &'a RunControl<'a>,
     goal_tolerance: f64,
-    told: Mutex<Option<SolveProgress>>,
+    reported: Mutex<Option<SolveProgress>>,
 }
 
 impl<'a> BestProgress<'a> {
     pub(super) fn new(control: &'a RunControl<'a>, goal_tolerance: f64) -> Self {
-        Self { control, goal_tolerance, told: Mutex::new(None) }
+        Self { control, goal_tolerance, reported: Mutex::new(None) }
     }
 
-    /// What is to be told next, if anything.
-    fn next(&self, told: Option<SolveProgress>, progress: &SolveProgress) -> Option<SolveProgress> {
-        let Some(best) = told else { return Some(*progress) };
-        // A polish is no start: its numbers are 0. The count grows where more starts are tried than were asked for.
+    /// What is to be reported next, if anything.
+    fn next(&self, reported: Option<SolveProgress>, progress: &SolveProgress) -> Option<SolveProgress> {
+        let Some(best) = reported else { return Some(*progress) };
+        // A polish has start numbers 0. The count grows where more starts are tried than were asked for.
         let (start, start_count) = (best.start.max(progress.start), best.start_count.max(progress.start_count));
         if is_better(progress, &best, self.goal_tolerance) {
             return Some(SolveProgress { start, start_count, ..*progress });
@@ -46,10 +46,10 @@ impl<'a> BestProgress<'a> {
 
 impl ProgressObserver for BestProgress<'_> {
     fn progress(&self, progress: &SolveProgress) {
-        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(next) = self.next(*told, progress) {
-            *told = Some(next);
-            // Under the lock, so that the best is told last.
+        let mut reported = self.reported.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(next) = self.next(*reported, progress) {
+            *reported = Some(next);
+            // Under the lock, so that the best is reported last.
             self.control.report(&next);
         }
     }
@@ -63,7 +63,7 @@ impl ProgressObserver for BestProgress<'_> {
     }
 }
 
-/// Passes on phases alone: a plan on its way to a finer grid is worse for a while, and no news.
+/// Forwards phases only: while the grid is refined, iterates are worse than the plan reported before.
 pub(super) struct PhasesOnly<'a>(pub(super) &'a RunControl<'a>);
 
 impl ProgressObserver for PhasesOnly<'_> {
@@ -88,13 +88,13 @@ mod tests {
 
     impl ProgressObserver for Record {
         fn progress(&self, progress: &SolveProgress) {
-            let told = (progress.best_final_time, progress.best_goal_error, progress.start);
-            self.0.lock().unwrap().push(told);
+            let reported = (progress.best_final_time, progress.best_goal_error, progress.start);
+            self.0.lock().unwrap().push(reported);
         }
     }
 
     #[test]
-    fn only_what_is_better_is_told_and_starts_only_count_up() {
+    fn only_better_points_are_reported_and_starts_only_count_up() {
         let (record, flag) = (Record(Mutex::new(Vec::new())), AtomicBool::new(false));
         let control = RunControl::new(&flag, &record);
         let best = BestProgress::new(&control, 1e-6);
@@ -110,7 +110,7 @@ mod tests {
         ] {
             best.progress(&SolveProgress { best_final_time, best_goal_error, start, start_count: 0 });
         }
-        let told = record.0.into_inner().unwrap();
-        assert_eq!(told, [(2.0, 0.5, 1), (3.0, 0.1, 2), (3.0, 0.1, 3), (4.0, 0.0, 3), (3.5, 1e-7, 3)]);
+        let reported = record.0.into_inner().unwrap();
+        assert_eq!(reported, [(2.0, 0.5, 1), (3.0, 0.1, 2), (3.0, 0.1, 3), (4.0, 0.0, 3), (3.5, 1e-7, 3)]);
     }
 }

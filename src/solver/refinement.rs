@@ -1,9 +1,9 @@
 //! Automatic steps: a plan on ever finer grids, warm, until its replay is within tolerance.
 //!
-//! The scheme is of first order, so the replay miss shrinks in proportion to the step: the miss itself tells which grid to
-//! try next, and whether any accepted grid is fine enough. An optimum moves little with the grid, and a refined search takes
-//! few linear programs. Drifting plans are the fastest and the most sensitive ones: where the fastest local optimum needs
-//! more steps than there may be, the next fastest that does not is refined.
+//! The scheme is of first order, so the replay miss is about proportional to the step length: the miss determines which grid
+//! to try next, and whether any grid within the step limit is fine enough. An optimum moves little with the grid, and a
+//! refined search takes few linear programs. Drifting plans are the fastest and the most sensitive ones: where the fastest
+//! local optimum needs more steps than the limit, the next fastest that does not is refined.
 
 use super::candidate::Candidate;
 use super::certificate::replay;
@@ -21,10 +21,11 @@ use crate::simulation::{Rollout, Simulator};
 
 /// Grids are refined by at least and at most these factors at a time.
 const FACTORS: (usize, usize) = (2, 8);
-/// The next grid aims this far below the tolerance: the miss is only roughly proportional to the step.
+/// The next grid is chosen for a miss smaller than the tolerance by this factor: the miss is only roughly proportional to the
+/// step.
 const MARGIN: f64 = 1.5;
-/// A plan that needs up to this many times the allowed steps is still worth trying.
-const HOPE: f64 = 1.3;
+/// A plan is still tried where it is estimated to need up to this many times the allowed steps.
+const STEP_LIMIT_SLACK: f64 = 1.3;
 /// Plans that are refined at most after the fastest one, of the search's and of each block of further starts.
 const ATTEMPT_LIMIT: usize = 3;
 /// Further starts are tried in so many blocks of so many, where no plan of the search can be executed.
@@ -94,8 +95,9 @@ impl Refiner<'_, '_, '_> {
 
     /// Refines plans, fastest first, of those for which the allowed steps may do; keeps the first that can be executed.
     fn refine_first(&mut self, plans: Vec<Plan>) -> bool {
-        let hopeful: Vec<Plan> = plans.into_iter().filter(|plan| self.is_hopeful(plan)).take(ATTEMPT_LIMIT).collect();
-        for plan in hopeful {
+        let promising: Vec<Plan> =
+            plans.into_iter().filter(|plan| self.may_fit_step_limit(plan)).take(ATTEMPT_LIMIT).collect();
+        for plan in promising {
             let (plan, outcome) = self.refined(plan);
             if outcome == RefinementOutcome::WithinTolerance {
                 self.keep(&plan);
@@ -147,8 +149,8 @@ impl Refiner<'_, '_, '_> {
     }
 
     /// Whether the allowed steps may do for the plan.
-    fn is_hopeful(&self, plan: &Plan) -> bool {
-        plan.needed_steps(self.input) <= HOPE * self.step_limit as f64
+    fn may_fit_step_limit(&self, plan: &Plan) -> bool {
+        plan.needed_steps(self.input) <= STEP_LIMIT_SLACK * self.step_limit as f64
     }
 
     /// The plan on the finest grid that it needs and reaches.
@@ -220,7 +222,7 @@ impl Refiner<'_, '_, '_> {
     }
 
     fn next_factor(&self, plan: &Plan) -> usize {
-        let factor = (MARGIN * plan.excess(self.input)).clamp(FACTORS.0 as f64, FACTORS.1 as f64).ceil();
+        let factor = (MARGIN * plan.relative_miss(self.input)).clamp(FACTORS.0 as f64, FACTORS.1 as f64).ceil();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8, and whole")]
         let factor = factor as usize;
         factor
@@ -229,7 +231,7 @@ impl Refiner<'_, '_, '_> {
 
 impl Plan {
     /// The replay miss in units of its tolerance.
-    fn excess(&self, input: &SolveInput) -> f64 {
+    fn relative_miss(&self, input: &SolveInput) -> f64 {
         let position = self.replay.miss_position / input.settings.replay_tolerance_position;
         let heading = self.replay.miss_heading / input.settings.replay_tolerance_heading;
         position.max(heading)
@@ -237,6 +239,6 @@ impl Plan {
 
     /// The steps that bring the replay within tolerance, if the miss is proportional to the step.
     fn needed_steps(&self, input: &SolveInput) -> f64 {
-        self.excess(input) * self.step_count as f64
+        self.relative_miss(input) * self.step_count as f64
     }
 }

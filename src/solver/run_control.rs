@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::helpers::{Alone, Helpers, SharedWork};
 use crate::optimizer::Budget;
 
-/// What a solve tells while it runs.
+/// What a solve reports while it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolveProgress {
     /// Final time of the best iterate, s.
@@ -30,11 +30,11 @@ pub enum Phase {
     Polish,
     /// The plan on a finer grid.
     Refinement,
-    /// The judgement of the best plan from its torques alone: the search is over.
+    /// The certificate of the best plan, from its torques alone, after the search.
     Certificate,
 }
 
-/// Hears of progress; called between rollouts, so it must be quick.
+/// Observes progress; called between rollouts, so it must return quickly.
 pub trait ProgressObserver: Sync {
     /// A new best iterate or a new start.
     fn progress(&self, progress: &SolveProgress);
@@ -46,14 +46,14 @@ pub trait ProgressObserver: Sync {
     fn ends(&self, _phase: Phase) {}
 }
 
-/// Listens to nothing.
+/// Ignores all progress.
 pub struct NoProgress;
 
 impl ProgressObserver for NoProgress {
     fn progress(&self, _progress: &SolveProgress) {}
 }
 
-/// The stop flag, polled once per rollout, the observer of a solve, and who else may work on it.
+/// The stop flag, polled once per rollout, the observer of a solve, and the helpers that may share its work.
 #[derive(Clone, Copy)]
 pub struct RunControl<'a> {
     stop: &'a AtomicBool,
@@ -65,30 +65,30 @@ pub struct RunControl<'a> {
 }
 
 impl<'a> RunControl<'a> {
-    /// Control by a flag that anyone may set, and an observer.
+    /// Control by a stop flag, which any thread may set, and an observer.
     pub fn new(stop: &'a AtomicBool, observer: &'a dyn ProgressObserver) -> Self {
         Self { stop, interrupts: &[], observer, helpers: &Alone, is_abandoned: None }
     }
 
-    /// Also lets these threads work on the solve; its answer does not depend on them.
+    /// Lets these helpers share the work; the answer does not depend on them.
     #[must_use]
     pub fn helped_by(self, helpers: &'a dyn Helpers) -> Self {
         Self { helpers, ..self }
     }
 
-    /// Also asks, once stopped, whether anybody still wants the answer: an unwanted one is not certified.
+    /// Asks, once stopped, whether the caller still waits: otherwise the answer is not certified.
     #[must_use]
     pub fn abandoned_when(self, is_abandoned: &'a (dyn Fn() -> bool + Sync)) -> Self {
         Self { is_abandoned: Some(is_abandoned), ..self }
     }
 
-    /// Runs to the end, unobserved.
+    /// Runs to the end, without observer and helpers.
     pub fn unattended() -> RunControl<'static> {
         static NEVER: AtomicBool = AtomicBool::new(false);
         RunControl::new(&NEVER, &NoProgress)
     }
 
-    /// Control of one part of the solve: it has flags and an observer of its own, and no helpers.
+    /// Control of one part of the solve, with flags and an observer of its own, and without helpers.
     pub(super) fn of_part<'b>(
         &self,
         interrupts: &'b [&'b AtomicBool],
@@ -120,24 +120,24 @@ impl<'a> RunControl<'a> {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Whether the solve was stopped and nobody wants its answer.
+    /// Whether the solve was stopped and the caller no longer waits for its answer.
     pub fn is_abandoned(&self) -> bool {
         self.is_stopped() && self.is_abandoned.is_some_and(|is_abandoned| is_abandoned())
     }
 
-    /// Tells the observer that a phase begins, and that it ends when the result is dropped.
+    /// Notifies the observer that a phase begins, and that it ends when the result is dropped.
     #[must_use]
     pub fn enter(&self, phase: Phase) -> RunningPhase<'a> {
         self.observer.begins(phase);
         RunningPhase { observer: self.observer, phase }
     }
 
-    /// Who hears of the solve.
+    /// The observer of the solve.
     pub(super) fn observer(&self) -> &'a dyn ProgressObserver {
         self.observer
     }
 
-    /// Tells the observer.
+    /// Notifies the observer of progress.
     pub fn report(&self, progress: &SolveProgress) {
         self.observer.progress(progress);
     }

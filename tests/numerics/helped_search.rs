@@ -145,15 +145,15 @@ fn progress_of_all_starts_together_only_gets_better() {
     for crew in crews() {
         let (record, flag) = (Record(Mutex::new(Vec::new())), AtomicBool::new(false));
         let solution = solve(input, &RunControl::new(&flag, &record).helped_by(&crew));
-        let told = record.0.into_inner().unwrap();
-        for pair in told.windows(2) {
+        let reported = record.0.into_inner().unwrap();
+        for pair in reported.windows(2) {
             let (before, after) = (&pair[0], &pair[1]);
             let (had_plan, has_plan) = (before.best_goal_error <= tolerance, after.best_goal_error <= tolerance);
             assert!(before.start <= after.start && (!had_plan || has_plan), "{after:?} after {before:?}");
             assert!(had_plan != has_plan || !has_plan || after.best_final_time <= before.best_final_time);
             assert!(had_plan || has_plan || after.best_goal_error <= before.best_goal_error);
         }
-        let last = told[told.len() - 1];
+        let last = reported[reported.len() - 1];
         // A point on the way may be a little faster, within the goal tolerance.
         let gap = (last.best_final_time - solution.schedule.final_time).abs();
         assert!(gap <= 1e-6 * last.best_final_time, "the last word is the answer, but for {gap} s");
@@ -177,7 +177,7 @@ impl ProgressObserver for StopAtPlan<'_> {
 }
 
 #[test]
-fn stopped_search_answers_with_the_best_that_it_told() {
+fn stopped_search_answers_with_the_best_that_it_reported() {
     let input = &inputs()[0];
     for crew in crews() {
         let stop = AtomicBool::new(false);

@@ -1,8 +1,8 @@
 //! The first time at which what can be covered may meet what is required.
 
-/// Beyond this time, s, nothing is told apart from never: far above the longest final time that is searched.
-const FOR_EVER: f64 = 1e15;
-/// Shortest span that is told apart, s.
+/// Times beyond this, s, count as infinite: far above the longest final time that is searched.
+const INFINITE_TIME: f64 = 1e15;
+/// Resolution of the search, s.
 const SHORTEST: f64 = 1e-4;
 const GROWTH: f64 = 4.0;
 const REFINEMENT_LIMIT: usize = 60;
@@ -16,7 +16,7 @@ const WIDTH: f64 = 1e-5;
 /// nothing is assumed about monotony. A cover that is not a number rules nothing out.
 pub(super) fn first_time(not_before: f64, required: f64, cover: impl Fn(f64, f64) -> f64) -> f64 {
     let rules_out = |from: f64, to: f64| cover(from, to) < required;
-    if not_before >= FOR_EVER {
+    if not_before >= INFINITE_TIME {
         return f64::INFINITY;
     }
     if !rules_out(not_before, not_before) {
@@ -25,7 +25,7 @@ pub(super) fn first_time(not_before: f64, required: f64, cover: impl Fn(f64, f64
     let mut ruled_out = not_before;
     let mut open = GROWTH * not_before.max(SHORTEST);
     while rules_out(ruled_out, open) {
-        if open >= FOR_EVER {
+        if open >= INFINITE_TIME {
             return f64::INFINITY;
         }
         ruled_out = open;
