@@ -1,5 +1,6 @@
 //! Moreau time stepping, rollouts and their trajectories.
 
+mod chain;
 mod contact_timeline;
 mod least_normal_forces;
 mod moreau_step;
@@ -7,6 +8,7 @@ mod normal_force_sensitivity;
 mod rollout;
 mod sensitivity;
 mod step_derivative;
+mod tape;
 mod torque_schedule;
 mod trajectory;
 

@@ -8,8 +8,10 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-use super::step_derivative::Chain;
-use crate::contact::{ContactPattern, ContactSolution, DelassusOperator, OneStepProblem, WheelPattern};
+use super::chain::Chain;
+use crate::contact::{
+    ContactPattern, ContactSolution, DelassusOperator, ImpulseDerivative, OneStepProblem, WheelPattern,
+};
 use crate::robot::{BodyVector, PerWheel, Robot, State};
 
 /// Everything about the robot that a step needs, with `N` friction directions (3, or 5 with front friction).
@@ -27,7 +29,7 @@ pub(super) struct StepModel<const N: usize> {
     /// 1 / J.
     pub(super) inverse_spin_inertia: f64,
     pub(super) free_normal_force: FreeNormalForce,
-    /// How the motion follows from its data in the linear contact patterns.
+    /// Derivatives of the motion in the linear contact patterns, which are the same in every step.
     linear_chains: Option<[Chain<5>; WheelPattern::LINEAR.len()]>,
 }
 
@@ -82,15 +84,29 @@ impl<const N: usize> StepModel<N> {
         model
     }
 
-    /// How the motion follows from its data in a contact pattern where that does not change from step to step.
+    /// Derivatives of the motion in a contact pattern, where they are the same in every step; none in other patterns.
     #[inline]
     pub(super) fn linear_chain(&self, pattern: ContactPattern) -> Option<&Chain<5>> {
         let chains = self.linear_chains.as_ref()?;
         DelassusOperator::<N>::linear_index(pattern).map(|index| &chains[index])
     }
 
+    /// Derivatives of the body velocity at the end: `u_E = u_A + dt a + P Lambda`.
+    #[inline]
+    pub(super) fn motion_chain(&self, impulse: &ImpulseDerivative<N>) -> Chain<5> {
+        let response = (&self.impulse_response, impulse);
+        Chain::new((&self.slip_map, self.restitution_factor), &SMatrix::identity(), &SMatrix::zeros(), response)
+    }
+
+    /// Derivatives of the normal impulses: `free_normal + R Lambda`.
+    #[inline]
+    pub(super) fn normal_impulse_chain(&self, impulse: &ImpulseDerivative<N>) -> Chain<3> {
+        let response = (self.operator.normal_response(), impulse);
+        Chain::new((&self.slip_map, self.restitution_factor), &SMatrix::zeros(), &SMatrix::identity(), response)
+    }
+
     fn solve_linear_chains(&self) -> Option<[Chain<5>; WheelPattern::LINEAR.len()]> {
-        let chain = |pattern| Some(Chain::<5>::of_motion(self, self.operator.linear_derivative(pattern)?));
+        let chain = |pattern| Some(self.motion_chain(self.operator.linear_derivative(pattern)?));
         let chains: Option<Vec<_>> = DelassusOperator::<N>::linear_patterns().into_iter().map(chain).collect();
         chains?.try_into().ok()
     }

@@ -10,10 +10,12 @@
 
 use nalgebra::RowSVector;
 
+use super::least_normal_forces::LeastNormalForces;
 use super::moreau_step::StepModel;
 use super::rollout::{Model, Rollout, Simulator};
-use super::sensitivity::{EndSensitivity, TapeEntry};
+use super::sensitivity::EndSensitivity;
 use super::step_derivative::StepDerivative;
+use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
 use crate::robot::{BodyVector, PerWheel};
 
@@ -39,7 +41,7 @@ struct Row {
 
 impl Simulator {
     /// Differentiates some of the least normal forces of a rollout that `sensitivity` has just been computed for, under the same
-    /// `slip_smoothing` (0 for the exact law). `chosen` are indices into [`super::LeastNormalForces`].
+    /// `slip_smoothing` (0 for the exact law). `chosen` are indices into [`LeastNormalForces`].
     pub fn normal_force_sensitivity(
         &self,
         rollout: &Rollout,
@@ -96,7 +98,7 @@ impl NormalForceDerivative {
 impl Row {
     fn new(sensitivity: &EndSensitivity, index: usize) -> Self {
         Self {
-            contact: super::LeastNormalForces::contact(index),
+            contact: LeastNormalForces::contact(index),
             step: sensitivity.least_normal_forces.step(index),
             by_velocity: RowSVector::zeros(),
             by_step_length: 0.0,

@@ -12,14 +12,15 @@
 //! angles enter no step, so their rows and columns pass through unchanged. Transitions between sticking and slipping
 //! are exact; at a slip reversal no derivative of a fixed-step scheme is right (`docs/model.md`).
 
-use nalgebra::{SVector, Vector3};
+use nalgebra::SVector;
 
 use super::least_normal_forces::LeastNormalForces;
 use super::moreau_step::{Step, StepModel};
 use super::rollout::{ExactContact, Model, Rollout, Simulator, integrate};
 use super::step_derivative::StepDerivative;
+use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
-use crate::contact::{ContactPattern, SmoothedSolver};
+use crate::contact::SmoothedSolver;
 use crate::robot::{BodyVector, PerWheel, State};
 
 /// A derivative of the ten components of the end state, in the order of [`State::to_vector`].
@@ -42,18 +43,6 @@ pub struct EndSensitivity {
     /// The least normal forces on the way.
     pub least_normal_forces: LeastNormalForces,
     pub(super) tape: Vec<TapeEntry>,
-}
-
-/// What the backward sweep needs of one step.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct TapeEntry {
-    rotation: (f64, f64),
-    pub(super) start_velocity: BodyVector,
-    pub(super) end_velocity: BodyVector,
-    /// Impact slip by direction; the front's stay zero when it is frictionless.
-    pub(super) impact_slip: SVector<f64, 5>,
-    pub(super) normal_impulse: Vector3<f64>,
-    pub(super) pattern: ContactPattern,
 }
 
 impl Simulator {
@@ -132,22 +121,6 @@ struct BackwardSweep {
     by_velocity: ByVelocity,
     by_step_length: EndDerivative,
     slip_smoothing: f64,
-}
-
-impl TapeEntry {
-    #[inline]
-    fn new<const N: usize>(step: &Step<N>) -> Self {
-        let mut impact_slip = SVector::<f64, 5>::zeros();
-        impact_slip.fixed_rows_mut::<N>(0).copy_from(&step.contact.impact_slip);
-        Self {
-            rotation: step.rotation,
-            start_velocity: step.start_velocity,
-            end_velocity: step.end_velocity,
-            impact_slip,
-            normal_impulse: step.contact.normal_impulse,
-            pattern: step.contact.pattern,
-        }
-    }
 }
 
 impl BackwardSweep {

@@ -1,65 +1,20 @@
-//! Derivatives of one step, in the body frame of its midpoint, for given impulses' derivatives in its contact pattern.
+//! Derivatives of one step in the body frame of its midpoint, given the derivatives of its friction impulse.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
+use super::chain::{Chain, product};
 use super::moreau_step::StepModel;
-use super::sensitivity::TapeEntry;
+use super::tape::TapeEntry;
 use crate::contact::ImpulseDerivative;
 use crate::robot::{BodyVector, PerWheel};
 
-/// Derivatives of `K` results of one step by what it starts from.
+/// Derivatives of `K` results of one step by its start velocity, torques and length.
 #[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
 pub(super) struct StepDerivative<const K: usize> {
     /// By the body velocity at the start of the step.
     pub(super) by_velocity: SMatrix<f64, K, 5>,
     pub(super) by_torque: PerWheel<SVector<f64, K>>,
     pub(super) by_step_length: SVector<f64, K>,
-}
-
-/// How `K` results follow from what a step is made of, at rest.
-#[derive(Debug, Clone, Copy)]
-#[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
-pub(super) struct Chain<const K: usize> {
-    /// By the velocity change without friction.
-    by_smooth_change: SMatrix<f64, K, 5>,
-    /// By the body velocity at the start.
-    by_velocity: SMatrix<f64, K, 5>,
-    /// By the normal impulses without friction.
-    by_free_normal: SMatrix<f64, K, 3>,
-}
-
-impl Chain<5> {
-    /// Of the body velocity at the end: `u_E = u_A + dt a + P Lambda`.
-    #[inline]
-    pub(super) fn of_motion<const N: usize>(model: &StepModel<N>, impulse: &ImpulseDerivative<N>) -> Self {
-        Self::new(model, &SMatrix::identity(), &SMatrix::zeros(), (&model.impulse_response, impulse))
-    }
-}
-
-impl Chain<3> {
-    /// Of the normal impulses: `free_normal + R Lambda`.
-    #[inline]
-    fn of_normal_impulse<const N: usize>(model: &StepModel<N>, impulse: &ImpulseDerivative<N>) -> Self {
-        Self::new(model, &SMatrix::zeros(), &SMatrix::identity(), (model.operator.normal_response(), impulse))
-    }
-}
-
-impl<const K: usize> Chain<K> {
-    /// Of `motion (u_A + dt a) + normal free_normal + response Lambda`, where `free_slip = (1 + e) W' u_A + W' dt a`.
-    #[inline]
-    fn new<const N: usize>(
-        model: &StepModel<N>,
-        motion: &SMatrix<f64, K, 5>,
-        normal: &SMatrix<f64, K, 3>,
-        (response, impulse): (&SMatrix<f64, K, N>, &ImpulseDerivative<N>),
-    ) -> Self {
-        let by_slip = product(&product(response, &impulse.by_free_slip), &model.slip_map);
-        Self {
-            by_smooth_change: motion + by_slip,
-            by_velocity: motion + by_slip * model.restitution_factor,
-            by_free_normal: normal + product(response, &impulse.by_free_normal),
-        }
-    }
 }
 
 impl StepDerivative<5> {
@@ -75,7 +30,7 @@ impl StepDerivative<5> {
             return Self::along(chain, model, entry, controls);
         }
         let impulse = impulse_derivative(model, entry, slip_smoothing);
-        Self::along(&Chain::<5>::of_motion(model, &impulse), model, entry, controls)
+        Self::along(&model.motion_chain(&impulse), model, entry, controls)
     }
 }
 
@@ -89,7 +44,7 @@ impl StepDerivative<3> {
         slip_smoothing: f64,
     ) -> Self {
         let impulse = impulse_derivative(model, entry, slip_smoothing);
-        Self::along(&Chain::<3>::of_normal_impulse(model, &impulse), model, entry, controls)
+        Self::along(&model.normal_impulse_chain(&impulse), model, entry, controls)
     }
 }
 
@@ -141,25 +96,7 @@ fn impulse_derivative<const N: usize>(
 ) -> ImpulseDerivative<N> {
     let impact_slip = entry.impact_slip.fixed_rows::<N>(0).into_owned();
     model.operator.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse, slip_smoothing).unwrap_or(
-        // The slip direction is undefined only where the slip is exactly zero: friction then changes nothing.
+        // Undefined only where a slip is exactly zero in a slipping pattern; the friction is then taken as constant.
         ImpulseDerivative { by_free_slip: SMatrix::zeros(), by_free_normal: SMatrix::zeros() },
     )
-}
-
-/// The matrix product, a column of the result at a time: unrolled for its size it takes a fraction of the library's, which
-/// walks strides that it does not know.
-#[inline]
-pub(super) fn product<const R: usize, const K: usize, const C: usize>(
-    left: &SMatrix<f64, R, K>,
-    right: &SMatrix<f64, K, C>,
-) -> SMatrix<f64, R, C> {
-    let mut result = SMatrix::<f64, R, C>::zeros();
-    for (column, factors) in result.data.0.iter_mut().zip(&right.data.0) {
-        for (&factor, addend) in factors.iter().zip(&left.data.0) {
-            for (sum, value) in column.iter_mut().zip(addend) {
-                *sum += value * factor;
-            }
-        }
-    }
-    result
 }
