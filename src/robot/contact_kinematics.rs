@@ -13,7 +13,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::RobotParameters;
+use super::parameters::RobotParameters;
 
 /// Number of independent friction directions.
 pub const DIRECTION_COUNT: usize = 5;

@@ -6,7 +6,8 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::contact_kinematics::{BodyVector, TangentJacobian};
-use super::{NormalForceProjection, RobotParameters};
+use super::normal_force::NormalForceProjection;
+use super::parameters::RobotParameters;
 use crate::violation::Violations;
 
 /// A validated robot with all constant matrices of its equations of motion.

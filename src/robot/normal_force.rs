@@ -17,7 +17,7 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::RobotParameters;
+use super::parameters::RobotParameters;
 
 /// The affine map from one step's motion to its normal impulses; contacts in the order left, right, front.
 #[derive(Debug, Clone)]

@@ -1,9 +1,10 @@
-//! The solver: a validated maneuver in, a plan with its certificate out.
+//! The solver: from a validated maneuver to a plan with its certificate.
 
 mod candidate;
 mod certificate;
 pub mod domain;
 mod goal_miss;
+mod grid_problem;
 mod helpers;
 mod impossibility;
 mod largest_normal_force;
@@ -32,19 +33,16 @@ pub use solution::{
 };
 
 use candidate::Candidate;
-use lower_bound::{Grid, LowerBound, largest, lower_bounds};
+use grid_problem::problem_on;
 use nalgebra::DVector;
 
 use crate::optimizer::Problem as _;
 use crate::shooting::{ShootingProblem, decision_from_schedule, decision_len};
 use crate::simulation::Simulator;
 
-/// Length of the answer where every motion that was tried diverged, s.
+/// Final time of the answer where every motion that was tried diverged, s.
 const STANDING_TIME: f64 = 1e-9;
-/// Share of the lower bound that the search may use: no plan is lost, whatever rounding does.
-const SHARE_OF_BOUND: f64 = 0.99;
-
-/// Solves a maneuver; what was found is a status of the answer, never an error.
+/// Solves a maneuver; the result, whatever it is, is a status of the answer, never an error.
 ///
 /// The answer depends on the input alone, unless `control` stops the search.
 pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
@@ -64,28 +62,13 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
         (problem, bound) = problem_on(input, &simulator, result.step_count);
     }
     if control.is_abandoned() {
-        // The worker is free one rollout after the flag.
+        // Without a certificate the worker is free one rollout after the stop flag.
         return certificate::certified_standstill(input, StopReason::Stopped);
     }
     let _phase = control.enter(Phase::Certificate);
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
     let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));
     certificate::certified(input, &simulator, (&mut problem, bound), &best, result)
-}
-
-/// The problem on a grid and the lower bound of its final time.
-///
-/// Final times that are too short for any plan are ruled out: trading the goal for time ends there, which keeps the search
-/// from standing still.
-fn problem_on<'a>(
-    input: &SolveInput,
-    simulator: &'a Simulator,
-    step_count: usize,
-) -> (ShootingProblem<'a>, LowerBound) {
-    let mut problem = ShootingProblem::new(simulator, &input.maneuver, step_count, input.settings.control_count);
-    let bound = largest(&lower_bounds(input, Grid::Steps(step_count)));
-    problem.rule_out_before(SHARE_OF_BOUND * bound.time);
-    (problem, bound)
 }
 
 /// The first start, as the answer of a solve that was stopped before its first rollout; none when its motion diverges.

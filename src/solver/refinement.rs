@@ -7,8 +7,8 @@
 
 use super::candidate::Candidate;
 use super::certificate::replay;
+use super::grid_problem::problem_on;
 use super::local_search::LocalSearch;
-use super::problem_on;
 use super::progress::PhasesOnly;
 use super::run_control::RunControl;
 use super::search::{SearchResult, fastest_first, is_distinct};

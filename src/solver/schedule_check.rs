@@ -1,6 +1,6 @@
 //! Rules for torque schedules that callers send.
 
-use super::settings::TorqueLimit;
+use crate::robot::PerWheel;
 use crate::simulation::TorqueSchedule;
 use crate::violation::Checks;
 
@@ -11,7 +11,7 @@ const LIMIT_SLACK: f64 = 1e-12;
 pub(crate) fn violations_of_schedule(
     schedule: &TorqueSchedule,
     (left_field, right_field): (&str, &str),
-    limit: TorqueLimit,
+    limit: Option<PerWheel<f64>>,
     checks: &mut Checks,
 ) {
     let count = schedule.left.len();

@@ -1,7 +1,7 @@
 //! How a maneuver is to be solved, and the validated input of a solve.
 
 use super::violations_of_schedule;
-use crate::robot::{PerWheel, Robot, RobotParameters};
+use crate::robot::{Robot, RobotParameters};
 use crate::shooting::Maneuver;
 use crate::simulation::TorqueSchedule;
 use crate::violation::{Checks, Violations};
@@ -170,6 +170,3 @@ fn check_guess(guess: &TorqueSchedule, maneuver: &Maneuver, checks: &mut Checks)
     checks.positive("final_time_s", guess.final_time, "s");
     violations_of_schedule(guess, ("torque_left_n_m", "torque_right_n_m"), Some(maneuver.torque_limit), checks);
 }
-
-/// Per-wheel limits that a schedule must keep, if any.
-pub(super) type TorqueLimit = Option<PerWheel<f64>>;

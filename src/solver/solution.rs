@@ -2,7 +2,7 @@
 
 use nalgebra::SVector;
 
-use super::Method;
+use super::settings::Method;
 use crate::robot::State;
 use crate::simulation::{ContactModeSpan, Separation, TorqueSchedule, Trajectory};
 

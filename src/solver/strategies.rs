@@ -9,10 +9,10 @@ use nalgebra::DVector;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::Method;
 use super::candidate::{Candidate, Stationarity, keep_better};
 use super::local_search::LocalSearch;
 use super::run_control::Phase;
+use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
     Ending, Interruption, Problem, Restoration, SequentialLinearSettings, criticality_measure, minimise_sequentially,

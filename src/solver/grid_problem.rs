@@ -1,0 +1,23 @@
+//! The shooting problem of a maneuver on a grid, without final times that no plan reaches.
+
+use super::lower_bound::{Grid, LowerBound, largest, lower_bounds};
+use super::settings::SolveInput;
+use crate::shooting::ShootingProblem;
+use crate::simulation::Simulator;
+
+/// Share of the lower bound that is ruled out: slightly less than 1, so that rounding excludes no plan.
+const SHARE_OF_BOUND: f64 = 0.99;
+
+/// The problem on a grid and the lower bound of its final time.
+///
+/// Final times below the bound are excluded, so that the search cannot collapse to a final time of zero.
+pub(super) fn problem_on<'a>(
+    input: &SolveInput,
+    simulator: &'a Simulator,
+    step_count: usize,
+) -> (ShootingProblem<'a>, LowerBound) {
+    let mut problem = ShootingProblem::new(simulator, &input.maneuver, step_count, input.settings.control_count);
+    let bound = largest(&lower_bounds(input, Grid::Steps(step_count)));
+    problem.rule_out_before(SHARE_OF_BOUND * bound.time);
+    (problem, bound)
+}
