@@ -1,0 +1,44 @@
+use super::*;
+
+fn solve(matrix: &DMatrix<f64>, target: &[f64], cost: &[f64], bound: f64, penalty_parameter: f64) -> ElasticSolution {
+    let n = cost.len();
+    let program = ElasticProgram {
+        matrix,
+        target: &DVector::from_column_slice(target),
+        equation_count: target.len(),
+        cost: &DVector::from_column_slice(cost),
+        lower: &DVector::repeat(n, -bound),
+        upper: &DVector::repeat(n, bound),
+        penalty_parameter,
+    };
+    ElasticSolver::new().solve(&program)
+}
+
+#[test]
+fn without_rows_that_bind_the_cheapest_corner_wins() {
+    let solution = solve(&DMatrix::zeros(1, 2), &[0.0], &[1.0, -2.0], 3.0, 10.0);
+    assert_eq!(solution.x.as_slice(), [-3.0, 3.0]);
+    assert_eq!(solution.objective, -9.0);
+}
+
+#[test]
+fn a_large_penalty_meets_the_row_and_its_multiplier_is_the_marginal_cost() {
+    // minimise x0 + 3 x1 with x0 + x1 = 1.5 and |x| <= 1: x0 = 1, x1 = 0.5, a unit of target costs 3.
+    let solution = solve(&DMatrix::from_row_slice(1, 2, &[1.0, 1.0]), &[1.5], &[1.0, 3.0], 1.0, 10.0);
+    assert!((solution.x[0] - 1.0).abs() < 1e-14 && (solution.x[1] - 0.5).abs() < 1e-14);
+    assert!((solution.multiplier[0] - 3.0).abs() < 1e-14);
+}
+
+#[test]
+fn a_small_penalty_violates_the_row() {
+    let solution = solve(&DMatrix::from_row_slice(1, 1, &[1.0]), &[0.5], &[1.0], 1.0, 0.5);
+    assert_eq!(solution.x[0], -1.0);
+    assert!((solution.objective - (-1.0 + 0.5 * 1.5)).abs() < 1e-15);
+}
+
+#[test]
+fn unreachable_targets_are_approached() {
+    let solution = solve(&DMatrix::from_row_slice(1, 2, &[1.0, 1.0]), &[5.0], &[0.0, 0.0], 1.0, 2.0);
+    assert_eq!(solution.x.as_slice(), [1.0, 1.0]);
+    assert!((solution.objective - 6.0).abs() < 1e-14);
+}
