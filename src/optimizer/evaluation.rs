@@ -1,4 +1,4 @@
-//! What an optimiser needs to know of a problem, and how much it may spend.
+//! The interface between an optimiser and its problem, and the rollout budget.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -84,11 +84,11 @@ pub enum Interruption {
     RolloutLimit,
 }
 
-/// Rollouts that may still be spent, and the stop flags, asked before each of them.
+/// Rollouts that may still be spent, and the stop flags, which are checked before each rollout.
 #[derive(Debug)]
 pub struct Budget<'a> {
     stop: &'a AtomicBool,
-    /// More flags, each of which stops it too.
+    /// Further stop flags.
     interrupts: &'a [&'a AtomicBool],
     limit: u64,
     spent: u64,
@@ -100,7 +100,7 @@ impl<'a> Budget<'a> {
         Self { stop, interrupts: &[], limit, spent: 0 }
     }
 
-    /// Stopped by any of these flags too.
+    /// Also stopped by any of these flags.
     #[must_use]
     pub fn interrupted_by(self, interrupts: &'a [&'a AtomicBool]) -> Self {
         Self { interrupts, ..self }

@@ -1,13 +1,17 @@
-//! Elastic linear programs with few rows and many boxed variables, by a primal simplex with bounds.
+//! Elastic linear programs with few rows and many boxed variables, by the bounded-variable primal simplex method (Dantzig
+//! 1955).
 //!
 //! ```text
 //! minimise cost' x + penalty_parameter (violations of equations and inequalities) subject to lower <= x <= upper, lower <= 0 <= upper
 //! ```
 //!
 //! Each row gets two slacks, `matrix x - above + below = target`, so the simplex starts at x = 0 without a first phase,
-//! and variables that gain nothing stay at 0. With m rows (8 for a maneuver) an iteration costs m n for pricing and m^2
-//! for the basis; a variable that goes from bound to bound costs no pivot. This beats a general solver by far on this
-//! shape (`benches/linear_program.rs`).
+//! and variables without a gain stay at 0. With m rows (8 for a maneuver) an iteration costs m n for pricing and m^2
+//! for the basis, of which the inverse is kept explicitly; a variable that goes from bound to bound costs no pivot. On this
+//! shape it is much faster than a general solver (`benches/linear_program.rs`).
+//!
+//! The entering column has the largest reduced cost (Dantzig), or after many steps of length zero the lowest index (Bland
+//! 1977); the leaving one is chosen by Harris's (1973) ratio test in two passes.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -17,28 +21,28 @@ use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
 const REDUCED_COST_TOLERANCE: f64 = 1e-11;
 /// How far a basic variable may pass its bound within one ratio test.
 const BOUND_TOLERANCE: f64 = 1e-9;
-/// Iterations without progress after which the lowest index is chosen, which cannot cycle.
+/// Iterations without progress after which the entering column is chosen by Bland's rule, the lowest index, against cycling.
 const STALL_LIMIT: usize = 50;
-/// Iterations between two questions whether to stop.
+/// Iterations between two checks of the stop condition.
 const STOP_PERIOD: usize = 64;
-/// Iterations per variable and row before the program counts as stuck.
+/// Iterations per variable and row after which the simplex gives up.
 const ITERATION_FACTOR: usize = 50;
 
-/// How much the simplex does against rounding. Rows are dependent when a plan ends sticking, and about one program in
-/// twenty thousand then needs more than usual.
+/// Safeguards against rounding. Rows are dependent when a plan ends sticking, and about one program in twenty thousand then
+/// needs the strict ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Care {
+enum Safeguards {
     #[default]
     Usual,
-    Great,
+    Strict,
 }
 
-impl Care {
-    /// Pivots smaller than this share of the largest entry of their column would blow rounding up.
+impl Safeguards {
+    /// Pivots smaller than this share of the largest entry of their column would amplify rounding too much.
     const fn pivot_tolerance(self) -> f64 {
         match self {
             Self::Usual => 1e-7,
-            Self::Great => 1e-5,
+            Self::Strict => 1e-5,
         }
     }
 
@@ -46,7 +50,7 @@ impl Care {
     const fn inversion_period(self) -> usize {
         match self {
             Self::Usual => 20,
-            Self::Great => 1,
+            Self::Strict => 1,
         }
     }
 }
@@ -54,8 +58,8 @@ impl Care {
 /// Memory of the simplex, reusable between programs of one shape.
 #[derive(Debug, Clone, Default)]
 pub struct ElasticSolver {
-    /// Per column (n structural, m above, m below): where it is.
-    place: Vec<Place>,
+    /// Status per column (n structural, m above, m below).
+    status: Vec<VariableStatus>,
     /// Column of each basic position.
     basis: Vec<usize>,
     basis_value: Vec<f64>,
@@ -65,19 +69,19 @@ pub struct ElasticSolver {
     pivots_since_inversion: usize,
     /// (descent, column)
     candidates: Vec<(f64, usize)>,
-    care: Care,
+    safeguards: Safeguards,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Place {
-    /// Not moved yet, and free to move either way.
+enum VariableStatus {
+    /// Nonbasic at 0, where it started: between its bounds, free to move either way.
     Zero,
     Lower,
     Upper,
     Basic,
 }
 
-/// A column that improves the objective, and the way it should move.
+/// A column that improves the objective, and the direction in which it moves.
 struct Entering {
     column: usize,
     sign: f64,
@@ -87,7 +91,7 @@ enum Blocking {
     /// The entering column reaches its other bound first.
     OtherBound,
     /// A basic position reaches a bound.
-    Position { index: usize, at: Place },
+    Position { index: usize, at: VariableStatus },
 }
 
 impl ElasticSolver {
@@ -101,13 +105,13 @@ impl ElasticSolver {
         self.solve_until(program, &|| false)
     }
 
-    /// As [`ElasticSolver::solve`]; asks `is_stopped` now and then and gives up, with x = 0 at worst, when it says so:
-    /// programs of thousands of variables take many milliseconds.
+    /// As [`ElasticSolver::solve`], but ends early, with x = 0 at worst, once `is_stopped` returns true: programs of thousands
+    /// of variables take many milliseconds.
     pub fn solve_until(&mut self, program: &ElasticProgram, is_stopped: &dyn Fn() -> bool) -> ElasticSolution {
         let staying = program.penalty_parameter * violation_sum(&-program.target, program.equation_count);
         let mut iterations = 0;
-        for care in [Care::Usual, Care::Great] {
-            let mut solution = self.solve_with(program, care, is_stopped);
+        for safeguards in [Safeguards::Usual, Safeguards::Strict] {
+            let mut solution = self.solve_with(program, safeguards, is_stopped);
             iterations += solution.iterations;
             solution.iterations = iterations;
             if solution.objective <= staying {
@@ -119,8 +123,13 @@ impl ElasticSolver {
         ElasticSolution { x: DVector::zeros(columns), multiplier: DVector::zeros(rows), objective: staying, iterations }
     }
 
-    fn solve_with(&mut self, program: &ElasticProgram, care: Care, is_stopped: &dyn Fn() -> bool) -> ElasticSolution {
-        self.care = care;
+    fn solve_with(
+        &mut self,
+        program: &ElasticProgram,
+        safeguards: Safeguards,
+        is_stopped: &dyn Fn() -> bool,
+    ) -> ElasticSolution {
+        self.safeguards = safeguards;
         self.start(program);
         self.update_multipliers(program);
         let (rows, columns) = program.matrix.shape();
@@ -129,7 +138,7 @@ impl ElasticSolver {
         while iterations < ITERATION_FACTOR * (rows + columns) {
             self.list_candidates(program);
             if stalled >= STALL_LIMIT {
-                // The lowest index cannot cycle.
+                // Bland's rule for the entering column.
                 self.candidates.sort_unstable_by_key(|(_, column)| *column);
                 self.candidates.truncate(1);
             }
@@ -159,16 +168,16 @@ impl ElasticSolver {
         let mut candidates = std::mem::take(&mut self.candidates);
         candidates.clear();
         let improving = |column| self.entering(program, column).map(|(_, descent)| (descent, column));
-        candidates.extend((0..self.place.len()).filter_map(improving));
+        candidates.extend((0..self.status.len()).filter_map(improving));
         candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         self.candidates = candidates;
     }
 
-    /// Rests every variable at 0; every row is taken up by a slack.
+    /// Sets every variable to 0; the basis consists of one slack per row.
     fn start(&mut self, program: &ElasticProgram) {
         let (rows, columns) = program.matrix.shape();
-        self.place.clear();
-        self.place.resize(columns + 2 * rows, Place::Zero);
+        self.status.clear();
+        self.status.resize(columns + 2 * rows, VariableStatus::Zero);
         self.basis.resize(rows, 0);
         self.basis_value.resize(rows, 0.0);
         self.inverse = DMatrix::zeros(rows, rows);
@@ -178,8 +187,8 @@ impl ElasticSolver {
             let value = -program.target[row];
             let (basic, resting) = if value >= 0.0 { (above, below) } else { (below, above) };
             self.basis[row] = basic;
-            self.place[basic] = Place::Basic;
-            self.place[resting] = Place::Lower;
+            self.status[basic] = VariableStatus::Basic;
+            self.status[resting] = VariableStatus::Lower;
             self.basis_value[row] = value.abs();
             self.inverse[(row, row)] = program.slack_sign(basic);
         }
@@ -187,10 +196,10 @@ impl ElasticSolver {
     }
 
     fn resting_value(&self, program: &ElasticProgram, column: usize) -> f64 {
-        match self.place[column] {
-            Place::Zero | Place::Basic => 0.0,
-            Place::Lower => program.bounds(column).0,
-            Place::Upper => program.bounds(column).1,
+        match self.status[column] {
+            VariableStatus::Zero | VariableStatus::Basic => 0.0,
+            VariableStatus::Lower => program.bounds(column).0,
+            VariableStatus::Upper => program.bounds(column).1,
         }
     }
 
@@ -209,18 +218,18 @@ impl ElasticSolver {
         }
     }
 
-    /// The way in which a column improves the objective, with its rate, if it does.
+    /// The direction in which a column improves the objective, with its rate; none if it does not.
     #[inline]
     fn entering(&self, program: &ElasticProgram, column: usize) -> Option<(Entering, f64)> {
-        let place = self.place[column];
-        if place == Place::Basic {
+        let status = self.status[column];
+        if status == VariableStatus::Basic {
             return None;
         }
         let reduced_cost = self.reduced_cost(program, column);
-        let sign = match place {
-            Place::Lower | Place::Basic => 1.0,
-            Place::Upper => -1.0,
-            Place::Zero => -reduced_cost.signum(),
+        let sign = match status {
+            VariableStatus::Lower | VariableStatus::Basic => 1.0,
+            VariableStatus::Upper => -1.0,
+            VariableStatus::Zero => -reduced_cost.signum(),
         };
         let descent = -sign * reduced_cost;
         let entering = Entering { column, sign };
@@ -247,12 +256,13 @@ impl ElasticSolver {
         }
         match blocking {
             Blocking::OtherBound => {
-                self.place[entering.column] = if entering.sign > 0.0 { Place::Upper } else { Place::Lower };
+                self.status[entering.column] =
+                    if entering.sign > 0.0 { VariableStatus::Upper } else { VariableStatus::Lower };
             }
             Blocking::Position { index, at } => {
                 let entering_value = self.resting_value(program, entering.column) + entering.sign * step;
-                self.place[self.basis[index]] = at;
-                self.place[entering.column] = Place::Basic;
+                self.status[self.basis[index]] = at;
+                self.status[entering.column] = VariableStatus::Basic;
                 self.basis[index] = entering.column;
                 self.basis_value[index] = entering_value;
                 self.pivot(program, index);
@@ -283,12 +293,12 @@ impl ElasticSolver {
 
     /// How far the entering column can move, and what stops it.
     ///
-    /// In two passes (Harris): with bounds relaxed by a tolerance many positions block at nearly the same step, and the
-    /// one with the largest pivot is taken. Rows are dependent when a plan ends sticking; smaller pivots would make the
-    /// basis singular to rounding.
+    /// In two passes (Harris 1973): the first finds the step with bounds relaxed by a tolerance; of the positions that block
+    /// within that step the second takes the one with the largest pivot. Rows are dependent when a plan ends sticking; smaller
+    /// pivots would make the basis singular to rounding.
     fn ratio_test(&self, program: &ElasticProgram, entering: &Entering) -> (f64, Blocking) {
         let own_room = self.room(program, entering);
-        let smallest_pivot = self.care.pivot_tolerance() * self.direction.amax();
+        let smallest_pivot = self.safeguards.pivot_tolerance() * self.direction.amax();
         let mut relaxed = own_room;
         for index in 0..self.basis.len() {
             if let Some((room, rate, _)) = self.blocking_at(program, entering, index, smallest_pivot) {
@@ -313,28 +323,29 @@ impl ElasticSolver {
 
     /// (room to the bound, speed towards it, the bound) of a basic position that moves.
     ///
-    /// The room may be slightly negative: the step then goes back, so that what leaves the basis is at its bound exactly.
+    /// The room may be slightly negative: the step is then negative, so that the variable leaves the basis exactly at its bound.
     fn blocking_at(
         &self,
         program: &ElasticProgram,
         entering: &Entering,
         index: usize,
         smallest_pivot: f64,
-    ) -> Option<(f64, f64, Place)> {
+    ) -> Option<(f64, f64, VariableStatus)> {
         let rate = entering.sign * self.direction[index];
         if rate.abs() <= smallest_pivot {
             return None;
         }
         let (lower, upper) = program.bounds(self.basis[index]);
         let value = self.basis_value[index];
-        let (room, at) = if rate > 0.0 { (value - lower, Place::Lower) } else { (upper - value, Place::Upper) };
+        let (room, at) =
+            if rate > 0.0 { (value - lower, VariableStatus::Lower) } else { (upper - value, VariableStatus::Upper) };
         Some((room, rate.abs(), at))
     }
 
     /// Updates the inverse after the basis has changed at `index`.
     fn pivot(&mut self, program: &ElasticProgram, index: usize) {
         self.pivots_since_inversion += 1;
-        if self.pivots_since_inversion >= self.care.inversion_period() && self.invert_basis(program) {
+        if self.pivots_since_inversion >= self.safeguards.inversion_period() && self.invert_basis(program) {
             return;
         }
         let rows = self.basis.len();
@@ -366,7 +377,7 @@ impl ElasticSolver {
         self.pivots_since_inversion = 0;
         let mut remaining = program.target.clone();
         for column in 0..columns {
-            if self.place[column] != Place::Basic {
+            if self.status[column] != VariableStatus::Basic {
                 remaining.axpy(-self.resting_value(program, column), &program.matrix.column(column), 1.0);
             }
         }

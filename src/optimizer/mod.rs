@@ -1,4 +1,4 @@
-//! Optimisers that know no mechanics: sequential linear programming and Nelder-Mead.
+//! Optimisers, independent of any mechanics: sequential linear programming and Nelder-Mead.
 
 mod elastic_program;
 mod evaluation;

@@ -1,4 +1,4 @@
-//! The downhill simplex of Nelder & Mead, the paper's optimiser, with adaptive coefficients and restarts.
+//! The downhill simplex method of Nelder & Mead (1965), the paper's optimiser, with adaptive coefficients and restarts.
 //!
 //! In 81 dimensions the classical coefficients collapse the simplex. Those of Gao & Han ("Implementing the Nelder-Mead
 //! simplex algorithm with adaptive parameters", 2012) depend on the dimension n:
@@ -18,7 +18,7 @@ pub struct NelderMeadSettings {
     pub edge: DVector<f64>,
     /// Most restarts about the best point, each with a new simplex.
     pub restart_limit: usize,
-    /// A simplex whose values differ by less is spent.
+    /// A simplex whose values differ by less has converged.
     pub value_tolerance: f64,
     /// Restarts that gain less, several times in a row, end the search.
     pub smallest_gain: f64,
@@ -30,7 +30,7 @@ const RESTART_SHRINKAGE: f64 = 0.7;
 const SMALLEST_EDGE: f64 = 0.05;
 /// Restarts without gain that end the search.
 const IDLE_RESTARTS: usize = 3;
-/// Reflections per dimension after which a simplex that creeps is given up.
+/// Iterations per dimension after which a slowly converging simplex is restarted.
 const CYCLE_LENGTH: usize = 400;
 
 /// The best point found.
@@ -48,7 +48,7 @@ pub struct NelderMeadResult {
 
 /// Minimises `value` from `start`; each call of `value` takes one rollout from the budget.
 ///
-/// `on_improvement` hears of each new best point.
+/// `on_improvement` is called with each new best point.
 pub fn minimise_by_nelder_mead(
     value: &mut dyn FnMut(&DVector<f64>) -> f64,
     start: &DVector<f64>,
@@ -157,8 +157,8 @@ impl Search<'_, '_> {
         let factor = if outside { coefficients.contraction } else { -coefficients.contraction };
         let contracted = simplex.along_centroid(factor);
         let contracted_value = self.evaluate(&contracted)?;
-        let bar = if outside { reflected_value } else { worst };
-        Ok((contracted_value <= bar).then_some((contracted_value, contracted)))
+        let bound = if outside { reflected_value } else { worst };
+        Ok((contracted_value <= bound).then_some((contracted_value, contracted)))
     }
 
     /// Pulls all vertices towards the best one.

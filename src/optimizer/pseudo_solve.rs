@@ -1,4 +1,4 @@
-//! Least solutions of small linear systems that may be singular.
+//! Least-norm solutions of small linear systems that may be singular, by eigenvalues of the Gram matrix.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -7,10 +7,10 @@ const RANK_TOLERANCE: f64 = 1e-7;
 /// An 8x8 matrix takes some 20.
 const EIGENVALUE_SWEEPS: usize = 1000;
 
-/// The least solution of `gram w = residual` for a positive semidefinite matrix; none when it is not finite.
+/// The least-norm solution of `gram w = residual` for a positive semidefinite matrix; none when it is not finite.
 ///
-/// The rows are few, so the Gram matrix keeps the cost at m^2 n. Its eigenvalues are iterated with a limit: nalgebra's
-/// pseudo-inverse never returns for a NaN.
+/// With few rows m the Gram matrix keeps the cost at m^2 n. The eigenvalue iteration has a limit, since nalgebra's
+/// pseudo-inverse does not terminate for a NaN.
 pub(super) fn pseudo_solve(gram: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
     if !gram.iter().chain(residual.iter()).all(|value| value.is_finite()) {
         return None;

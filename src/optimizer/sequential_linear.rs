@@ -4,10 +4,14 @@
 //! merit(x) = cost' x + penalty_parameter (|residual(x)|_1 + |inequality(x)+|_1)
 //! ```
 //!
-//! Each iteration minimises the merit's linear model in a box about x (an elastic program), tries the step, corrects it
-//! once by least squares when the residuals curve, and keeps whichever point is better. The merit, never the model,
-//! decides: at a contact's slip reversal the derivative can be wrong. Time-optimal torques are bang-bang, so most
-//! variables end at a bound and the linear model is as good as a quadratic one.
+//! Source: the penalty successive linear programming of Zhang, Kim & Lasdon (1985), which is Fletcher's `Sl1QP` ("Practical
+//! Methods of Optimization", 1987) with a linear model.
+//!
+//! Each iteration minimises the merit's linear model in a box about x (an elastic program) and tries the step. Where the
+//! merit falls by much less than predicted, a second-order correction (Fletcher 1982), here the least change that removes
+//! the residuals' curvature, is tried too, and the better point is kept. Acceptance depends on the merit alone: at a
+//! contact's slip reversal the derivative can be wrong. Time-optimal torques are bang-bang, so most variables end at a bound
+//! and the linear model is as good as a quadratic one.
 
 use nalgebra::DVector;
 
@@ -17,7 +21,7 @@ use super::linear_program::ElasticSolver;
 use super::pseudo_solve::pseudo_solve;
 use super::shifted_constraints::ShiftedConstraints;
 
-/// Parameters of the iteration; the defaults were measured on the paper's forward drive.
+/// Parameters of the iteration; the defaults were chosen by measurements on the paper's forward drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SequentialLinearSettings {
     /// Penalty parameter of the merit; the penalty is exact when it exceeds every multiplier of the problem.
@@ -28,7 +32,7 @@ pub struct SequentialLinearSettings {
     pub feasibility_tolerance: f64,
     /// Inequalities violated by at most this much are met.
     pub inequality_tolerance: f64,
-    /// Ends where the model promises at most this much decrease of the merit.
+    /// The iteration ends where the model predicts at most this much decrease of the merit.
     pub smallest_prediction: f64,
     /// Most iterations.
     pub iteration_limit: usize,
@@ -41,7 +45,7 @@ pub struct SequentialLinearSettings {
 pub enum Restoration {
     /// Yes: the point is an answer.
     Restore,
-    /// No: the point is a step on the way.
+    /// No: the point is an intermediate one.
     Skip,
 }
 
@@ -61,9 +65,9 @@ impl Default for SequentialLinearSettings {
 
 const LARGEST_RADIUS: f64 = 1.0;
 const SMALLEST_RADIUS: f64 = 1e-6;
-/// No decrease beyond rounding of the merit.
+/// Predicted decreases up to this are rounding of the merit.
 const SMALLEST_PREDICTION: f64 = 1e-7;
-/// Gains below this, several times in a row at feasibility, are not worth a rollout.
+/// Gains below this, several times in a row near feasibility, end the iteration.
 const SMALL_GAIN: f64 = 1e-5;
 const SMALL_GAIN_LIMIT: usize = 6;
 const GROW_RATIO: f64 = 0.5;
@@ -89,9 +93,9 @@ const SHORTENING_LIMIT: usize = 4;
 pub enum Ending {
     /// The linear model predicts no further decrease.
     Stationary,
-    /// Steps gain nothing worth having.
+    /// Several steps in a row gained very little.
     SmallGains,
-    /// The trust region shrank to nothing: a kink of the merit.
+    /// The trust region shrank to its smallest radius: a kink of the merit.
     SmallRadius,
     /// The iteration limit.
     IterationLimit,
@@ -117,7 +121,7 @@ pub struct SequentialLinearResult {
 
 /// Minimises `cost' x` subject to `residual = 0`, `inequality <= 0` and the bounds, from `start`.
 ///
-/// `on_improvement` hears of each accepted point (the point and its constraint values).
+/// `on_improvement` is called with each accepted point and its constraint values.
 pub fn minimise_sequentially(
     problem: &mut dyn Problem,
     start: &DVector<f64>,
@@ -220,7 +224,7 @@ struct Search<'a> {
     settings: &'a SequentialLinearSettings,
     programs: ElasticSolver,
     x: DVector<f64>,
-    /// Its constraint values are those of x; its derivatives too, when it is current.
+    /// Its constraint values are those of x; so are its derivatives, when it is current.
     model: Linearisation,
     model_is_current: bool,
     radius: f64,
@@ -238,7 +242,7 @@ impl<'a> Search<'a> {
     fn new(problem: &'a mut dyn Problem, start: &DVector<f64>, settings: &'a SequentialLinearSettings) -> Self {
         let x = clamped(start, problem.lower(), problem.upper());
         let mut model = Linearisation::new(problem.constraints(), start.len());
-        // Unknown until the first rollout, which a budget may refuse.
+        // Not known before the first rollout, which the budget may not allow.
         model.constraints.residual.fill(f64::NAN);
         Self {
             problem,
@@ -328,7 +332,7 @@ impl<'a> Search<'a> {
         self.problem.cost().dot(&(&self.x + step)) + self.settings.penalty_parameter * violation
     }
 
-    /// The point after the step; above `good_merit` also its correction is tried, and the better one kept.
+    /// The point after the step; if its merit exceeds `good_merit`, its correction is tried too, and the better one is kept.
     fn try_step(&mut self, step: &DVector<f64>, good_merit: f64, budget: &mut Budget) -> Result<Trial, Interruption> {
         let trial = self.evaluate(&(&self.x + step), budget)?;
         if trial.merit <= good_merit {
@@ -386,7 +390,7 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Takes the change, or a half, a quarter, ... of it: at a kink only a part helps. False when nothing does.
+    /// Takes the change, or a half, a quarter, ... of it: at a kink only a part may reduce the violation. False when none does.
     fn shorten_until_better(&mut self, change: &DVector<f64>, budget: &mut Budget) -> Result<bool, Interruption> {
         let mut share = 1.0;
         for _ in 0..SHORTENING_LIMIT {

@@ -1,4 +1,4 @@
-//! One step of Moreau's midpoint scheme (figure 2 of the paper), in the body frame of the midpoint.
+//! One step of Moreau's (1988) midpoint time-stepping scheme (figure 2 of the paper), in the body frame of the midpoint.
 //!
 //! ```text
 //! q_M = q_A + dt/2 u_A
@@ -14,7 +14,7 @@ use crate::contact::{
 };
 use crate::robot::{BodyVector, PerWheel, Robot, State};
 
-/// Everything about the robot that a step needs, with `N` friction directions (3, or 5 with front friction).
+/// The constant data of the robot that a step needs, with `N` friction directions (3, or 5 with front friction).
 #[derive(Debug, Clone)]
 pub(super) struct StepModel<const N: usize> {
     pub(super) operator: DelassusOperator<N>,
@@ -42,7 +42,7 @@ pub(super) struct FreeNormalForce {
     pub(super) by_torque: PerWheel<Vector3<f64>>,
 }
 
-/// One step as it was taken; enough to record it and to differentiate it.
+/// One step with its data: enough to record it and to differentiate it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step<const N: usize> {
     pub(super) end: State,

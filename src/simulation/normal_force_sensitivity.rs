@@ -1,7 +1,8 @@
-//! Derivatives of chosen normal forces of a rollout with respect to every torque and the final time.
+//! Derivatives of chosen normal forces of a rollout with respect to every torque and the final time, by the discrete adjoint
+//! method.
 //!
-//! A normal force depends on the body velocity at the start of its step, on the torques and on the step length; neither
-//! position nor heading matter. One backward sweep in the body frame carries a row per chosen force:
+//! A normal force depends on the body velocity at the start of its step, on the torques and on the step length, but not on
+//! position or heading. One backward sweep in the body frame carries a row per chosen force:
 //!
 //! ```text
 //! u_E = step(u_A, torque, dt)               in the body frame of the midpoint
@@ -30,7 +31,7 @@ pub struct NormalForceDerivative {
     pub by_final_time: f64,
 }
 
-/// A chosen force on its way back through the rollout.
+/// The derivatives of a chosen force by the current step, in the backward sweep.
 struct Row {
     contact: usize,
     /// The step of the force.

@@ -146,7 +146,7 @@ impl<const N: usize> StepContact<N> for FixedPointSolver {
     }
 }
 
-/// Any step solver, with a count of the steps that have several solutions.
+/// A step solver with a count of the steps that have several solutions.
 struct CheckedContact<S> {
     solver: S,
     indeterminate_steps: usize,

@@ -1,6 +1,7 @@
-//! Derivatives of a rollout's end state with respect to every torque and the final time.
+//! Derivatives of a rollout's end state with respect to every torque and the final time, by the discrete adjoint method
+//! (reverse accumulation over the steps).
 //!
-//! The converged steps are differentiated, not the iterations that found them: in its contact pattern each step's
+//! The converged steps are differentiated, not the iterations that computed them: in its contact pattern each step's
 //! friction impulse is a differentiable function of the step's data (implicit function theorem), so a step is a
 //! differentiable map
 //!
@@ -10,7 +11,7 @@
 //!
 //! One backward sweep carries ten rows, the derivatives of the end state by the current state. Position and wheel
 //! angles enter no step, so their rows and columns pass through unchanged. Transitions between sticking and slipping
-//! are exact; at a slip reversal no derivative of a fixed-step scheme is right (`docs/model.md`).
+//! are exact; at a slip reversal the derivative of every fixed-step scheme is wrong (`docs/model.md`).
 
 use nalgebra::SVector;
 
@@ -203,7 +204,7 @@ fn world(velocity: &BodyVector, (sin, cos): (f64, f64)) -> BodyVector {
 
 /// The chain rule: derivatives by the velocities, and those velocities' derivatives by one variable.
 ///
-/// Vector by vector: the library's matrix product walks strides that it does not know, and takes three times as long.
+/// Vector by vector: nalgebra's matrix product, whose strides are not known at compile time, takes three times as long.
 #[inline]
 fn through(by_velocity: &ByVelocity, of_velocity: &[f64; 5]) -> EndDerivative {
     let [right, forward, yaw, left_wheel, right_wheel] = by_velocity;
