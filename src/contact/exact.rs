@@ -280,8 +280,8 @@ impl<'a, const N: usize> Search<'a, N> {
         (candidate.residual <= self.tolerance).then_some(candidate)
     }
 
-    /// With the residual that allows for undetermined slip directions ([`contact_impulses`]). Computing it for every candidate
-    /// would cost 8 % of a drifting rollout.
+    /// With the residual that allows for undetermined slip directions ([`contact_impulses`]). Computing it for every
+    /// candidate would cost 8 % of a drifting rollout.
     fn with_undetermined_directions(&self, candidate: ContactSolution<N>) -> ContactSolution<N> {
         let ContactSolution { impact_slip, normal_impulse, .. } = &candidate;
         let parts = contact_impulses(self.operator, &candidate);

@@ -26,8 +26,8 @@ pub(super) struct Newton<'a, const N: usize> {
 }
 
 impl<const N: usize> Newton<'_, N> {
-    /// Iterates from `start`; each impulse whose update was at most `small_update` (N s) is passed to `accept`, which ends the
-    /// iteration with `Some`.
+    /// Iterates from `start`; each impulse whose update was at most `small_update` (N s) is passed to `accept`, which ends
+    /// the iteration with `Some`.
     ///
     /// None when no impulse was accepted or the equations became singular.
     #[inline]

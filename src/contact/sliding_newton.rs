@@ -12,7 +12,8 @@
 //! slipping contact:       xi_i + sigma_i Lambda_i = 0,   |Lambda_i|^2 = (mu_i Lambda_N,i)^2
 //! ```
 //!
-//! A step costs more than with the equations of [`super::mode_equations`], which are used wherever the slip is large enough.
+//! A step costs more than with the equations of [`super::mode_equations`], which are used wherever the slip is large
+//! enough.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -50,8 +51,8 @@ struct Equations {
 }
 
 impl<const N: usize> SlidingNewton<'_, N> {
-    /// Iterates from impulses per contact; each impulse whose update was at most `small_update` (N s) is passed to `accept`,
-    /// which ends the iteration with `Some`. None when no impulse was accepted or the equations became singular.
+    /// Iterates from impulses per contact; each impulse whose update was at most `small_update` (N s) is passed to
+    /// `accept`, which ends the iteration with `Some`. None when no impulse was accepted or the equations became singular.
     pub(super) fn solve<T>(
         &self,
         start: &[ContactImpulse; 3],

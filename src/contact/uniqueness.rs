@@ -1,8 +1,8 @@
 //! A sufficient condition for the one-step friction problem to have exactly one solution, whatever the step's data; derived
 //! here, also in `docs/model.md`.
 //!
-//! Let `x` be the difference of two solutions' impulses, `A` the Delassus matrix, `A_i` its rows of contact i, and `b_i x` the
-//! difference of contact i's normal impulses. Each solution dissipates at least as much as any other admissible impulse
+//! Let `x` be the difference of two solutions' impulses, `A` the Delassus matrix, `A_i` its rows of contact i, and `b_i x`
+//! the difference of contact i's normal impulses. Each solution dissipates at least as much as any other admissible impulse
 //! would; the two statements, added, are
 //!
 //! ```text

@@ -2,7 +2,8 @@
 //! 1955).
 //!
 //! ```text
-//! minimise cost' x + penalty_parameter (violations of equations and inequalities) subject to lower <= x <= upper, lower <= 0 <= upper
+//! minimise    cost' x + penalty_parameter (violations of equations and inequalities)
+//! subject to  lower <= x <= upper,  lower <= 0 <= upper
 //! ```
 //!
 //! Each row gets two slacks, `matrix x - above + below = target`, so the simplex starts at x = 0 without a first phase,
@@ -21,7 +22,8 @@ use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
 const REDUCED_COST_TOLERANCE: f64 = 1e-11;
 /// How far a basic variable may pass its bound within one ratio test.
 const BOUND_TOLERANCE: f64 = 1e-9;
-/// Iterations without progress after which the entering column is chosen by Bland's rule, the lowest index, against cycling.
+/// Iterations without progress after which the entering column is chosen by Bland's rule, the lowest index, against
+/// cycling.
 const STALL_LIMIT: usize = 50;
 /// Iterations between two checks of the stop condition.
 const STOP_PERIOD: usize = 64;
@@ -105,8 +107,8 @@ impl ElasticSolver {
         self.solve_until(program, &|| false)
     }
 
-    /// As [`ElasticSolver::solve`], but ends early, with x = 0 at worst, once `is_stopped` returns true: programs of thousands
-    /// of variables take many milliseconds.
+    /// As [`ElasticSolver::solve`], but ends early, with x = 0 at worst, once `is_stopped` returns true: programs of
+    /// thousands of variables take many milliseconds.
     pub fn solve_until(&mut self, program: &ElasticProgram, is_stopped: &dyn Fn() -> bool) -> ElasticSolution {
         let staying = program.penalty_parameter * violation_sum(&-program.target, program.equation_count);
         let mut iterations = 0;
@@ -293,9 +295,9 @@ impl ElasticSolver {
 
     /// How far the entering column can move, and what stops it.
     ///
-    /// In two passes (Harris 1973): the first finds the step with bounds relaxed by a tolerance; of the positions that block
-    /// within that step the second takes the one with the largest pivot. Rows are dependent when a plan ends sticking; smaller
-    /// pivots would make the basis singular to rounding.
+    /// In two passes (Harris 1973): the first finds the step with bounds relaxed by a tolerance; of the positions that
+    /// block within that step the second takes the one with the largest pivot. Rows are dependent when a plan ends
+    /// sticking; smaller pivots would make the basis singular to rounding.
     fn ratio_test(&self, program: &ElasticProgram, entering: &Entering) -> (f64, Blocking) {
         let own_room = self.room(program, entering);
         let smallest_pivot = self.safeguards.pivot_tolerance() * self.direction.amax();
@@ -323,7 +325,8 @@ impl ElasticSolver {
 
     /// (room to the bound, speed towards it, the bound) of a basic position that moves.
     ///
-    /// The room may be slightly negative: the step is then negative, so that the variable leaves the basis exactly at its bound.
+    /// The room may be slightly negative: the step is then negative, so that the variable leaves the basis exactly at its
+    /// bound.
     fn blocking_at(
         &self,
         program: &ElasticProgram,

@@ -10,8 +10,8 @@
 //! Each iteration minimises the merit's linear model in a box about x (an elastic program) and tries the step. Where the
 //! merit falls by much less than predicted, a second-order correction (Fletcher 1982), here the least change that removes
 //! the residuals' curvature, is tried too, and the better point is kept. Acceptance depends on the merit alone: at a
-//! contact's slip reversal the derivative can be wrong. Time-optimal torques are bang-bang, so most variables end at a bound
-//! and the linear model is as good as a quadratic one.
+//! contact's slip reversal the derivative can be wrong. Time-optimal torques are bang-bang, so most variables end at a
+//! bound and the linear model is as good as a quadratic one.
 
 use nalgebra::DVector;
 
@@ -332,7 +332,8 @@ impl<'a> Search<'a> {
         self.problem.cost().dot(&(&self.x + step)) + self.settings.penalty_parameter * violation
     }
 
-    /// The point after the step; if its merit exceeds `good_merit`, its correction is tried too, and the better one is kept.
+    /// The point after the step; if its merit exceeds `good_merit`, its correction is tried too, and the better one is
+    /// kept.
     fn try_step(&mut self, step: &DVector<f64>, good_merit: f64, budget: &mut Budget) -> Result<Trial, Interruption> {
         let trial = self.evaluate(&(&self.x + step), budget)?;
         if trial.merit <= good_merit {
@@ -390,7 +391,8 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Takes the change, or a half, a quarter, ... of it: at a kink only a part may reduce the violation. False when none does.
+    /// Takes the change, or a half, a quarter, ... of it: at a kink only a part may reduce the violation. False when none
+    /// does.
     fn shorten_until_better(&mut self, change: &DVector<f64>, budget: &mut Budget) -> Result<bool, Interruption> {
         let mut share = 1.0;
         for _ in 0..SHORTENING_LIMIT {
@@ -412,8 +414,8 @@ impl<'a> Search<'a> {
         (0..equations).chain(violated.map(|(row, _)| equations + row)).collect()
     }
 
-    /// The smallest change (in units of the variable scales) of the variables off their bounds whose linear effect on `rows` is
-    /// `missed`.
+    /// The smallest change (in units of the variable scales) of the variables off their bounds whose linear effect on
+    /// `rows` is `missed`.
     fn least_change(&self, x: &DVector<f64>, rows: &[usize], missed: &DVector<f64>) -> Option<DVector<f64>> {
         let mut scale = self.problem.variable_scale(x);
         for (index, scale) in scale.iter_mut().enumerate() {

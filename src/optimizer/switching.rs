@@ -1,8 +1,8 @@
 //! Sign check of the switching function (Pontryagin's minimum principle, discretised).
 //!
-//! The reduced cost of a variable, `cost_j - multiplier' jacobian_j`, is the change of the optimal cost per unit of that variable:
-//! for a torque over time it is the switching function. At a first-order optimum it is negative or zero where the variable
-//! is at its upper bound, positive or zero at its lower bound, and zero in between.
+//! The reduced cost of a variable, `cost_j - multiplier' jacobian_j`, is the change of the optimal cost per unit of that
+//! variable: for a torque over time it is the switching function. At a first-order optimum it is negative or zero where the
+//! variable is at its upper bound, positive or zero at its lower bound, and zero in between.
 
 use nalgebra::DVector;
 

@@ -2,8 +2,8 @@
 //! normal forces.
 //!
 //! Source: Yunt & Glocker, "Time-optimal trajectories of a differential drive robot", equations (2) to (22); the
-//! matrices that the paper does not print are derived in `docs/model.md`. Nothing here knows how a friction problem
-//! is solved.
+//! matrices that the paper does not print are derived in `docs/model.md`. Nothing here depends on how a friction
+//! problem is solved.
 
 mod contact_kinematics;
 mod dynamics;

@@ -17,8 +17,8 @@ pub fn decision_from_schedule(schedule: &TorqueSchedule) -> DVector<f64> {
     DVector::from_iterator(decision_len(schedule.control_count()), torques.chain([schedule.final_time]))
 }
 
-/// The schedule of a decision vector; the inverse of [`decision_from_schedule`], to the last bit or two of the final time:
-/// that is a product of the interval, so that whoever gets only the interval rolls out the very same motion.
+/// The schedule of a decision vector; the inverse of [`decision_from_schedule`] up to one or two units in the last place of
+/// the final time: that is recomputed from the interval, so that a schedule given by its interval has the same rollout.
 pub fn schedule_from_decision(decision: &DVector<f64>) -> TorqueSchedule {
     let control_count = (decision.len() - 1) / 2;
     let mut schedule =
@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_tells_the_final_time_to_the_last_bit() {
+    fn the_interval_gives_the_final_time_to_the_last_bit() {
         for control_count in 1..500 {
             let mut decision = DVector::zeros(decision_len(control_count));
             for tenths in 1..100 {

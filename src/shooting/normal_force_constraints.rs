@@ -5,8 +5,8 @@ use nalgebra::{DVector, Dyn, MatrixViewMut, U1, Vector3};
 use crate::robot::Robot;
 use crate::simulation::{LeastNormalForces, NormalForceDerivative};
 
-/// The search keeps the normal force of every contact above this share of the weight, so that the last corrections of a plan
-/// cause no separation.
+/// The search keeps the normal force of every contact above this share of the weight, so that the last corrections of a
+/// plan cause no separation.
 const MARGIN: f64 = 1e-3;
 /// Inequality values up to this much, as a share of the weight, mean no separation.
 pub const NORMAL_FORCE_TOLERANCE: f64 = MARGIN / 2.0;

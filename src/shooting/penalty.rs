@@ -6,7 +6,7 @@
 //!            + normal_force_penalty sum max(inequality_k, 0)^2
 //! ```
 //!
-//! The rollout itself runs with torques cut to their limits, so that every iterate is a plan the robot can follow.
+//! The rollout itself runs with torques clamped to their limits, so that every iterate is a plan within the limits.
 
 use nalgebra::DVector;
 

@@ -10,11 +10,11 @@ use crate::optimizer::{Constraints, Linearisation, Problem};
 use crate::robot::State;
 use crate::simulation::{EndDerivative, EndSensitivity, LeastNormalForces, Rollout, Simulator, TorqueSchedule};
 
-/// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): what is left of a maneuver shows first in its end.
+/// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): a time constant of 0.3 s.
 const SPEED_SCALE: f64 = 0.3;
 /// The variable scale of a torque is its limit, that of the final time this fraction of itself.
 const FINAL_TIME_SCALE: f64 = 0.5;
-/// Shortest final time that is searched, s: without a bound the linear model would let it collapse.
+/// Shortest final time that is searched, s: without a lower bound the linear model could make it zero or negative.
 pub const SHORTEST_FINAL_TIME: f64 = 0.02;
 /// Longest final time that is searched, s.
 pub const LONGEST_FINAL_TIME: f64 = 1e4;
@@ -57,12 +57,14 @@ impl GoalScales {
         errors.fold(0.0, |worst, error| if error > worst || error.is_nan() { error } else { worst })
     }
 
-    /// Where every goal error is in tolerance, residuals are at most `goal_tolerance * largest`.
+    /// The largest scale: if every goal error is within `goal_tolerance`, every residual is within
+    /// `goal_tolerance * largest`.
     pub fn largest(&self) -> f64 {
         self.0.iter().copied().fold(0.0, f64::max)
     }
 
-    /// Residuals below `goal_tolerance * smallest` keep every goal error in tolerance.
+    /// The smallest scale: if every residual is within `goal_tolerance * smallest`, every goal error is within
+    /// `goal_tolerance`.
     pub fn smallest(&self) -> f64 {
         self.0.iter().copied().fold(f64::INFINITY, f64::min)
     }
@@ -71,7 +73,7 @@ impl GoalScales {
 impl<'a> ShootingProblem<'a> {
     /// Formulates a maneuver on a grid of `step_count` steps and `control_count` torques per wheel.
     ///
-    /// The heading is aimed at in the winding nearest to the start's.
+    /// The target heading is the one nearest to the start's heading, modulo whole turns.
     pub fn new(simulator: &'a Simulator, maneuver: &Maneuver, step_count: usize, control_count: usize) -> Self {
         let parameters = simulator.robot().parameters();
         let final_time_index = decision_len(control_count) - 1;
@@ -109,7 +111,7 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
-    /// Rules out final times below `time`, s.
+    /// Excludes final times below `time`, s.
     pub fn rule_out_before(&mut self, time: f64) {
         let shortest = &mut self.lower[self.cost.len() - 1];
         *shortest = shortest.max(time.min(LONGEST_FINAL_TIME));
@@ -122,7 +124,7 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
-    /// Rolls out under a friction law without kinks, m/s; 0 is the exact law.
+    /// Sets the slip smoothing of the friction law, m/s; 0 is the exact law.
     pub fn set_slip_smoothing(&mut self, slip_smoothing: f64) {
         self.slip_smoothing = slip_smoothing;
     }
@@ -144,7 +146,7 @@ impl<'a> ShootingProblem<'a> {
         self.normal_force_constraints.has_separation(&constraints.inequality)
     }
 
-    /// Rolls out, unless that is what was done last: a point that a search accepts is the one that it has just tried.
+    /// Rolls out, unless the last rollout was the same: a search linearises at points that it has just evaluated.
     fn record(&mut self, decision: &DVector<f64>) {
         let is_recorded =
             |(recorded, smoothing): &(DVector<f64>, f64)| recorded == decision && *smoothing == self.slip_smoothing;

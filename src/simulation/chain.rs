@@ -17,8 +17,8 @@ pub(super) struct Chain<const K: usize> {
 }
 
 impl<const K: usize> Chain<K> {
-    /// Derivatives of `motion (u_A + dt a) + normal free_normal + response Lambda`, where `free_slip = (1 + e) W' u_A + W' dt a`;
-    /// `slip_map` is `W'` and `restitution_factor` is `1 + e`.
+    /// Derivatives of `motion (u_A + dt a) + normal free_normal + response Lambda`, where
+    /// `free_slip = (1 + e) W' u_A + W' dt a`; `slip_map` is `W'` and `restitution_factor` is `1 + e`.
     #[inline]
     pub(super) fn new<const N: usize>(
         (slip_map, restitution_factor): (&SMatrix<f64, N, 5>, f64),
@@ -35,8 +35,8 @@ impl<const K: usize> Chain<K> {
     }
 }
 
-/// The matrix product, one column of the result at a time: unrolled for its size it takes a fraction of the time of nalgebra's,
-/// whose strides are not known at compile time.
+/// The matrix product, one column of the result at a time: unrolled for its size it takes a fraction of the time of
+/// nalgebra's, whose strides are not known at compile time.
 #[inline]
 pub(super) fn product<const R: usize, const K: usize, const C: usize>(
     left: &SMatrix<f64, R, K>,

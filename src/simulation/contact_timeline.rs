@@ -27,7 +27,7 @@ pub struct Separation {
     pub normal_force: f64,
 }
 
-/// Normal forces down to minus this fraction of the weight per step are rounding, not separation.
+/// Negative normal forces of at most this fraction of the weight are rounding, not separation.
 const SEPARATION_TOLERANCE: f64 = 1e-12;
 
 impl Trajectory {

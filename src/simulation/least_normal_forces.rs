@@ -1,15 +1,15 @@
 //! The least normal force of each contact in each stretch of a rollout.
 //!
 //! A contact whose normal force would be negative separates, which the model does not describe. The least forces measure
-//! the distance of a plan from separation; by stretches, because a constraint that is active over a whole phase of a plan is
-//! many constraints.
+//! the distance of a plan from separation; by stretches, because a constraint that is active over a whole phase of a plan
+//! is many constraints.
 
 use nalgebra::Vector3;
 
 use super::rollout::Rollout;
 use super::torque_schedule::control_interval;
 
-/// Most stretches: one per control interval as long as these are few.
+/// Most stretches; with fewer control intervals than this, one per interval.
 const STRETCH_LIMIT: usize = 40;
 const CONTACT_COUNT: usize = 3;
 

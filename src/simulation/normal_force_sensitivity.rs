@@ -1,5 +1,5 @@
-//! Derivatives of chosen normal forces of a rollout with respect to every torque and the final time, by the discrete adjoint
-//! method.
+//! Derivatives of chosen normal forces of a rollout with respect to every torque and the final time, by the discrete
+//! adjoint method.
 //!
 //! A normal force depends on the body velocity at the start of its step, on the torques and on the step length, but not on
 //! position or heading. One backward sweep in the body frame carries a row per chosen force:
@@ -41,8 +41,8 @@ struct Row {
 }
 
 impl Simulator {
-    /// Differentiates some of the least normal forces of a rollout that `sensitivity` has just been computed for, under the same
-    /// `slip_smoothing` (0 for the exact law). `chosen` are indices into [`LeastNormalForces`].
+    /// Differentiates some of the least normal forces of a rollout that `sensitivity` has just been computed for, under the
+    /// same `slip_smoothing` (0 for the exact law). `chosen` are indices into [`LeastNormalForces`].
     pub fn normal_force_sensitivity(
         &self,
         rollout: &Rollout,

@@ -55,7 +55,8 @@ impl Simulator {
     }
 
     /// Integrates a rollout and keeps what its derivatives need: end state and least normal forces are those of the
-    /// rollout; the derivatives are valid only after [`Simulator::differentiate`]. Allocates nothing once the memory is there.
+    /// rollout; the derivatives are valid only after [`Simulator::differentiate`]. Allocates nothing once the memory is
+    /// there.
     pub fn record(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
         match self.model() {
             Model::Wheels(model) => record(model, rollout, slip_smoothing, sensitivity),

@@ -64,7 +64,7 @@ impl Candidate {
         self.decision[self.decision.len() - 1]
     }
 
-    /// Whether it meets the goal, with every contact on the floor.
+    /// Whether it meets the goal without separation.
     pub(super) fn is_feasible(&self, goal_tolerance: f64) -> bool {
         self.goal_error <= goal_tolerance && !self.has_separation
     }

@@ -1,4 +1,4 @@
-//! What an answer states about itself: everything here is computed from the final torques, or was by the search.
+//! The certificate of an answer: its properties, computed from the final torques or taken from the search.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -25,7 +25,7 @@ const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 const CRITICALITY_TOLERANCE: f64 = 1e-4;
 /// Rollouts that the criticality measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
-/// A stop flag that nobody sets.
+/// A stop flag that is never set.
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Certifies the search's best decision.
@@ -74,7 +74,7 @@ fn measured(
     Some(Stationarity { penalty_parameter, measure })
 }
 
-/// The answer where no plan exists: the start with its distance from the goal, an empty schedule, and why.
+/// The answer where no plan exists: the start with its distance from the goal, an empty schedule, and the reason.
 pub(super) fn certified_impossible(input: &SolveInput, reason: Reason) -> Solution {
     let mut solution = certified_standstill(input, StopReason::Finished);
     solution.status = Status::Infeasible;
@@ -86,7 +86,7 @@ pub(super) fn certified_impossible(input: &SolveInput, reason: Reason) -> Soluti
     solution
 }
 
-/// The answer where the start already meets the goal, or where nobody wants an answer: stay.
+/// The answer without motion: where the start already meets the goal, or where the caller no longer waits.
 pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) -> Solution {
     let trajectory = Trajectory { time: vec![0.0], state: vec![input.maneuver.start], ..Trajectory::default() };
     let goal_error = input.maneuver.goal_error(&input.maneuver.start);
@@ -193,7 +193,7 @@ pub(super) fn replay(input: &SolveInput, simulator: &Simulator, plan: &Rollout) 
     replay_of_miss(input, &miss, fine.step_count)
 }
 
-/// The replay that ends off the goal by `miss`.
+/// The replay whose end misses the goal by `miss`.
 fn replay_of_miss(input: &SolveInput, miss: &SVector<f64, { State::LEN }>, step_count: usize) -> Replay {
     let of = |component: StateComponent| miss[component.index()];
     let miss_position = finite_or_largest(of(StateComponent::X).hypot(of(StateComponent::Y)));
@@ -208,7 +208,7 @@ fn replay_of_miss(input: &SolveInput, miss: &SVector<f64, { State::LEN }>, step_
     }
 }
 
-/// A motion that diverges on the fine grid misses by more than any number.
+/// The miss of a motion that diverges on the fine grid becomes the largest number.
 fn finite_or_largest(value: f64) -> f64 {
     if value.is_finite() { value } else { f64::MAX }
 }

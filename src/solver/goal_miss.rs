@@ -1,4 +1,4 @@
-//! Why the best plan misses the goal: the component that is missed most, and what would help.
+//! The reason of a plan that misses the goal: the component that is missed most, and what would help.
 
 use nalgebra::SVector;
 
@@ -28,7 +28,7 @@ pub(super) fn goal_missed(
     let miss = error(component);
     let tolerance = input.settings.goal_tolerance;
     let field = format!("maneuver.goal.{}", component.field());
-    // Every plan of the search takes longer; a shorter one stands for none.
+    // The search has no shorter plans: such a final time means that every motion diverged.
     let diverges = plan.final_time < SHORTEST_FINAL_TIME;
     let (code, subject, help) = if diverges {
         (
@@ -51,7 +51,7 @@ pub(super) fn goal_missed(
     }
 }
 
-/// What keeps the search from the goal, the surest cause first.
+/// What would help the search to the goal, for the most certain cause first.
 fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> &'static str {
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();

@@ -7,8 +7,8 @@ pub trait SharedWork: Sync {
     /// Number of parts that no thread has begun.
     fn open_parts(&self) -> usize;
 
-    /// Takes the first open part and runs it; false when there is none. That need not be the end: a part that is given back is
-    /// open again. A helper whose `recalled` flag is set gives its part back within a rollout.
+    /// Takes the first open part and runs it; false when there is none. That need not be the end: a part that is given back
+    /// is open again. A helper whose `recalled` flag is set gives its part back within a rollout.
     ///
     /// # Panics
     /// When the part panics; the other parts then end within a rollout.

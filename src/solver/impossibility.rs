@@ -1,7 +1,7 @@
-//! What is impossible in principle is found without any rollout, with the first requirement that fails.
+//! Maneuvers that are provably impossible, found without any rollout, with the first requirement that fails.
 //!
-//! Each claim is a proof for the equations of motion without separation (`docs/bounds.md`); what is merely hard is left to the
-//! search.
+//! Each claim is proved for the equations of motion without separation (`docs/bounds.md`); maneuvers without such a proof
+//! are left to the search.
 
 use super::largest_normal_force::{Rates, smallest_largest_normal_force};
 use super::lower_bound::{Grid, LowerBound, lower_bounds};
@@ -15,7 +15,7 @@ const NORMAL_FORCE_ROUNDING: f64 = 1e-9;
 /// Why no plan can meet the goal; none where that is not proven.
 pub(super) fn impossibility(input: &SolveInput) -> Option<Reason> {
     start_separates(input)
-        .or_else(|| stands_for_ever(input))
+        .or_else(|| cannot_move(input))
         .or_else(|| takes_too_long(input))
         .or_else(|| goal_separates(input))
 }
@@ -66,7 +66,7 @@ fn separation(
 }
 
 /// Without torque a robot at rest stays where it is.
-fn stands_for_ever(input: &SolveInput) -> Option<Reason> {
+fn cannot_move(input: &SolveInput) -> Option<Reason> {
     let maneuver = &input.maneuver;
     let rests = maneuver.start.to_vector().fixed_rows::<5>(5).iter().all(|&speed| speed == 0.0);
     let has_torque = maneuver.torque_limit.left > 0.0 || maneuver.torque_limit.right > 0.0;
@@ -81,7 +81,7 @@ fn stands_for_ever(input: &SolveInput) -> Option<Reason> {
 fn takes_too_long(input: &SolveInput) -> Option<Reason> {
     let bounds = lower_bounds(input, Grid::Continuous);
     let too_long = || bounds.iter().filter(|bound| bound.time > LONGEST_FINAL_TIME);
-    // What the start misses says more than what a turn about another point would have to give up.
+    // A component that the start misses explains more than one that the start already meets.
     let error = input.maneuver.goal_error(&input.maneuver.start);
     let is_missed = |bound: &&LowerBound| error[bound.component.index()].abs() > input.settings.goal_tolerance;
     let bound = too_long().find(is_missed).or_else(|| too_long().next())?;

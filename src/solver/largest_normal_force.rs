@@ -7,8 +7,8 @@
 //! ```
 //!
 //! (`docs/model.md`). Without separation the friction forces obey `|F_c| <= mu_c N_c` with normal forces that add up to the
-//! weight, so their part is at most `max_c(mu_c |by_friction_c|) m g`. Where the sum stays negative, no plan keeps the contact
-//! closed.
+//! weight, so their part is at most `max_c(mu_c |by_friction_c|) m g`. Where the sum stays negative, no plan keeps the
+//! contact closed.
 
 use crate::contact::ContactName;
 use crate::robot::{PerWheel, Robot};

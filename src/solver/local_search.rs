@@ -79,8 +79,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         (self.best, self.iterations, self.budget.spent())
     }
 
-    /// Descends under the exact law and restores the goal; again with the larger penalty parameter where the smaller one left
-    /// the goal violated.
+    /// Descends under the exact law and restores the goal; again with the larger penalty parameter where the smaller one
+    /// left the goal violated.
     pub(super) fn descend(
         &mut self,
         guess: &DVector<f64>,

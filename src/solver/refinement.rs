@@ -1,9 +1,9 @@
 //! Automatic steps: a plan on ever finer grids, warm, until its replay is within tolerance.
 //!
-//! The scheme is of first order, so the replay miss is about proportional to the step length: the miss determines which grid
-//! to try next, and whether any grid within the step limit is fine enough. An optimum moves little with the grid, and a
-//! refined search takes few linear programs. Drifting plans are the fastest and the most sensitive ones: where the fastest
-//! local optimum needs more steps than the limit, the next fastest that does not is refined.
+//! The scheme is of first order, so the replay miss is about proportional to the step length: the miss determines which
+//! grid to try next, and whether any grid within the step limit is fine enough. An optimum moves little with the grid, and
+//! a refined search takes few linear programs. Drifting plans are the fastest and the most sensitive ones: where the
+//! fastest local optimum needs more steps than the limit, the next fastest that does not is refined.
 
 use super::candidate::Candidate;
 use super::certificate::replay;
@@ -21,8 +21,8 @@ use crate::simulation::{Rollout, Simulator};
 
 /// Grids are refined by at least and at most these factors at a time.
 const FACTORS: (usize, usize) = (2, 8);
-/// The next grid is chosen for a miss smaller than the tolerance by this factor: the miss is only roughly proportional to the
-/// step.
+/// The next grid is chosen for a miss smaller than the tolerance by this factor: the miss is only roughly proportional to
+/// the step.
 const MARGIN: f64 = 1.5;
 /// A plan is still tried where it is estimated to need up to this many times the allowed steps.
 const STEP_LIMIT_SLACK: f64 = 1.3;

@@ -15,13 +15,13 @@ use crate::shooting::ShootingProblem;
 /// Local optima whose final times differ by less than this share count as one.
 const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
-/// Where fewer than half of the starts lead to a plan, more are tried: up to this many times as many as were asked for.
+/// Where fewer than half of the starts lead to a plan, more are tried: up to this multiple of the requested number.
 const MORE_STARTS: usize = 2;
 
 /// Rounds of polishing: how many distinct local optima, fastest first, and how thoroughly each.
 const POLISH_ROUNDS: [(usize, HopBudget); 2] = [(8, HopBudget::SHORT), (3, HopBudget::LONG)];
 
-/// What the search found, and what it spent.
+/// The result of the search, and its cost.
 #[derive(Debug)]
 pub(super) struct SearchResult {
     /// The best decision; none when the search was stopped before its first rollout.
@@ -41,7 +41,7 @@ pub(super) struct SearchResult {
     pub(super) replay: Option<Replay>,
 }
 
-/// Searches from every start, then polishes the best local optima; the result does not depend on who helps.
+/// Searches from every start, then polishes the best local optima; the result does not depend on the helpers.
 pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &RunControl) -> SearchResult {
     let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
     let progress = BestProgress::new(control, settings.goal_tolerance);
@@ -119,7 +119,7 @@ pub(super) fn fastest_first(mut optima: Vec<Candidate>) -> Vec<Candidate> {
     optima
 }
 
-/// The first of each group of optima whose final times differ by next to nothing; they are sorted.
+/// The first of each group of sorted optima whose final times are nearly equal.
 fn distinct(optima: &[Candidate]) -> Vec<usize> {
     let mut firsts: Vec<usize> = Vec::new();
     for (index, optimum) in optima.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The answer of a solve: a plan, its status, and what it states about itself.
+//! The answer of a solve: a plan, its status and its report.
 
 use nalgebra::SVector;
 
@@ -93,7 +93,7 @@ impl LowerBoundAssumption {
     }
 }
 
-/// How the steps of the plan's grid came about.
+/// How the number of steps of the plan's grid was determined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RefinementOutcome {
     /// The caller chose them.
@@ -139,7 +139,7 @@ pub struct Replay {
     pub within_tolerance: bool,
 }
 
-/// What a plan states about itself.
+/// The report on a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     /// The optimiser used.
@@ -170,7 +170,7 @@ pub struct Report {
     pub separations: Vec<Separation>,
     /// Steps whose friction problem has several solutions.
     pub indeterminate_steps: usize,
-    /// Slip reversals, where derivatives mislead.
+    /// Slip reversals, where derivatives are wrong.
     pub slip_reversals: usize,
     /// Torques that contradict the sign of the switching function: off the limit at which they would gain.
     pub switching_sign_violations: usize,
@@ -197,6 +197,6 @@ pub struct Solution {
     pub trajectory: Trajectory,
     /// Contact modes over time.
     pub contact_modes: Vec<ContactModeSpan>,
-    /// What the plan states about itself.
+    /// The report on the plan.
     pub report: Report,
 }

@@ -2,7 +2,7 @@
 //!
 //! A maneuver from rest to rest is a turn, a drive and a turn, each with full effort and full braking. Forwards and
 //! backwards, either way round, gives several such plans. A moving start brakes first, a moving goal accelerates last.
-//! All are only first guesses: slip, the shift of normal forces and the centre of mass off the axle are left to the optimiser.
+//! These are only first guesses: they neglect slip, the shift of normal forces and the centre of mass off the axle.
 
 use std::f64::consts::{PI, TAU};
 
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_turns_round_brakes_by_driving_on() {
+    fn a_robot_that_turned_round_brakes_by_driving_forwards() {
         let spin = Spin { plan: 0, begin: 50, end: 75, goes_on: After::TurnedRound, revolutions: -1.0 };
         let [right, left] = <[Start; 2]>::try_from(spin.of(&plan(Some(0.1)), PerWheel::new(3.0, 2.0))).unwrap();
         assert_eq!(right.schedule.left, [1.0, 1.0, 3.0, 1.0]);
@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_turns_on_to_a_free_heading() {
+    fn no_extra_turns_with_a_free_heading() {
         let count = |spin: &Spin| spin.of(&plan(None), PerWheel::new(1.0, 1.0)).len();
         assert!(SPINS.iter().all(|spin| count(spin) == if spin.revolutions == 0.0 { 2 } else { 0 }));
     }

@@ -1,7 +1,7 @@
 //! Strategies from a start to a local optimum, and from one local optimum to a better one nearby.
 //!
-//! The latter is monotonic basin hopping (Leary 2000; basin hopping: Wales & Doye 1997): a perturbed copy of the local optimum
-//! descends again, and the better of both is kept.
+//! The latter is monotonic basin hopping (Leary 2000; basin hopping: Wales & Doye 1997): a perturbed copy of the local
+//! optimum descends again, and the better of both is kept.
 
 use std::ops::Range;
 
@@ -191,8 +191,8 @@ impl LocalSearch<'_, '_, '_> {
         Ok(best)
     }
 
-    /// From a plan of a similar maneuver: one descent near it, another one with a larger trust region where that loses the goal
-    /// or much time, and the direct strategy where neither meets the goal.
+    /// From a plan of a similar maneuver: one descent near it, another one with a larger trust region where that loses the
+    /// goal or much time, and the direct strategy where neither meets the goal.
     fn warmly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let (tolerance, guessed) = (self.settings.goal_tolerance, guess[guess.len() - 1]);
         let smallest_prediction = ROUGH_PREDICTION * guessed;
@@ -208,8 +208,8 @@ impl LocalSearch<'_, '_, '_> {
         self.directly(guess)
     }
 
-    /// Basin hopping: descends again from slightly slower, perturbed copies of a local optimum. Local optima lie on kinks, and
-    /// another one nearby is often better.
+    /// Basin hopping: descends again from slightly slower, perturbed copies of a local optimum. Local optima lie on kinks,
+    /// and another one nearby is often better.
     fn hop(&mut self, best: &mut Candidate, hop_budget: HopBudget) -> Result<(), Interruption> {
         let tolerance = self.settings.goal_tolerance;
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(hop_budget.stream));

@@ -1,8 +1,9 @@
-//! One coordinate of a motion: its speed stays below straight lines over time, so covering a distance takes a while.
+//! One coordinate of a motion, as a double integrator: its speed stays below straight lines over time, which bounds the
+//! distance covered.
 //!
-//! The speed grows by at most the acceleration from the start, and must fall back by at most as much to the end; the torques
-//! bound it by a line of their own. The distance covered in a time T is then at most the area under the lowest line, plus
-//! what the grid's errors add to the line that is the lowest.
+//! The speed grows by at most the acceleration from the start, and must fall back by at most as much to the end; the
+//! torques bound it by a line of their own. The distance covered in a time T is then at most the area under the lowest
+//! line, plus what the grid's errors add to the line that is the lowest.
 
 use super::envelope::{Envelope, Line, Piece};
 use super::first_time::first_time;
@@ -11,7 +12,7 @@ use super::grid_error::GridError;
 /// Spans on which the grid's errors are bounded by their largest value.
 const ERROR_SPANS: u32 = 4;
 
-/// What a coordinate has to do, in the direction that is counted as positive.
+/// The requirements on a coordinate, in its positive direction.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Axis {
     pub(super) acceleration: f64,
@@ -77,7 +78,7 @@ const BACKWARD: usize = 1;
 const DRIVE: usize = 2;
 
 impl Axis {
-    /// The same coordinate counted the other way.
+    /// The same coordinate with the opposite sign.
     fn reversed(&self) -> Self {
         Self {
             start_speed: -self.start_speed,

@@ -1,4 +1,4 @@
-//! What friction and torque can do to one robot at most.
+//! The largest accelerations that friction and torque can cause, and the drive norm.
 //!
 //! Without separation the normal forces add up to m g, so the friction forces add up to at most max(mu) m g. Velocities are
 //! those of the whole robot's centre of mass G, in which translation, yaw and wheels have a diagonal mass matrix.

@@ -1,4 +1,4 @@
-//! The first time at which what can be covered may meet what is required.
+//! The first time at which an upper bound of what can be covered reaches what is required.
 
 /// Times beyond this, s, count as infinite: far above the longest final time that is searched.
 const INFINITE_TIME: f64 = 1e15;
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_never_covered_takes_for_ever() {
+    fn what_is_never_covered_takes_infinitely_long() {
         assert_eq!(first_time(0.0, 1.0, |_, _| 0.5), f64::INFINITY);
         assert_eq!(first_time(f64::INFINITY, 1.0, |_, _| 2.0), f64::INFINITY);
         assert_eq!(first_time(0.0, 1.0, |_, _| f64::NAN), 0.0);

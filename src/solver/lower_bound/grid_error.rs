@@ -1,13 +1,13 @@
-//! How far the time-stepping scheme may stray from the laws that the bounds use.
+//! Bounds on the errors of the time-stepping scheme in the laws that the lower bounds use.
 //!
-//! The scheme keeps the law of the yaw rate and of the wheel rates exactly. The momentum of the whole robot's centre of mass
-//! G it keeps only to first order where G lies off the chassis centre of mass (by `lever`) and the robot yaws; the errors
-//! are derived in `docs/bounds.md`. They grow with the yaw rate, which friction and torque bound over time.
+//! The scheme keeps the law of the yaw rate and of the wheel rates exactly. The momentum of the whole robot's centre of
+//! mass G it keeps only to first order where G lies off the chassis centre of mass (by `lever`) and the robot yaws; the
+//! errors are derived in `docs/bounds.md`. They grow with the yaw rate, which friction and torque bound over time.
 
 use super::capacity::Capacity;
 use super::envelope::{Envelope, Line};
 
-/// Whose motions are meant.
+/// The motions for which a bound holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::solver) enum Grid {
     /// Those of the time-stepping scheme on this many steps, or more.
@@ -19,7 +19,7 @@ pub(in crate::solver) enum Grid {
 /// Each round of bounding the yaw rate tightens the error that the next one uses; later ones gain little.
 const YAW_RATE_ROUNDS: usize = 4;
 
-/// What is known of a motion's speeds.
+/// Known speeds of a motion.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct KnownRates {
     /// Largest magnitude of the yaw rate at the start, rad/s.

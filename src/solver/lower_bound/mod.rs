@@ -1,7 +1,8 @@
 //! Lower bounds on the final time that hold for every plan of the discretised model without separation.
 //!
-//! What friction and torque can do at most bounds how fast the whole robot's centre of mass, the heading and the wheels can
-//! change; a goal that asks for more change takes longer. The derivations are in `docs/bounds.md`.
+//! Friction and torque bound the accelerations of the whole robot's centre of mass, of the heading and of the wheels, and a
+//! goal that requires more change takes longer. Each bound is that of a double integrator with bounded acceleration; the
+//! derivations, also of the drive norm, are in `docs/bounds.md`.
 
 mod axis;
 mod capacity;
@@ -107,7 +108,8 @@ impl<'a> Bounds<'a> {
         directions
     }
 
-    /// Bounds by the motion of the whole robot's centre of mass, along the direction that promises the largest.
+    /// Bounds by the motion of the whole robot's centre of mass, along the direction with the largest bound by friction
+    /// alone.
     fn of_center(&self) -> Vec<LowerBound> {
         let promise = |direction: &Vector2<f64>| {
             let axis = self.axis_along(*direction).without_drive();
@@ -166,7 +168,8 @@ impl<'a> Bounds<'a> {
         by_friction.into_iter().chain(self.of_driven_yaw(&axis, laws[1])).collect()
     }
 
-    /// Bound by the smallest winding, which the drive line, blind for the direction, makes the fastest.
+    /// Bound by the smallest change of heading: the drive line does not depend on the direction, so that one is the
+    /// fastest.
     fn of_driven_yaw(&self, axis: &Axis, law: GridLaw) -> Option<LowerBound> {
         axis.drive?;
         let start_speed = axis.start_speed.abs();

@@ -1,4 +1,4 @@
-//! What a goal asks of the whole robot's centre of mass, of the heading and of the wheels, as intervals.
+//! The requirements of a goal on the whole robot's centre of mass, the heading and the wheels, as intervals.
 //!
 //! Every interval holds all end states that meet the goal within its tolerance.
 
