@@ -1,6 +1,6 @@
 //! The benchmark suite: named maneuvers, how well and how fast they are solved, and the best plans known for them.
 //!
-//! `docs/benchmarks.md` tells how to use it.
+//! Its use is described in `docs/benchmarks.md`.
 
 mod answers;
 mod arguments;

@@ -45,7 +45,7 @@ pub(crate) struct Answer {
     /// The criticality measure over the final time.
     pub(crate) predicted_decrease: f64,
     pub(crate) worst_contact_residual: f64,
-    /// Steps and contacts that would have to pull.
+    /// Separations: steps and contacts with a negative normal force.
     pub(crate) separations: usize,
     /// Smallest normal force of a separation, N.
     pub(crate) deepest_separation_n: f64,
@@ -125,7 +125,7 @@ impl Answer {
         self.stop_reason == StopReason::TimeLimit.as_str()
     }
 
-    /// Why the answer is not converged, as far as the answer tells.
+    /// Why the answer is not converged, as far as the answer reports it.
     pub(crate) fn shortfall(&self) -> Option<String> {
         if self.is_converged() {
             return None;
@@ -136,7 +136,7 @@ impl Answer {
             reasons.push(format!("{} separations, down to {force:.2} N", self.separations));
         }
         if self.predicted_decrease > 1e-4 {
-            reasons.push(format!("first-order measure {:.1e} of the final time", self.predicted_decrease));
+            reasons.push(format!("criticality measure {:.1e} of the final time", self.predicted_decrease));
         }
         if self.ran_out_of_time() {
             reasons.push("time limit".to_owned());

@@ -95,7 +95,7 @@ impl Report {
         self.rows.iter().map(value).fold(f64::NEG_INFINITY, worse)
     }
 
-    /// Prints summary and verdicts, writes the JSON; the exit code tells whether the rules hold, where that is asked.
+    /// Prints summary and verdicts, writes the JSON; with `--check` the exit code is 1 when a rule is broken.
     ///
     /// # Errors
     /// A file that cannot be written.

@@ -73,7 +73,7 @@ impl<const N: usize> RandomStep<N> {
         let share =
             |wheel: usize| parts[wheel][0].hypot(parts[wheel][1]) / (friction[wheel] * solution.normal_impulse[wheel]);
         let scale = (1.0 + offset) / share(0).max(share(1)).max(1e-3);
-        // The loads stay what they are: what the impulses change less, the free loads take over.
+        // The normal impulses stay the same: the free ones make up for the change of the friction impulses.
         self.problem.free_normal += self.operator.normal_response() * solution.impulse * (1.0 - scale);
         self.problem.free_slip *= scale;
     }
@@ -172,7 +172,7 @@ fn exact_and_fixed_point_agree_on_random_steps() {
 }
 
 #[test]
-fn lifted_wheel_carries_no_friction() {
+fn separated_wheel_carries_no_friction() {
     let mut cases = RandomCases::new(7);
     let robot = cases.robot();
     let mut step = RandomStep::<3>::new(&mut cases, &robot);
@@ -184,8 +184,8 @@ fn lifted_wheel_carries_no_friction() {
     assert!(solution.residual <= RESIDUAL_TOLERANCE);
 }
 
-/// The right wheel's own lengthwise friction takes `share` of itself off its load; another contact takes that over.
-fn self_unloading(share: f64, other: usize) -> DelassusOperator<3> {
+/// The right wheel's lengthwise friction lowers its own normal impulse by `share` of itself, and raises another contact's.
+fn operator_with_own_response(share: f64, other: usize) -> DelassusOperator<3> {
     let mut normal_response = SMatrix::<f64, 3, 3>::zeros();
     normal_response[(1, 1)] = -share;
     normal_response[(other, 1)] = share;
@@ -194,10 +194,10 @@ fn self_unloading(share: f64, other: usize) -> DelassusOperator<3> {
 
 #[test]
 fn uniqueness_is_proved_up_to_the_edge() {
-    // Nothing but the load of the front support, which has no friction, follows the right wheel's: up to 1, where the
-    // wheel's friction lifts it as fast as it grows, there is one solution.
-    assert!(self_unloading(0.95, 2).has_unique_solutions());
-    assert!(!self_unloading(1.0, 2).has_unique_solutions());
+    // The right wheel's friction shifts its normal impulse to the front support, which has no friction: up to a share of 1,
+    // where the normal impulse falls as fast as the friction grows, there is one solution.
+    assert!(operator_with_own_response(0.95, 2).has_unique_solutions());
+    assert!(!operator_with_own_response(1.0, 2).has_unique_solutions());
 }
 
 #[test]
@@ -230,8 +230,8 @@ fn assert_no_other_solution<const N: usize>(seed: u64, cases: &mut RandomCases, 
 
 #[test]
 fn indeterminate_problem_is_flagged() {
-    // One wheel, friction so strong that sliding lifts its own load (Painleve): sticking and sliding both solve it.
-    let operator = self_unloading(1.5, 0);
+    // One wheel whose friction raises its own normal impulse (Painleve): sticking and sliding both solve the step.
+    let operator = operator_with_own_response(1.5, 0);
     assert!(!operator.has_unique_solutions());
     let problem = OneStepProblem { free_slip: SVector::from([0.0, 0.2, 0.0]), free_normal: [1.0, -0.05, 0.0].into() };
     let stick = ContactPattern { wheels: WheelPattern::BothStick, ..ContactPattern::default() };

@@ -83,7 +83,7 @@ impl Witness {
         let residual = simulation.trajectory.worst_contact_residual;
         ensure!(residual <= CONTACT_RESIDUAL_TOLERANCE, "the contact law is missed by {residual:e}");
         let separations = simulation.separations.len();
-        ensure!(separations == 0, "a contact would have to pull in {separations} steps");
+        ensure!(separations == 0, "{separations} steps with a separation");
         Ok(())
     }
 }
