@@ -1,4 +1,4 @@
-//! Counted admission and the line of waiting jobs.
+//! Counted admission and the waiting jobs.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::mem;
@@ -8,68 +8,68 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
-use super::job::{self, Clocks, Departure, Job, Ticket};
-use super::lending::{IdleWorkers, Turns};
+use super::job::{self, CancelOnDrop, Clocks, Job, Ticket};
+use super::lending::{IdleWorkers, WorkerSlots};
 use super::lock;
 use super::stop::{StopCause, StopHandle};
 use super::watchdog::Watchdog;
 
 /// How much may be in flight at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Room {
-    /// Places that may be taken.
-    pub places: usize,
-    /// What the jobs in flight may still be expected to take, all together; does not bind while fewer jobs are in flight
-    /// than there are workers, so that a job of any length finds its worker.
+pub struct Capacity {
+    /// Jobs that may be in flight, each with a permit.
+    pub permits: usize,
+    /// Total remaining time that the jobs in flight may be expected to take; does not bind while fewer jobs are in
+    /// flight than there are workers, so that a job of any length can run on an idle worker.
     pub work: Duration,
 }
 
-/// What is in flight before a job.
+/// The jobs in the queue at one moment, waiting and running.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Ahead {
+pub struct Backlog {
     /// Jobs that wait or run.
     pub jobs: usize,
-    /// What they are expected to take until they have ended, one after the other.
+    /// Total remaining time that they are expected to take, one after the other.
     pub work: Duration,
 }
 
-/// Why no place was given.
+/// Why no permit was issued.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
-    /// All places are taken.
+    /// The capacity is used up.
     Full,
-    /// The queue was closed.
+    /// The queue is closed.
     Closed,
 }
 
-/// The places, and the jobs that wait for a worker.
+/// The issued permits, and the jobs that wait for a worker.
 #[derive(Debug)]
 pub(super) struct BoundedQueue {
     state: Mutex<State>,
-    /// Wakes workers: a job came, a loan was given back, or the last job ended after closing.
+    /// Wakes workers: a job was submitted, a loan was given back, or the last job ended after closing.
     changed: Condvar,
-    /// Wakes those who wait for a place: one was given back, or the queue was closed.
-    place_freed: Notify,
+    /// Wakes those who wait for a permit: one was released, or the queue was closed.
+    permit_released: Notify,
     workers: usize,
-    room: Room,
+    capacity: Capacity,
 }
 
 #[derive(Debug)]
 struct State {
     open: bool,
-    /// Set once everything in flight has to stop, also places that are filled later.
+    /// Set once everything in flight has to stop, also jobs that are submitted with a permit issued before.
     cancelled: Option<StopCause>,
     in_flight: usize,
     next_id: u64,
     waiting: VecDeque<Job>,
-    turns: Turns,
-    /// All filled places, waiting and running.
-    filled: BTreeMap<u64, Filled>,
+    slots: WorkerSlots,
+    /// All submitted jobs, waiting and running.
+    submitted: BTreeMap<u64, Submitted>,
 }
 
-/// A place with its job.
+/// A job that was submitted and has not ended.
 #[derive(Debug)]
-struct Filled {
+struct Submitted {
     stop: StopHandle,
     estimate: Duration,
     /// When a worker took the job.
@@ -77,18 +77,18 @@ struct Filled {
 }
 
 impl State {
-    /// What the filled places are expected to take.
-    fn ahead(&self) -> Ahead {
-        let rest = |filled: &Filled| match filled.started {
-            Some(started) => filled.estimate.saturating_sub(started.elapsed()),
-            None => filled.estimate,
+    /// The submitted jobs, and how long they are expected to take.
+    fn backlog(&self) -> Backlog {
+        let rest = |submitted: &Submitted| match submitted.started {
+            Some(started) => submitted.estimate.saturating_sub(started.elapsed()),
+            None => submitted.estimate,
         };
-        let work = self.filled.values().map(rest).fold(Duration::ZERO, Duration::saturating_add);
-        Ahead { jobs: self.filled.len(), work }
+        let work = self.submitted.values().map(rest).fold(Duration::ZERO, Duration::saturating_add);
+        Backlog { jobs: self.submitted.len(), work }
     }
 }
 
-/// What the queue holds at one moment.
+/// How many jobs the queue holds at one moment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Load {
     /// Jobs that wait for a worker.
@@ -98,79 +98,79 @@ pub struct Load {
 }
 
 impl BoundedQueue {
-    pub(super) fn new(workers: usize, room: Room) -> Self {
+    pub(super) fn new(workers: usize, capacity: Capacity) -> Self {
         let state = State {
             open: true,
             cancelled: None,
             in_flight: 0,
             next_id: 0,
             waiting: VecDeque::new(),
-            turns: Turns::new(workers),
-            filled: BTreeMap::new(),
+            slots: WorkerSlots::new(workers),
+            submitted: BTreeMap::new(),
         };
-        Self { state: Mutex::new(state), changed: Condvar::new(), place_freed: Notify::new(), workers, room }
+        Self { state: Mutex::new(state), changed: Condvar::new(), permit_released: Notify::new(), workers, capacity }
     }
 
-    pub(super) fn reserve(self: &Arc<Self>, watchdog: &Arc<Watchdog>) -> Result<Place, Refusal> {
-        self.reserve_within(self.room, watchdog)
+    pub(super) fn reserve(self: &Arc<Self>, watchdog: &Arc<Watchdog>) -> Result<Permit, Refusal> {
+        self.reserve_within(self.capacity, watchdog)
     }
 
-    /// Reserves a place while less is in flight than `room`.
-    fn reserve_within(self: &Arc<Self>, room: Room, watchdog: &Arc<Watchdog>) -> Result<Place, Refusal> {
+    /// Reserves a permit while less is in flight than `capacity`.
+    fn reserve_within(self: &Arc<Self>, capacity: Capacity, watchdog: &Arc<Watchdog>) -> Result<Permit, Refusal> {
         let mut state = lock(&self.state);
         if !state.open {
             return Err(Refusal::Closed);
         }
-        let has_work = || state.in_flight >= self.workers && state.ahead().work >= room.work;
-        if state.in_flight >= room.places.min(self.room.places) || has_work() {
+        let has_work = || state.in_flight >= self.workers && state.backlog().work >= capacity.work;
+        if state.in_flight >= capacity.permits.min(self.capacity.permits) || has_work() {
             return Err(Refusal::Full);
         }
         state.in_flight += 1;
         let id = state.next_id;
         state.next_id += 1;
-        Ok(Place { queue: Arc::clone(self), watchdog: Arc::clone(watchdog), id })
+        Ok(Permit { queue: Arc::clone(self), watchdog: Arc::clone(watchdog), id })
     }
 
-    /// Waits until less is in flight than `room` and reserves a place; fails only when the queue is closed.
-    pub(super) async fn wait_for_place(
+    /// Waits until less is in flight than `capacity` and reserves a permit; fails only when the queue is closed.
+    pub(super) async fn wait_for_permit(
         self: &Arc<Self>,
-        room: Room,
+        capacity: Capacity,
         watchdog: &Arc<Watchdog>,
-    ) -> Result<Place, Refusal> {
+    ) -> Result<Permit, Refusal> {
         loop {
-            let freed = self.place_freed.notified();
-            match self.reserve_within(room, watchdog) {
+            let freed = self.permit_released.notified();
+            match self.reserve_within(capacity, watchdog) {
                 Err(Refusal::Full) => freed.await,
                 decided => {
-                    // One long job that ended may leave room for several short ones.
-                    self.place_freed.notify_one();
+                    // The end of one long job may free capacity for several short ones: wake the next waiter too.
+                    self.permit_released.notify_one();
                     return decided;
                 }
             }
         }
     }
 
-    /// What waits or runs.
-    pub(super) fn ahead(&self) -> Ahead {
-        lock(&self.state).ahead()
+    /// The jobs that wait or run, and how long they are expected to take.
+    pub(super) fn backlog(&self) -> Backlog {
+        lock(&self.state).backlog()
     }
 
-    /// Workers whose job still runs although it was told to stop longer than `patience` ago.
-    pub(super) fn stuck(&self, patience: Duration) -> usize {
+    /// Workers whose job still runs although it was signalled to stop longer than `timeout` ago.
+    pub(super) fn stuck(&self, timeout: Duration) -> usize {
         let state = lock(&self.state);
-        let is_stuck = |filled: &Filled| filled.stop.stopped_at().is_some_and(|time| time.elapsed() > patience);
-        let running = || state.filled.values().filter(|filled| filled.started.is_some());
-        let stuck = running().filter(|filled| is_stuck(filled)).count();
-        // Where all jobs are stuck, so are the workers that they have borrowed.
-        if stuck > 0 && stuck == running().count() { stuck + state.turns.lent() } else { stuck }
+        let is_stuck = |submitted: &Submitted| submitted.stop.stopped_at().is_some_and(|time| time.elapsed() > timeout);
+        let running = || state.submitted.values().filter(|submitted| submitted.started.is_some());
+        let stuck = running().filter(|submitted| is_stuck(submitted)).count();
+        // When all jobs are stuck, so are the workers that they have borrowed.
+        if stuck > 0 && stuck == running().count() { stuck + state.slots.lent() } else { stuck }
     }
 
     /// Jobs that wait, and jobs that run.
     pub(super) fn load(&self) -> Load {
         let state = lock(&self.state);
         let waiting = state.waiting.len();
-        // A job that was taken out of the line gives its place back a moment later.
-        Load { waiting, running: state.filled.len().saturating_sub(waiting) }
+        // A job that was removed from the queue releases its permit a moment later.
+        Load { waiting, running: state.submitted.len().saturating_sub(waiting) }
     }
 
     pub(super) fn is_open(&self) -> bool {
@@ -184,7 +184,7 @@ impl BoundedQueue {
     pub(super) fn close(&self) {
         lock(&self.state).open = false;
         self.changed.notify_all();
-        self.place_freed.notify_waiters();
+        self.permit_released.notify_waiters();
     }
 
     pub(super) fn cancel_all(&self, cause: StopCause) {
@@ -192,15 +192,18 @@ impl BoundedQueue {
             let mut state = lock(&self.state);
             state.open = false;
             state.cancelled = Some(cause);
-            (mem::take(&mut state.waiting), state.filled.values().map(|filled| filled.stop.clone()).collect::<Vec<_>>())
+            (
+                mem::take(&mut state.waiting),
+                state.submitted.values().map(|submitted| submitted.stop.clone()).collect::<Vec<_>>(),
+            )
         };
         for stop in stops {
             stop.stop(cause);
         }
-        // Outside the lock: the jobs give their places back.
+        // Outside the lock: the dropped jobs release their permits, which takes it.
         drop(waiting);
         self.changed.notify_all();
-        self.place_freed.notify_waiters();
+        self.permit_released.notify_waiters();
     }
 
     /// The oldest waiting job; blocks until there is one and a worker to run it. `None` once the queue is closed and nothing
@@ -208,16 +211,16 @@ impl BoundedQueue {
     pub(super) fn next(&self) -> Option<Job> {
         let mut state = lock(&self.state);
         loop {
-            if state.turns.has_idle()
+            if state.slots.has_idle()
                 && let Some(job) = state.waiting.pop_front()
             {
-                state.turns.begin_job(job.id());
-                if let Some(filled) = state.filled.get_mut(&job.id()) {
-                    filled.started = Some(Instant::now());
+                state.slots.begin_job(job.id());
+                if let Some(submitted) = state.submitted.get_mut(&job.id()) {
+                    submitted.started = Some(Instant::now());
                 }
                 return Some(job);
             }
-            // A reserved place may yet be filled: workers stay until the last one is given back.
+            // A job may yet be submitted with an issued permit: workers stay until the last one is released.
             if !state.open && state.in_flight == 0 {
                 return None;
             }
@@ -228,26 +231,26 @@ impl BoundedQueue {
     /// Borrows an idle worker, unless a job waits for one.
     pub(super) fn lend(&self) -> Option<(u64, Arc<AtomicBool>)> {
         let mut state = lock(&self.state);
-        (state.waiting.is_empty() && state.turns.has_idle()).then(|| state.turns.lend())
+        (state.waiting.is_empty() && state.slots.has_idle()).then(|| state.slots.lend())
     }
 
     pub(super) fn give_back_loan(&self, loan: u64) {
-        lock(&self.state).turns.give_back(loan);
+        lock(&self.state).slots.give_back(loan);
         self.changed.notify_one();
     }
 
     pub(super) fn lent(&self) -> usize {
-        lock(&self.state).turns.lent()
+        lock(&self.state).slots.lent()
     }
 
-    /// Takes a job out of the line, if it still waits there.
+    /// Removes a job if it still waits; its permit is released.
     pub(super) fn remove(&self, id: u64) {
         let removed = {
             let mut state = lock(&self.state);
             let position = state.waiting.iter().position(|job| job.id() == id);
             position.and_then(|position| state.waiting.remove(position))
         };
-        // Outside the lock: the job gives its place back.
+        // Outside the lock: the dropped job releases its permit, which takes it.
         drop(removed);
     }
 
@@ -256,74 +259,74 @@ impl BoundedQueue {
         if let Some(cause) = state.cancelled {
             stop.stop(cause);
         }
-        state.filled.insert(job.id(), Filled { stop, estimate, started: None });
+        state.submitted.insert(job.id(), Submitted { stop, estimate, started: None });
         state.waiting.push_back(job);
-        state.turns.recall_for(state.waiting.len());
+        state.slots.recall_for(state.waiting.len());
         drop(state);
         self.changed.notify_one();
     }
 
-    fn give_back(&self, id: u64) {
+    fn release(&self, id: u64) {
         let mut state = lock(&self.state);
         state.in_flight -= 1;
-        state.turns.end_job(id);
+        state.slots.end_job(id);
         // Bound to a name so that it is dropped after the lock.
-        let _filled = state.filled.remove(&id);
+        let _submitted = state.submitted.remove(&id);
         let was_last = !state.open && state.in_flight == 0;
         drop(state);
         if was_last {
             self.changed.notify_all();
         }
-        self.place_freed.notify_one();
+        self.permit_released.notify_one();
     }
 }
 
-/// The right to put one job into the queue; given back on drop.
+/// The right to submit one job to the queue; released on drop.
 #[derive(Debug)]
-pub struct Place {
+pub struct Permit {
     queue: Arc<BoundedQueue>,
     watchdog: Arc<Watchdog>,
     id: u64,
 }
 
-impl Place {
-    /// The number of the job in this process, for logs.
+impl Permit {
+    /// The number of the job, unique in this queue, for logs.
     pub fn job_id(&self) -> u64 {
         self.id
     }
 
-    /// What waits or runs ahead of this place.
-    pub fn ahead(&self) -> Ahead {
-        self.queue.ahead()
+    /// The jobs that wait or run before the job of this permit is submitted.
+    pub fn backlog(&self) -> Backlog {
+        self.queue.backlog()
     }
 
-    /// The workers that the job of this place may borrow while it runs.
+    /// The workers that the job of this permit may borrow while it runs.
     pub fn idle_workers(&self) -> IdleWorkers {
         IdleWorkers::new(Arc::clone(&self.queue))
     }
 
-    /// Queues `work`; it hears of its clocks through the stop handle.
-    pub fn fill<T: Send + 'static>(
+    /// Queues `work`; when one of its clocks runs out, the stop handle signals it.
+    pub fn submit<T: Send + 'static>(
         self,
         clocks: Clocks,
         work: impl FnOnce(&StopHandle) -> T + Send + 'static,
     ) -> Ticket<T> {
         let (queue, watchdog) = (Arc::clone(&self.queue), Arc::clone(&self.watchdog));
         let (id, stop) = (self.id, StopHandle::new());
-        let departure = Departure::new(stop.clone(), Arc::downgrade(&queue), id);
-        let (job, ticket) = job::pair(self, id, (stop.clone(), departure), clocks, work);
+        let cancel_on_drop = CancelOnDrop::new(stop.clone(), Arc::downgrade(&queue), id);
+        let (job, ticket) = job::pair(self, id, (stop.clone(), cancel_on_drop), clocks, work);
         queue.push(job, stop.clone(), clocks.estimate);
-        // After the job is in the line, so that a time that has passed already finds it there.
+        // After the push, so that a deadline that has passed already finds the job in the queue and removes it.
         let watch = clocks.stop_time().map(|time| {
-            let line = (Arc::downgrade(&queue), id);
-            watchdog.watch_waiting(&stop, (time, StopCause::Deadline), line)
+            let queued = (Arc::downgrade(&queue), id);
+            watchdog.watch_queued(&stop, (time, StopCause::Deadline), queued)
         });
         ticket.watched_by(watch)
     }
 }
 
-impl Drop for Place {
+impl Drop for Permit {
     fn drop(&mut self) {
-        self.queue.give_back(self.id);
+        self.queue.release(self.id);
     }
 }

@@ -1,4 +1,4 @@
-//! One job: the work, its clock, its panic border and its answer.
+//! One job: the work under its clocks and behind a panic border, and the ticket that its caller waits with.
 
 use std::any::Any;
 use std::fmt;
@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 
-use super::bounded_queue::{BoundedQueue, Place};
+use super::bounded_queue::{BoundedQueue, Permit};
 use super::stop::{StopCause, StopHandle};
 use super::watchdog::{Watch, Watchdog};
 
-/// How long before a deadline a job is told to stop: time to write the answer and send it.
+/// How long before a deadline a job is signalled to stop: time to write the answer and send it.
 pub const ANSWER_MARGIN: Duration = Duration::from_millis(20);
 
 /// The two clocks of a job, and how long it is expected to run.
@@ -20,17 +20,17 @@ pub const ANSWER_MARGIN: Duration = Duration::from_millis(20);
 pub struct Clocks {
     /// How long the job may run, counted from its start on the worker.
     pub time_limit: Option<Duration>,
-    /// When its caller needs the answer, waiting included; the job is told to stop [`ANSWER_MARGIN`] earlier, and is
-    /// never started after that.
+    /// When its caller needs the answer, waiting included; the job is signalled to stop [`ANSWER_MARGIN`] earlier, and
+    /// is never started after that.
     pub deadline: Option<Instant>,
-    /// How long it is expected to run, for the sake of those who come after it.
+    /// How long it is expected to run: the part of the queue's capacity for work that it takes.
     pub estimate: Duration,
 }
 
 impl Clocks {
-    /// When a job under this deadline is told to stop.
+    /// When a job under this deadline is signalled to stop.
     pub(super) fn stop_time(&self) -> Option<Instant> {
-        // Before the clock's own beginning: at once.
+        // A time that the clock cannot represent lies in the past: stop at once.
         self.deadline.map(|deadline| deadline.checked_sub(ANSWER_MARGIN).unwrap_or_else(Instant::now))
     }
 }
@@ -38,7 +38,7 @@ impl Clocks {
 /// How a job ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum JobOutcome<T> {
-    /// The work returned, by itself or because it was told to stop.
+    /// The work returned, by itself or because it was signalled to stop.
     Finished {
         /// What it returned.
         value: T,
@@ -50,32 +50,32 @@ pub enum JobOutcome<T> {
         /// The panic message, for the log only.
         message: String,
     },
-    /// The work was told to stop before it started.
+    /// The job was signalled to stop before its work started.
     NeverStarted {
-        /// What told it.
+        /// What stopped it.
         cause: StopCause,
     },
 }
 
-/// The caller's hold on a job. Dropping it tells the job to stop: nobody waits any more.
+/// The caller's end of a job. Dropping it stops the job, because nobody waits for its outcome any more.
 #[derive(Debug)]
 pub struct Ticket<T> {
     answer: oneshot::Receiver<JobOutcome<T>>,
-    departure: Departure,
-    /// Held until the end, if there is a deadline.
+    cancel_on_drop: CancelOnDrop,
+    /// The watch of the deadline, if there is one; dropped when the job has ended.
     deadline: Option<Watch>,
 }
 
 impl<T> Ticket<T> {
-    /// Sets the watch over the deadline.
+    /// Attaches the watch of the deadline.
     pub(super) fn watched_by(self, deadline: Option<Watch>) -> Self {
         Self { deadline, ..self }
     }
 
     /// Waits for the end of the job.
     pub async fn outcome(self) -> JobOutcome<T> {
-        let Self { answer, departure, deadline: _watch } = self;
-        answer.await.unwrap_or_else(|_| departure.never_started())
+        let Self { answer, cancel_on_drop, deadline: _watch } = self;
+        answer.await.unwrap_or_else(|_| cancel_on_drop.never_started())
     }
 
     /// Waits for the end of the job on a thread that may block.
@@ -83,20 +83,20 @@ impl<T> Ticket<T> {
     /// # Panics
     /// When called on a thread of an async runtime.
     pub fn blocking_outcome(self) -> JobOutcome<T> {
-        let Self { answer, departure, deadline: _watch } = self;
-        answer.blocking_recv().unwrap_or_else(|_| departure.never_started())
+        let Self { answer, cancel_on_drop, deadline: _watch } = self;
+        answer.blocking_recv().unwrap_or_else(|_| cancel_on_drop.never_started())
     }
 }
 
-/// Stops the job when the caller's ticket goes, and takes it out of the line.
+/// Stops the job when its ticket is dropped, and removes it from the queue if it still waits.
 #[derive(Debug)]
-pub(super) struct Departure {
+pub(super) struct CancelOnDrop {
     stop: StopHandle,
     queue: Weak<BoundedQueue>,
     id: u64,
 }
 
-impl Departure {
+impl CancelOnDrop {
     pub(super) fn new(stop: StopHandle, queue: Weak<BoundedQueue>, id: u64) -> Self {
         Self { stop, queue, id }
     }
@@ -107,7 +107,7 @@ impl Departure {
     }
 }
 
-impl Drop for Departure {
+impl Drop for CancelOnDrop {
     fn drop(&mut self) {
         self.stop.stop(StopCause::CallerGone);
         if let Some(queue) = self.queue.upgrade() {
@@ -116,7 +116,7 @@ impl Drop for Departure {
     }
 }
 
-/// A job in the line, with its types erased.
+/// A queued job; its value type is erased, so that one queue holds jobs of all kinds.
 pub(super) struct Job {
     id: u64,
     run: Box<dyn FnOnce(&Watchdog) + Send>,
@@ -127,7 +127,7 @@ impl Job {
         self.id
     }
 
-    /// Runs the work, gives the place back, then answers.
+    /// Runs the work, releases the permit, then sends the outcome.
     pub(super) fn run(self, watchdog: &Watchdog) {
         (self.run)(watchdog);
     }
@@ -141,15 +141,15 @@ impl fmt::Debug for Job {
 
 /// The two ends of a job: the worker's and the caller's.
 pub(super) fn pair<T: Send + 'static>(
-    place: Place,
+    permit: Permit,
     id: u64,
-    (stop, departure): (StopHandle, Departure),
+    (stop, cancel_on_drop): (StopHandle, CancelOnDrop),
     clocks: Clocks,
     work: impl FnOnce(&StopHandle) -> T + Send + 'static,
 ) -> (Job, Ticket<T>) {
     let (sender, answer) = oneshot::channel();
     let run = move |watchdog: &Watchdog| {
-        // The watchdog may be a moment late.
+        // The watchdog may be a moment late, and the job must not start after its deadline.
         if clocks.stop_time().is_some_and(|time| time <= Instant::now()) {
             stop.stop(StopCause::Deadline);
         }
@@ -157,12 +157,12 @@ pub(super) fn pair<T: Send + 'static>(
             Some(cause) => JobOutcome::NeverStarted { cause },
             None => run_timed(&stop, clocks.time_limit, work, watchdog),
         };
-        // Before the answer, so that an answered caller finds the place free.
-        drop(place);
-        // A caller who left needs no answer.
+        // Before the outcome is sent, so that a caller who has it can reserve this permit again.
+        drop(permit);
+        // Sending fails when the caller has left, who needs no outcome.
         let _ = sender.send(outcome);
     };
-    (Job { id, run: Box::new(run) }, Ticket { answer, departure, deadline: None })
+    (Job { id, run: Box::new(run) }, Ticket { answer, cancel_on_drop, deadline: None })
 }
 
 fn run_timed<T>(
@@ -172,7 +172,7 @@ fn run_timed<T>(
     watchdog: &Watchdog,
 ) -> JobOutcome<T> {
     let start = Instant::now();
-    // A limit beyond the clock's range never passes.
+    // A limit beyond the range of the clock never passes: no watch.
     let end = time_limit.and_then(|limit| start.checked_add(limit));
     let watch = end.map(|end| watchdog.watch(stop, end, StopCause::TimeLimit));
     // The work owns all it touches, so nothing half-changed outlives a panic.

@@ -1,34 +1,34 @@
-//! Workers without a job help those that have one.
+//! Lets a running job use the threads of idle workers.
 //!
 //! Never more threads work than there are workers. A job that finds idle workers borrows them: each loan keeps one worker
-//! from taking a job, and a thread of the borrowing job does the work in its place. A loan is recalled as soon as a job
-//! waits for which no other worker is idle. The helper then leaves what it does to the borrower, and the waiting job
-//! starts.
+//! from taking a job, and a helper thread of the borrowing job works in its stead. A loan is recalled as soon as a job
+//! waits for which no other worker is idle. The helper then leaves its part of the work to the borrower, and the waiting
+//! job starts.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
-use std::thread::{Builder, Result as Ended, Scope, scope};
+use std::thread::{Builder, Result as HelperResult, Scope, scope};
 
 use super::bounded_queue::BoundedQueue;
 
 #[cfg(test)]
 mod tests;
 
-/// Who has a turn: at most as many jobs and loans as there are workers.
+/// The slots of the workers: each holds a running job or a loan, or is idle.
 #[derive(Debug)]
-pub(super) struct Turns {
+pub(super) struct WorkerSlots {
     workers: usize,
-    /// The jobs that were taken and have not given their place back.
+    /// The jobs that a worker has taken and that have not released their permit.
     running: BTreeSet<u64>,
     /// The recall flags of all loans, the latest last.
     lent: BTreeMap<u64, Arc<AtomicBool>>,
     next_loan: u64,
 }
 
-impl Turns {
+impl WorkerSlots {
     pub(super) fn new(workers: usize) -> Self {
         Self { workers, running: BTreeSet::new(), lent: BTreeMap::new(), next_loan: 0 }
     }
@@ -45,7 +45,7 @@ impl Turns {
         self.running.insert(id);
     }
 
-    /// Nothing for a job that was never begun.
+    /// Does nothing for a job that was never begun.
     pub(super) fn end_job(&mut self, id: u64) {
         self.running.remove(&id);
     }
@@ -61,7 +61,7 @@ impl Turns {
         self.lent.remove(&loan);
     }
 
-    /// Recalls as many loans as the waiting jobs need, the latest first: they have done least.
+    /// Recalls as many loans as the waiting jobs need, the latest first: their helpers have done least.
     pub(super) fn recall_for(&self, waiting: usize) {
         let idle = self.workers - self.running.len() - self.lent.len();
         for is_recalled in self.lent.values().rev().take(waiting.saturating_sub(idle)) {
@@ -94,29 +94,29 @@ impl IdleWorkers {
         Self { queue }
     }
 
-    /// Does work in parts on the calling thread and on idle workers, which are asked anew before each part.
+    /// Does work in parts on the calling thread and on helpers; before each part more idle workers are borrowed.
     ///
-    /// `take_part` begins and ends one open part, false when there is none; with its flag set it leaves the part open
-    /// soon. `open_parts` counts them. Returns when none is open or under way.
+    /// `take_part` begins and ends one open part, or returns false when there is none; once its flag is set it returns
+    /// soon and leaves the part open. `open_parts` counts the open parts. Returns when none is open or under way.
     ///
     /// # Panics
     /// When a part panics, on whatever thread.
     pub fn share(&self, open_parts: &(dyn Fn() -> usize + Sync), take_part: &(dyn Fn(&AtomicBool) -> bool + Sync)) {
         static NEVER: AtomicBool = AtomicBool::new(false);
-        let (leave, has_left) = channel();
+        let (end, ended) = channel();
         scope(|threads| {
             let mut helpers = 0_usize;
             loop {
                 // One part is the calling thread's own.
-                helpers += (1..open_parts()).take_while(|_| self.invite(threads, take_part, &leave)).count();
+                helpers += (1..open_parts()).take_while(|_| self.start_helper(threads, take_part, &end)).count();
                 if take_part(&NEVER) {
                     continue;
                 }
                 if helpers == 0 {
                     return;
                 }
-                // Whoever leaves may have left a part open.
-                match has_left.recv() {
+                // A helper that ends may have left a part open: look again.
+                match ended.recv() {
                     Ok(Err(panic)) => resume_unwind(panic),
                     Ok(Ok(())) | Err(_) => helpers -= 1,
                 }
@@ -124,25 +124,25 @@ impl IdleWorkers {
         });
     }
 
-    /// Borrows an idle worker until no part is open; false when there is none.
-    fn invite<'scope>(
+    /// Starts a helper on an idle worker, which works until no part is open; false when no worker is idle.
+    fn start_helper<'scope>(
         &self,
         threads: &'scope Scope<'scope, '_>,
         take_part: &'scope (dyn Fn(&AtomicBool) -> bool + Sync),
-        leave: &Sender<Ended<()>>,
+        end: &Sender<HelperResult<()>>,
     ) -> bool {
         let Some((number, is_recalled)) = self.queue.lend() else { return false };
         let loan = Loan { queue: Arc::clone(&self.queue), number, is_recalled };
-        let leave = leave.clone();
+        let end = end.clone();
         let help = move || {
-            // What a panic leaves half done goes down with the borrower, who panics too.
-            let ended = catch_unwind(AssertUnwindSafe(|| while take_part(&loan.is_recalled) {}));
-            // Before the word, so that no loan outlives its borrower.
+            // State that a panic leaves half changed is not used again: the borrower panics too.
+            let result = catch_unwind(AssertUnwindSafe(|| while take_part(&loan.is_recalled) {}));
+            // Before the result is sent, so that the loan ends before the borrower returns.
             drop(loan);
-            // The borrower may have panicked itself.
-            let _ = leave.send(ended);
+            // Sending fails when the borrower has panicked itself.
+            let _ = end.send(result);
         };
-        // Without another thread the calling one works on alone.
+        // When the system refuses the thread, the calling one works on alone.
         Builder::new().name("slipdrive-helper".to_owned()).spawn_scoped(threads, help).is_ok()
     }
 }

@@ -1,19 +1,20 @@
 //! A bounded queue that feeds a fixed number of blocking worker threads. It knows no domain.
 //!
 //! - Admission is counted: at most `workers + queue_length` jobs are in flight, running and waiting together. A
-//!   [`Place`] is reserved first, filled with a job later, and given back when it is dropped. What the jobs in flight
-//!   are expected to take is bounded too.
-//! - Jobs start in the order in which they came. Each runs behind a panic border and answers through its [`Ticket`].
+//!   [`Permit`] is reserved first, used to submit a job later, and released when it is dropped. The total expected
+//!   run time of the jobs in flight is bounded too.
+//! - Jobs start in the order in which they were submitted. A panic of a job is caught, and the outcome of each job is
+//!   returned through its [`Ticket`].
 //! - A running job may borrow [`IdleWorkers`]; they are given back as soon as another job waits.
-//! - A job stops for the first [`StopCause`] that reaches its [`StopHandle`]: its time limit, its deadline, its
-//!   caller's departure (the ticket is dropped), or a shutdown. A job that is stopped while it waits is taken out of
-//!   the line and never started.
+//! - A job stops for the first [`StopCause`] that reaches its [`StopHandle`]: its time limit, its deadline, a caller
+//!   who no longer waits (the ticket is dropped), or a shutdown. A job that is stopped while it waits is removed from
+//!   the queue and never started.
 //!
-//! The waiting line is a deque under a mutex rather than a channel, because the place of a caller who left must be free
-//! at once, and a channel gives entries only to its receivers.
+//! Waiting jobs are kept in a deque under a mutex rather than in a channel, because the permit of a caller who left must
+//! be released at once, and only the receiver can take entries out of a channel.
 //!
 //! Mutex poisoning is ignored throughout: no foreign code runs while one of these locks is held, and each critical
-//! section leaves the state sound after every statement.
+//! section leaves the state valid after every statement.
 
 mod bounded_queue;
 mod job;
@@ -30,89 +31,89 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use bounded_queue::BoundedQueue;
-pub use bounded_queue::{Ahead, Load, Place, Refusal, Room};
+pub use bounded_queue::{Backlog, Capacity, Load, Permit, Refusal};
 pub use job::{ANSWER_MARGIN, Clocks, JobOutcome, Ticket};
 pub use lending::IdleWorkers;
 pub use stop::{StopCause, StopHandle};
 use watchdog::Watchdog;
 use workers::Workers;
 
-/// The queue with its worker threads and the watchdog of time limits.
+/// The queue with its worker threads and the watchdog that enforces time limits and deadlines.
 ///
-/// Dropping it closes the admission and stops all jobs, without waiting for them.
+/// Dropping it closes the queue and stops all jobs, without waiting for them.
 #[derive(Debug)]
 pub struct Queue {
-    waiting_line: Arc<BoundedQueue>,
+    jobs: Arc<BoundedQueue>,
     workers: Workers,
     watchdog: Arc<Watchdog>,
 }
 
 impl Queue {
-    /// Starts the threads: `workers` of them run a job each while others wait within the room.
+    /// Starts the watchdog and `workers` worker threads; `capacity` bounds what may be in flight.
     ///
     /// # Errors
     /// When the operating system refuses a thread.
-    pub fn start(workers: NonZeroUsize, room: Room) -> io::Result<Self> {
-        let waiting_line = Arc::new(BoundedQueue::new(workers.get(), room));
+    pub fn start(workers: NonZeroUsize, capacity: Capacity) -> io::Result<Self> {
+        let jobs = Arc::new(BoundedQueue::new(workers.get(), capacity));
         let watchdog = Arc::new(Watchdog::start()?);
-        let workers = Workers::start(workers, &waiting_line, &watchdog).inspect_err(|_| waiting_line.close())?;
-        Ok(Self { waiting_line, workers, watchdog })
+        let workers = Workers::start(workers, &jobs, &watchdog).inspect_err(|_| jobs.close())?;
+        Ok(Self { jobs, workers, watchdog })
     }
 
-    /// Reserves the place of one job.
+    /// Reserves a permit for one job.
     ///
     /// # Errors
-    /// When all places are taken, or the queue was closed.
-    pub fn reserve(&self) -> Result<Place, Refusal> {
-        self.waiting_line.reserve(&self.watchdog)
+    /// When the capacity is used up, or the queue is closed.
+    pub fn reserve(&self) -> Result<Permit, Refusal> {
+        self.jobs.reserve(&self.watchdog)
     }
 
-    /// Waits until less is in flight than `room`, then reserves a place.
+    /// Waits until less is in flight than `capacity`, then reserves a permit.
     ///
     /// # Errors
     /// Only when the queue is closed.
-    pub async fn wait_for_place(&self, room: Room) -> Result<Place, Refusal> {
-        self.waiting_line.wait_for_place(room, &self.watchdog).await
+    pub async fn wait_for_permit(&self, capacity: Capacity) -> Result<Permit, Refusal> {
+        self.jobs.wait_for_permit(capacity, &self.watchdog).await
     }
 
-    /// Whether places are still given out.
+    /// Whether permits are still issued.
     pub fn is_open(&self) -> bool {
-        self.waiting_line.is_open()
+        self.jobs.is_open()
     }
 
-    /// What waits or runs.
-    pub fn ahead(&self) -> Ahead {
-        self.waiting_line.ahead()
+    /// The jobs that wait or run, and how long they are expected to take.
+    pub fn backlog(&self) -> Backlog {
+        self.jobs.backlog()
     }
 
-    /// Workers whose job was told to stop longer than `patience` ago and still runs.
-    pub fn stuck_workers(&self, patience: Duration) -> usize {
-        self.waiting_line.stuck(patience)
+    /// Workers whose job was signalled to stop longer than `timeout` ago and still runs.
+    pub fn stuck_workers(&self, timeout: Duration) -> usize {
+        self.jobs.stuck(timeout)
     }
 
     /// Jobs that wait, and jobs that run.
     pub fn load(&self) -> Load {
-        self.waiting_line.load()
+        self.jobs.load()
     }
 
     /// Jobs in flight: reserved, waiting and running.
     pub fn in_flight(&self) -> usize {
-        self.waiting_line.in_flight()
+        self.jobs.in_flight()
     }
 
-    /// Workers that help another's job at present.
+    /// Workers that are lent to jobs of other workers at present.
     pub fn helping_workers(&self) -> usize {
-        self.waiting_line.lent()
+        self.jobs.lent()
     }
 
-    /// Gives out no more places; jobs in flight go on.
+    /// Issues no more permits; jobs in flight continue.
     pub fn close(&self) {
-        self.waiting_line.close();
+        self.jobs.close();
     }
 
     /// Closes the queue and stops every job in flight, waiting or running.
     pub fn cancel_all(&self, cause: StopCause) {
-        self.waiting_line.cancel_all(cause);
+        self.jobs.cancel_all(cause);
     }
 
     /// Closes the queue, waits until all jobs in flight have ended, and joins the threads. Blocks.
@@ -129,7 +130,7 @@ impl Drop for Queue {
     }
 }
 
-/// Locks under the policy on poisoning that the module states.
+/// Locks and ignores poisoning, for the reason that the module states.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

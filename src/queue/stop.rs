@@ -1,10 +1,10 @@
-//! Why and how a job is told to stop.
+//! Why and how a job is signalled to stop.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-/// What told a job to stop.
+/// Why a job was signalled to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopCause {
     /// Its time limit, counted from its start on the worker, has passed.
@@ -17,7 +17,7 @@ pub enum StopCause {
     Shutdown,
 }
 
-/// The stop flag of one job and the first cause that set it; clones speak of the same job.
+/// The stop flag of one job and the first cause that set it; clones share both.
 #[derive(Debug, Clone, Default)]
 pub struct StopHandle {
     state: Arc<StopState>,
@@ -30,12 +30,12 @@ struct StopState {
 }
 
 impl StopHandle {
-    /// A handle of a job that nobody has stopped.
+    /// A handle whose flag is not set.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Tells the job to stop; only the first cause is kept.
+    /// Signals the job to stop; only the first cause is kept.
     pub fn stop(&self, cause: StopCause) {
         let first = self.state.cause.set((cause, Instant::now())).is_ok();
         if first {
@@ -48,12 +48,12 @@ impl StopHandle {
         self.state.cause.get().map(|&(cause, _)| cause)
     }
 
-    /// When the job was told to stop, if it was.
+    /// When the job was signalled to stop, if it was.
     pub fn stopped_at(&self) -> Option<Instant> {
         self.state.cause.get().map(|&(_, time)| time)
     }
 
-    /// The flag itself, for work that polls.
+    /// The flag itself, for work that polls it.
     pub fn flag(&self) -> &AtomicBool {
         &self.state.flag
     }

@@ -1,4 +1,4 @@
-//! One thread that stops jobs when their time comes.
+//! One thread that stops jobs when their time limit or deadline has come.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
@@ -10,7 +10,7 @@ use super::bounded_queue::BoundedQueue;
 use super::lock;
 use super::stop::{StopCause, StopHandle};
 
-/// The watchdog thread and what it watches.
+/// The watchdog thread and the times that it watches.
 #[derive(Debug)]
 pub(super) struct Watchdog {
     watched: Arc<Watched>,
@@ -23,23 +23,23 @@ struct Watched {
     changed: Condvar,
 }
 
-/// Sorted by time, so that the next one due is the first; the number keeps equal times apart.
+/// Sorted by time, so that the first entry is the next one due; the number distinguishes equal times.
 type Due = BTreeMap<(Instant, u64), Alarm>;
 
-/// What happens when a time comes.
+/// What is done at a watched time.
 #[derive(Debug)]
 struct Alarm {
     stop: StopHandle,
     cause: StopCause,
-    /// The line that the job may still wait in, and its number there.
-    line: Option<(Weak<BoundedQueue>, u64)>,
+    /// The queue that the job may still wait in, and its number there.
+    queued: Option<(Weak<BoundedQueue>, u64)>,
 }
 
 impl Alarm {
-    fn ring(self) {
-        let Self { stop, cause, line } = self;
+    fn fire(self) {
+        let Self { stop, cause, queued } = self;
         stop.stop(cause);
-        if let Some((queue, id)) = line
+        if let Some((queue, id)) = queued
             && let Some(queue) = queue.upgrade()
         {
             queue.remove(id);
@@ -66,17 +66,17 @@ impl Watchdog {
 
     /// Stops the job at `time` for `cause`, unless the watch is dropped before.
     pub(super) fn watch(&self, stop: &StopHandle, time: Instant, cause: StopCause) -> Watch {
-        self.set(time, Alarm { stop: stop.clone(), cause, line: None })
+        self.set(time, Alarm { stop: stop.clone(), cause, queued: None })
     }
 
-    /// Like [`Watchdog::watch`], and takes the job out of the line if it still waits there at that time.
-    pub(super) fn watch_waiting(
+    /// Like [`Watchdog::watch`], and removes the job from its queue if it still waits there at that time.
+    pub(super) fn watch_queued(
         &self,
         stop: &StopHandle,
         (time, cause): (Instant, StopCause),
-        line: (Weak<BoundedQueue>, u64),
+        queued: (Weak<BoundedQueue>, u64),
     ) -> Watch {
-        self.set(time, Alarm { stop: stop.clone(), cause, line: Some(line) })
+        self.set(time, Alarm { stop: stop.clone(), cause, queued: Some(queued) })
     }
 
     fn set(&self, time: Instant, alarm: Alarm) -> Watch {
@@ -116,9 +116,9 @@ impl Watched {
             let now = Instant::now();
             if let Some(entry) = state.due.first_entry().filter(|entry| entry.key().0 <= now) {
                 let alarm = entry.remove();
-                // Outside the lock: a job that goes with its alarm drops watches of its own.
+                // Outside the lock: a job that the alarm removes drops its own watches, which take it.
                 drop(state);
-                alarm.ring();
+                alarm.fire();
                 state = lock(&self.state);
                 continue;
             }

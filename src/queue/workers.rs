@@ -30,10 +30,10 @@ impl Workers {
         Ok(Self { threads: Mutex::new(threads) })
     }
 
-    /// Waits until the closed queue has run dry.
+    /// Waits until the closed queue is empty and its last job has ended.
     pub(super) fn join(&self) {
         for thread in mem::take(&mut *lock(&self.threads)) {
-            // Panics of the work are caught inside the job.
+            // A worker cannot have panicked: panics of the work are caught inside the job.
             let _ = thread.join();
         }
     }

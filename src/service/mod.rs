@@ -29,7 +29,7 @@ pub use solver::{InProcessSolver, ManeuverSolver};
 use tokio::sync::watch;
 
 use crate::metrics::{Metrics, QueueLevels};
-use crate::queue::{self, Queue, Refusal, Room, StopCause};
+use crate::queue::{self, Capacity, Queue, Refusal, StopCause};
 
 /// How much expected work per worker may be in flight unless configured: the longest time limit. Who would wait longer
 /// is better told to come back.
@@ -67,16 +67,16 @@ impl Default for ServiceSettings {
 
 impl ServiceSettings {
     /// What may run and wait at once.
-    fn room(&self) -> Room {
+    fn room(&self) -> Capacity {
         let (workers, queue_length) = (self.workers.get(), self.queue_length);
         let work = self.queue_work.saturating_mul(u32::try_from(workers).unwrap_or(u32::MAX));
-        Room { places: workers.saturating_add(queue_length), work }
+        Capacity { permits: workers.saturating_add(queue_length), work }
     }
 
     /// The room of batches: the last quarter of the queue is left to single callers.
-    fn room_of_batches(&self) -> Room {
-        let Room { places, work } = self.room();
-        Room { places: places - self.queue_length.div_ceil(4), work: work.mul_f64(0.75) }
+    fn room_of_batches(&self) -> Capacity {
+        let Capacity { permits, work } = self.room();
+        Capacity { permits: permits - self.queue_length.div_ceil(4), work: work.mul_f64(0.75) }
     }
 }
 
@@ -131,7 +131,7 @@ impl Service {
         self.metrics.render(&QueueLevels {
             waiting: load.waiting,
             capacity: self.settings.queue_length,
-            cost_s: self.queue.ahead().work.as_secs_f64(),
+            cost_s: self.queue.backlog().work.as_secs_f64(),
             busy_workers,
             stuck_workers,
             helping_workers,
@@ -200,7 +200,7 @@ impl Service {
     /// # Errors
     /// Only when the queue is closed.
     pub async fn reserve_for_batch(&self) -> Result<Place, ServiceError> {
-        let place = self.queue.wait_for_place(self.settings.room_of_batches()).await;
+        let place = self.queue.wait_for_permit(self.settings.room_of_batches()).await;
         place.map(|place| self.place(place)).map_err(|refusal| self.refused(refusal))
     }
 
@@ -233,7 +233,7 @@ impl Service {
         self.queue.join();
     }
 
-    fn place(&self, reserved: queue::Place) -> Place {
+    fn place(&self, reserved: queue::Permit) -> Place {
         let (solver, pace, metrics) = (Arc::clone(&self.solver), Arc::clone(&self.pace), Arc::clone(&self.metrics));
         let finishing = Arc::clone(&self.finishing);
         Place { reserved, solver, pace, metrics, finishing, settings: self.settings }
@@ -242,7 +242,7 @@ impl Service {
     fn refused(&self, refusal: Refusal) -> ServiceError {
         match refusal {
             Refusal::Full => {
-                ServiceError::QueueFull { retry_after: self.pace.retry_after(), capacity: self.settings.room().places }
+                ServiceError::QueueFull { retry_after: self.pace.retry_after(), capacity: self.settings.room().permits }
             }
             Refusal::Closed => self.unavailable(),
         }

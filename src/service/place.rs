@@ -12,7 +12,7 @@ use super::observation::{Awaited, Kind, Queued, SolveObserver};
 use super::pace::{Pace, Work};
 use super::{ManeuverSolver, ServiceError, ServiceSettings};
 use crate::metrics::Metrics;
-use crate::queue::{self, ANSWER_MARGIN, Ahead, Clocks, IdleWorkers, JobOutcome, StopCause, StopHandle, Ticket};
+use crate::queue::{self, ANSWER_MARGIN, Backlog, Clocks, IdleWorkers, JobOutcome, StopCause, StopHandle, Ticket};
 use crate::solver::{
     Helpers, RunControl, SharedWork, SimulateInput, Simulation, Solution, SolveInput, SolveProgress,
     StopReason as SolverStop,
@@ -81,7 +81,7 @@ pub struct Simulated {
 
 /// A reserved place in the queue; given back on drop.
 pub struct Place {
-    pub(super) reserved: queue::Place,
+    pub(super) reserved: queue::Permit,
     pub(super) solver: Arc<dyn ManeuverSolver>,
     pub(super) pace: Arc<Pace>,
     pub(super) metrics: Arc<Metrics>,
@@ -100,7 +100,7 @@ impl Place {
         clocks: SolveClocks,
         answer: impl FnOnce(Solved) -> T + Send + 'static,
     ) -> Result<RunningSolve<T>, ServiceError> {
-        let ahead = self.reserved.ahead();
+        let ahead = self.reserved.backlog();
         self.check_reachable(clocks.deadline, ahead)?;
         let position = (ahead.jobs + 1).saturating_sub(self.settings.workers.get());
         let (tell, progress) = watch::channel(None);
@@ -128,7 +128,7 @@ impl Place {
     /// # Errors
     /// As [`Place::solve`].
     pub fn solve_blocking(self, input: SolveInput, clocks: SolveClocks) -> Result<Solved, ServiceError> {
-        self.check_reachable(clocks.deadline, self.reserved.ahead())?;
+        self.check_reachable(clocks.deadline, self.reserved.backlog())?;
         let (tell, _nobody) = watch::channel(None);
         self.queue_solve(input, clocks, |solved| solved, tell).blocking_outcome()
     }
@@ -143,7 +143,7 @@ impl Place {
         deadline: Option<Instant>,
         answer: impl FnOnce(Simulated) -> T + Send + 'static,
     ) -> impl Future<Output = Result<T, ServiceError>> + Send {
-        let reachable = self.check_reachable(deadline, self.reserved.ahead());
+        let reachable = self.check_reachable(deadline, self.reserved.backlog());
         let queued = reachable.map(|()| self.queue_simulation(input, deadline, answer));
         async move { queued?.outcome().await }
     }
@@ -158,7 +158,7 @@ impl Place {
 
     /// Refuses when the jobs ahead would keep the workers busy beyond the deadline. One that has passed already is no
     /// matter of waiting: its job is queued, and never started.
-    fn check_reachable(&self, deadline: Option<Instant>, ahead: Ahead) -> Result<(), ServiceError> {
+    fn check_reachable(&self, deadline: Option<Instant>, ahead: Backlog) -> Result<(), ServiceError> {
         let Some(deadline) = deadline else { return Ok(()) };
         let remaining = deadline.saturating_duration_since(Instant::now());
         let workers = self.settings.workers.get();
@@ -202,7 +202,7 @@ impl Place {
         };
         let SolveClocks { time_limit, deadline } = clocks;
         let clocks = Clocks { time_limit: Some(search_time), deadline, estimate: pace.estimate(asked, time_limit) };
-        QueuedJob { job_id, ticket: place.fill(clocks, work), pace, awaited: Awaited::new(metrics) }
+        QueuedJob { job_id, ticket: place.submit(clocks, work), pace, awaited: Awaited::new(metrics) }
     }
 
     fn queue_simulation<T: Send + 'static>(
@@ -225,7 +225,7 @@ impl Place {
         // One rollout needs no time limit: its length is bounded by the grid limit.
         let clocks = Clocks { time_limit: None, deadline, estimate };
         let job_id = place.job_id();
-        QueuedJob { job_id, ticket: place.fill(clocks, work), pace, awaited: Awaited::new(metrics) }
+        QueuedJob { job_id, ticket: place.submit(clocks, work), pace, awaited: Awaited::new(metrics) }
     }
 }
 

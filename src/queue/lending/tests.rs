@@ -1,4 +1,4 @@
-//! Borrowed workers, held in place by barriers and channels.
+//! Facts about borrowed workers, which barriers and channels hold at known points.
 
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -7,11 +7,11 @@ use std::sync::{Arc, Barrier, Mutex};
 use std::thread::{current, yield_now};
 use std::time::Duration;
 
-use crate::queue::{Clocks, JobOutcome, Place, Queue, Room, StopHandle, Ticket, lock};
+use crate::queue::{Capacity, Clocks, JobOutcome, Permit, Queue, StopHandle, Ticket, lock};
 
 fn queue(workers: usize, queue_length: usize) -> Queue {
-    let room = Room { places: workers + queue_length, work: Duration::MAX };
-    Queue::start(NonZeroUsize::new(workers).unwrap(), room).unwrap()
+    let capacity = Capacity { permits: workers + queue_length, work: Duration::MAX };
+    Queue::start(NonZeroUsize::new(workers).unwrap(), capacity).unwrap()
 }
 
 /// Whether a part was done.
@@ -23,12 +23,12 @@ enum Done {
 
 /// Queues a job that shares `count` parts; it answers how often each was done.
 fn share_parts(
-    place: Place,
+    permit: Permit,
     count: usize,
     part: impl Fn(usize, &AtomicBool) -> Done + Send + Sync + 'static,
 ) -> Ticket<Vec<usize>> {
-    let idle = place.idle_workers();
-    place.fill(Clocks::default(), move |_: &StopHandle| {
+    let idle = permit.idle_workers();
+    permit.submit(Clocks::default(), move |_: &StopHandle| {
         let open = Mutex::new((0..count).collect::<Vec<_>>());
         let done: Vec<_> = (0..count).map(|_| AtomicUsize::new(0)).collect();
         let take_part = |is_recalled: &AtomicBool| {
@@ -111,7 +111,7 @@ fn waiting_job_gets_its_worker_back_while_the_borrower_still_runs() {
     };
     let borrower = share_parts(queue.reserve().unwrap(), 4, part);
     is_helped.recv().unwrap();
-    let second = queue.reserve().unwrap().fill(Clocks::default(), |_| 7);
+    let second = queue.reserve().unwrap().submit(Clocks::default(), |_| 7);
     assert_eq!(value_of(second.blocking_outcome()), 7);
     is_over.store(true, Ordering::Relaxed);
     drop(release);
@@ -146,7 +146,7 @@ fn only_as_many_loans_are_recalled_as_jobs_wait() {
     is_helped.recv().unwrap();
     is_helped.recv().unwrap();
     let (hold, held) = channel::<()>();
-    let second = queue.reserve().unwrap().fill(Clocks::default(), move |_| {
+    let second = queue.reserve().unwrap().submit(Clocks::default(), move |_| {
         let _ = held.recv();
     });
     has_left.recv().unwrap();
@@ -156,7 +156,7 @@ fn only_as_many_loans_are_recalled_as_jobs_wait() {
     }
     assert_eq!(queue.helping_workers(), 1);
     assert!(has_left.try_recv().is_err());
-    let third = queue.reserve().unwrap().fill(Clocks::default(), |_| ());
+    let third = queue.reserve().unwrap().submit(Clocks::default(), |_| ());
     has_left.recv().unwrap();
     value_of(third.blocking_outcome());
     is_over.store(true, Ordering::Relaxed);
@@ -194,9 +194,9 @@ fn panic_of_a_helper_is_the_panic_of_the_job_and_all_workers_go_on() {
 fn departed_caller_frees_the_borrowed_workers() {
     let queue = queue(2, 0);
     let (started, has_started) = channel();
-    let place = queue.reserve().unwrap();
-    let idle = place.idle_workers();
-    let ticket = place.fill(Clocks::default(), move |stop| {
+    let permit = queue.reserve().unwrap();
+    let idle = permit.idle_workers();
+    let ticket = permit.submit(Clocks::default(), move |stop| {
         let open = AtomicUsize::new(2);
         let take_part = |_: &AtomicBool| {
             if open.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |open| open.checked_sub(1)).is_err() {
