@@ -8,11 +8,10 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
-use super::job::{self, CancelOnDrop, Clocks, Job, Ticket};
-use super::lending::{IdleWorkers, WorkerSlots};
-use super::lock;
+use super::job::Job;
+use super::lock::lock;
 use super::stop::{StopCause, StopHandle};
-use super::watchdog::Watchdog;
+use super::worker_slots::WorkerSlots;
 
 /// How much may be in flight at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -111,12 +110,13 @@ impl BoundedQueue {
         Self { state: Mutex::new(state), changed: Condvar::new(), permit_released: Notify::new(), workers, capacity }
     }
 
-    pub(super) fn reserve(self: &Arc<Self>, watchdog: &Arc<Watchdog>) -> Result<Permit, Refusal> {
-        self.reserve_within(self.capacity, watchdog)
+    /// Counts one more job in flight and gives its number, until [`BoundedQueue::release`].
+    pub(super) fn reserve(&self) -> Result<u64, Refusal> {
+        self.reserve_within(self.capacity)
     }
 
-    /// Reserves a permit while less is in flight than `capacity`.
-    fn reserve_within(self: &Arc<Self>, capacity: Capacity, watchdog: &Arc<Watchdog>) -> Result<Permit, Refusal> {
+    /// Reserves while less is in flight than `capacity`.
+    fn reserve_within(&self, capacity: Capacity) -> Result<u64, Refusal> {
         let mut state = lock(&self.state);
         if !state.open {
             return Err(Refusal::Closed);
@@ -128,18 +128,14 @@ impl BoundedQueue {
         state.in_flight += 1;
         let id = state.next_id;
         state.next_id += 1;
-        Ok(Permit { queue: Arc::clone(self), watchdog: Arc::clone(watchdog), id })
+        Ok(id)
     }
 
-    /// Waits until less is in flight than `capacity` and reserves a permit; fails only when the queue is closed.
-    pub(super) async fn wait_for_permit(
-        self: &Arc<Self>,
-        capacity: Capacity,
-        watchdog: &Arc<Watchdog>,
-    ) -> Result<Permit, Refusal> {
+    /// Waits until less is in flight than `capacity` and reserves; fails only when the queue is closed.
+    pub(super) async fn wait_for_permit(&self, capacity: Capacity) -> Result<u64, Refusal> {
         loop {
             let freed = self.permit_released.notified();
-            match self.reserve_within(capacity, watchdog) {
+            match self.reserve_within(capacity) {
                 Err(Refusal::Full) => freed.await,
                 decided => {
                     // The end of one long job may free capacity for several short ones: wake the next waiter too.
@@ -254,7 +250,8 @@ impl BoundedQueue {
         drop(removed);
     }
 
-    fn push(&self, job: Job, stop: StopHandle, estimate: Duration) {
+    /// Queues a job; `stop` and `estimate` are kept until its permit is released.
+    pub(super) fn push(&self, job: Job, stop: StopHandle, estimate: Duration) {
         let mut state = lock(&self.state);
         if let Some(cause) = state.cancelled {
             stop.stop(cause);
@@ -266,7 +263,8 @@ impl BoundedQueue {
         self.changed.notify_one();
     }
 
-    fn release(&self, id: u64) {
+    /// Ends what [`BoundedQueue::reserve`] has begun.
+    pub(super) fn release(&self, id: u64) {
         let mut state = lock(&self.state);
         state.in_flight -= 1;
         state.slots.end_job(id);
@@ -278,55 +276,5 @@ impl BoundedQueue {
             self.changed.notify_all();
         }
         self.permit_released.notify_one();
-    }
-}
-
-/// The right to submit one job to the queue; released on drop.
-#[derive(Debug)]
-pub struct Permit {
-    queue: Arc<BoundedQueue>,
-    watchdog: Arc<Watchdog>,
-    id: u64,
-}
-
-impl Permit {
-    /// The number of the job, unique in this queue, for logs.
-    pub fn job_id(&self) -> u64 {
-        self.id
-    }
-
-    /// The jobs that wait or run before the job of this permit is submitted.
-    pub fn backlog(&self) -> Backlog {
-        self.queue.backlog()
-    }
-
-    /// The workers that the job of this permit may borrow while it runs.
-    pub fn idle_workers(&self) -> IdleWorkers {
-        IdleWorkers::new(Arc::clone(&self.queue))
-    }
-
-    /// Queues `work`; when one of its clocks runs out, the stop handle signals it.
-    pub fn submit<T: Send + 'static>(
-        self,
-        clocks: Clocks,
-        work: impl FnOnce(&StopHandle) -> T + Send + 'static,
-    ) -> Ticket<T> {
-        let (queue, watchdog) = (Arc::clone(&self.queue), Arc::clone(&self.watchdog));
-        let (id, stop) = (self.id, StopHandle::new());
-        let cancel_on_drop = CancelOnDrop::new(stop.clone(), Arc::downgrade(&queue), id);
-        let (job, ticket) = job::pair(self, id, (stop.clone(), cancel_on_drop), clocks, work);
-        queue.push(job, stop.clone(), clocks.estimate);
-        // After the push, so that a deadline that has passed already finds the job in the queue and removes it.
-        let watch = clocks.stop_time().map(|time| {
-            let queued = (Arc::downgrade(&queue), id);
-            watchdog.watch_queued(&stop, (time, StopCause::Deadline), queued)
-        });
-        ticket.watched_by(watch)
-    }
-}
-
-impl Drop for Permit {
-    fn drop(&mut self) {
-        self.queue.release(self.id);
     }
 }

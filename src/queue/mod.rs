@@ -12,29 +12,31 @@
 //!
 //! Waiting jobs are kept in a deque under a mutex rather than in a channel, because the permit of a caller who left must
 //! be released at once, and only the receiver can take entries out of a channel.
-//!
-//! Mutex poisoning is ignored throughout: no foreign code runs while one of these locks is held, and each critical
-//! section leaves the state valid after every statement.
 
 mod bounded_queue;
 mod job;
 mod lending;
+mod lock;
+mod permit;
 mod stop;
 #[cfg(test)]
 mod tests;
+mod ticket;
 mod watchdog;
+mod worker_slots;
 mod workers;
 
 use std::io;
 use std::num::NonZeroUsize;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use bounded_queue::BoundedQueue;
-pub use bounded_queue::{Backlog, Capacity, Load, Permit, Refusal};
-pub use job::{ANSWER_MARGIN, Clocks, JobOutcome, Ticket};
+pub use bounded_queue::{Backlog, Capacity, Load, Refusal};
 pub use lending::IdleWorkers;
+pub use permit::{ANSWER_MARGIN, Clocks, Permit};
 pub use stop::{StopCause, StopHandle};
+pub use ticket::{JobOutcome, Ticket};
 use watchdog::Watchdog;
 use workers::Workers;
 
@@ -56,7 +58,7 @@ impl Queue {
     pub fn start(workers: NonZeroUsize, capacity: Capacity) -> io::Result<Self> {
         let jobs = Arc::new(BoundedQueue::new(workers.get(), capacity));
         let watchdog = Arc::new(Watchdog::start()?);
-        let workers = Workers::start(workers, &jobs, &watchdog).inspect_err(|_| jobs.close())?;
+        let workers = Workers::start(workers, &jobs).inspect_err(|_| jobs.close())?;
         Ok(Self { jobs, workers, watchdog })
     }
 
@@ -65,7 +67,7 @@ impl Queue {
     /// # Errors
     /// When the capacity is used up, or the queue is closed.
     pub fn reserve(&self) -> Result<Permit, Refusal> {
-        self.jobs.reserve(&self.watchdog)
+        Permit::reserve(&self.jobs, &self.watchdog)
     }
 
     /// Waits until less is in flight than `capacity`, then reserves a permit.
@@ -73,7 +75,7 @@ impl Queue {
     /// # Errors
     /// Only when the queue is closed.
     pub async fn wait_for_permit(&self, capacity: Capacity) -> Result<Permit, Refusal> {
-        self.jobs.wait_for_permit(capacity, &self.watchdog).await
+        Permit::wait(capacity, &self.jobs, &self.watchdog).await
     }
 
     /// Whether permits are still issued.
@@ -128,9 +130,4 @@ impl Drop for Queue {
     fn drop(&mut self) {
         self.cancel_all(StopCause::Shutdown);
     }
-}
-
-/// Locks and ignores poisoning, for the reason that the module states.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

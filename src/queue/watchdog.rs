@@ -7,7 +7,7 @@ use std::time::Instant;
 use std::{io, mem};
 
 use super::bounded_queue::BoundedQueue;
-use super::lock;
+use super::lock::lock;
 use super::stop::{StopCause, StopHandle};
 
 /// The watchdog thread and the times that it watches.

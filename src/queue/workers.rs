@@ -6,8 +6,7 @@ use std::thread::{Builder, JoinHandle};
 use std::{io, mem};
 
 use super::bounded_queue::BoundedQueue;
-use super::lock;
-use super::watchdog::Watchdog;
+use super::lock::lock;
 
 /// A fixed number of threads, each running one job after the other.
 #[derive(Debug)]
@@ -16,12 +15,12 @@ pub(super) struct Workers {
 }
 
 impl Workers {
-    pub(super) fn start(count: NonZeroUsize, queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> io::Result<Self> {
+    pub(super) fn start(count: NonZeroUsize, queue: &Arc<BoundedQueue>) -> io::Result<Self> {
         let spawn = |number: usize| {
-            let (queue, watchdog) = (Arc::clone(queue), Arc::clone(watchdog));
+            let queue = Arc::clone(queue);
             let work = move || {
                 while let Some(job) = queue.next() {
-                    job.run(&watchdog);
+                    job.run();
                 }
             };
             Builder::new().name(format!("slipdrive-worker-{number}")).spawn(work)

@@ -7,7 +7,8 @@ use std::sync::{Arc, Barrier, Mutex};
 use std::thread::{current, yield_now};
 use std::time::Duration;
 
-use crate::queue::{Capacity, Clocks, JobOutcome, Permit, Queue, StopHandle, Ticket, lock};
+use crate::queue::lock::lock;
+use crate::queue::{Capacity, Clocks, JobOutcome, Permit, Queue, StopHandle, Ticket};
 
 fn queue(workers: usize, queue_length: usize) -> Queue {
     let capacity = Capacity { permits: workers + queue_length, work: Duration::MAX };

@@ -1,0 +1,161 @@
+//! The right to submit a job, and the job that is made of the submitted work: its clocks, its panic border, its outcome.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tokio::sync::oneshot;
+
+use super::bounded_queue::{Backlog, BoundedQueue, Capacity, Refusal};
+use super::job::Job;
+use super::lending::IdleWorkers;
+use super::stop::{StopCause, StopHandle};
+use super::ticket::{CancelOnDrop, JobOutcome, Ticket};
+use super::watchdog::Watchdog;
+
+/// How long before a deadline a job is signalled to stop: time to write the answer and send it.
+pub const ANSWER_MARGIN: Duration = Duration::from_millis(20);
+
+/// The two clocks of a job, and how long it is expected to run.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Clocks {
+    /// How long the job may run, counted from its start on the worker.
+    pub time_limit: Option<Duration>,
+    /// When its caller needs the answer, waiting included; the job is signalled to stop [`ANSWER_MARGIN`] earlier, and
+    /// is never started after that.
+    pub deadline: Option<Instant>,
+    /// How long it is expected to run: the part of the queue's capacity for work that it takes.
+    pub estimate: Duration,
+}
+
+impl Clocks {
+    /// When a job under this deadline is signalled to stop.
+    fn stop_time(&self) -> Option<Instant> {
+        // A time that the clock cannot represent lies in the past: stop at once.
+        self.deadline.map(|deadline| deadline.checked_sub(ANSWER_MARGIN).unwrap_or_else(Instant::now))
+    }
+}
+
+/// The right to submit one job to the queue; released on drop.
+#[derive(Debug)]
+pub struct Permit {
+    queue: Arc<BoundedQueue>,
+    watchdog: Arc<Watchdog>,
+    id: u64,
+}
+
+impl Permit {
+    /// Reserves a permit.
+    ///
+    /// # Errors
+    /// When the capacity is used up, or the queue is closed.
+    pub(super) fn reserve(queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> Result<Self, Refusal> {
+        queue.reserve().map(|id| Self::new(id, queue, watchdog))
+    }
+
+    /// Waits until less is in flight than `capacity`, then reserves a permit.
+    ///
+    /// # Errors
+    /// Only when the queue is closed.
+    pub(super) async fn wait(
+        capacity: Capacity,
+        queue: &Arc<BoundedQueue>,
+        watchdog: &Arc<Watchdog>,
+    ) -> Result<Self, Refusal> {
+        queue.wait_for_permit(capacity).await.map(|id| Self::new(id, queue, watchdog))
+    }
+
+    fn new(id: u64, queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> Self {
+        Self { queue: Arc::clone(queue), watchdog: Arc::clone(watchdog), id }
+    }
+
+    /// The number of the job, unique in this queue, for logs.
+    pub fn job_id(&self) -> u64 {
+        self.id
+    }
+
+    /// The jobs that wait or run before the job of this permit is submitted.
+    pub fn backlog(&self) -> Backlog {
+        self.queue.backlog()
+    }
+
+    /// The workers that the job of this permit may borrow while it runs.
+    pub fn idle_workers(&self) -> IdleWorkers {
+        IdleWorkers::new(Arc::clone(&self.queue))
+    }
+
+    /// Queues `work`; when one of its clocks runs out, the stop handle signals it.
+    pub fn submit<T: Send + 'static>(
+        self,
+        clocks: Clocks,
+        work: impl FnOnce(&StopHandle) -> T + Send + 'static,
+    ) -> Ticket<T> {
+        let (queue, watchdog) = (Arc::clone(&self.queue), Arc::clone(&self.watchdog));
+        let (id, stop) = (self.id, StopHandle::new());
+        let cancel_on_drop = CancelOnDrop::new(stop.clone(), Arc::downgrade(&queue), id);
+        let (sender, answer) = oneshot::channel();
+        queue.push(self.into_job(stop.clone(), clocks, work, sender), stop.clone(), clocks.estimate);
+        // After the push, so that a deadline that has passed already finds the job in the queue and removes it.
+        let deadline = clocks.stop_time().map(|time| {
+            let queued = (Arc::downgrade(&queue), id);
+            watchdog.watch_queued(&stop, (time, StopCause::Deadline), queued)
+        });
+        Ticket::new(answer, cancel_on_drop, deadline)
+    }
+
+    /// The worker's end of a job.
+    fn into_job<T: Send + 'static>(
+        self,
+        stop: StopHandle,
+        clocks: Clocks,
+        work: impl FnOnce(&StopHandle) -> T + Send + 'static,
+        sender: oneshot::Sender<JobOutcome<T>>,
+    ) -> Job {
+        Job::new(self.id, move || {
+            // The watchdog may be a moment late, and the job must not start after its deadline.
+            if clocks.stop_time().is_some_and(|time| time <= Instant::now()) {
+                stop.stop(StopCause::Deadline);
+            }
+            let outcome = match stop.cause() {
+                Some(cause) => JobOutcome::NeverStarted { cause },
+                None => run_timed(&stop, clocks.time_limit, work, &self.watchdog),
+            };
+            // Before the outcome is sent, so that a caller who has it can reserve this permit again.
+            drop(self);
+            // Sending fails when the caller has left, who needs no outcome.
+            let _ = sender.send(outcome);
+        })
+    }
+}
+
+impl Drop for Permit {
+    fn drop(&mut self) {
+        self.queue.release(self.id);
+    }
+}
+
+fn run_timed<T>(
+    stop: &StopHandle,
+    time_limit: Option<Duration>,
+    work: impl FnOnce(&StopHandle) -> T,
+    watchdog: &Watchdog,
+) -> JobOutcome<T> {
+    let start = Instant::now();
+    // A limit beyond the range of the clock never passes: no watch.
+    let end = time_limit.and_then(|limit| start.checked_add(limit));
+    let watch = end.map(|end| watchdog.watch(stop, end, StopCause::TimeLimit));
+    // The work owns all it touches, so nothing half-changed outlives a panic.
+    let result = catch_unwind(AssertUnwindSafe(|| work(stop)));
+    let duration = start.elapsed();
+    drop(watch);
+    match result {
+        Ok(value) => JobOutcome::Finished { value, duration },
+        Err(payload) => JobOutcome::Panicked { message: panic_message(payload.as_ref()) },
+    }
+}
+
+fn panic_message(payload: &(dyn Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+    text.unwrap_or("a panic without a message").to_owned()
+}
