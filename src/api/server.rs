@@ -1,7 +1,7 @@
-//! Connections: accepted, bounded in number, age and patience, and ended in good order.
+//! Accepts connections, bounds their number and age, applies timeouts to them, and ends them gracefully.
 //!
-//! `axum::serve` keeps half-sent heads and silent callers for ever, so each connection is driven here: HTTP/1 and
-//! HTTP/2 on the same port, told apart by their first bytes.
+//! `axum::serve` keeps connections with half-sent heads and without requests open for ever, so each connection is
+//! driven here: HTTP/1 and HTTP/2 on the same port, distinguished by their first bytes.
 
 use std::io;
 use std::sync::Arc;
@@ -25,28 +25,28 @@ use tower::ServiceExt as _;
 
 mod activity;
 mod answer_body;
-mod patient_stream;
 #[cfg(feature = "tls")]
 pub mod tls;
+mod write_timeout;
 
 use activity::Activity;
 use answer_body::AnswerBody;
-use patient_stream::PatientStream;
+use write_timeout::WriteTimeout;
 
-/// The patience of a server with its connections.
+/// Limits and timeouts of a server's connections.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ServerSettings {
-    /// Connections that may be open at once; more wait in the backlog of the system.
+    /// Connections that may be open at once; more wait in the listen backlog of the operating system.
     pub max_connections: usize,
     /// Requests of one HTTP/2 connection that may be open at once.
     pub max_streams: u32,
-    /// How long a caller may take to send the head of a request, also the first and between two (HTTP/1), and to shake
-    /// hands before that (TLS).
+    /// How long a caller may take to send the head of a request, counted from the connection or from the end of the
+    /// request before (HTTP/1), and for the TLS handshake before that.
     pub head_timeout: Duration,
-    /// How long a caller may leave what was sent to it unread; an HTTP/2 connection then gets no new requests, and as
-    /// long again until it is cut.
+    /// How long a caller may leave an answer unread; an HTTP/2 connection then takes no new requests, and is cut after
+    /// the same time again.
     pub write_timeout: Duration,
-    /// How often a quiet HTTP/2 connection is asked whether it lives, and how long it may take to say so.
+    /// How often an HTTP/2 connection without traffic is pinged, and how long the reply may take.
     pub ping_interval: Duration,
     /// How long an HTTP/2 connection may stay without a request.
     pub idle_timeout: Duration,
@@ -54,7 +54,7 @@ pub struct ServerSettings {
     pub max_age: Duration,
     /// How long the requests of an aged connection may take to end.
     pub age_grace: Duration,
-    /// Who the server is to callers that speak TLS; none: they must not.
+    /// Certificate and key of the server; with them it speaks TLS only, without them plain text only.
     #[cfg(feature = "tls")]
     pub identity: Option<tls::Identity>,
 }
@@ -76,17 +76,17 @@ impl Default for ServerSettings {
     }
 }
 
-/// What one HTTP/2 stream may send unread, bytes.
+/// Flow-control window of one HTTP/2 stream for requests, bytes.
 const STREAM_WINDOW_BYTES: u32 = 64 * 1024;
-/// What all streams of a connection may send unread, bytes: more than one of them may, so that a batch that is not read
-/// on holds up no other call.
+/// Flow-control window of a whole connection for requests, bytes: several times that of a stream, so that a batch that
+/// the server has stopped reading blocks no other call.
 const CONNECTION_WINDOW_BYTES: u32 = 1024 * 1024;
 
-/// After the system refused a connection for want of files: until some are closed.
+/// How long to wait after the system refused a connection because too many files are open, until some are closed.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Serves until `shutdown` is ready, then closes the listener, tells the callers, and returns when the last answer is
-/// written.
+/// Serves until `shutdown` is ready, then closes the listener, shuts the connections down gracefully, and returns when
+/// the last answer is written.
 pub async fn serve(
     listener: TcpListener,
     router: Router,
@@ -95,22 +95,22 @@ pub async fn serve(
 ) {
     let (closing, is_closing) = watch::channel(false);
     let mut connections = JoinSet::new();
-    let places = Arc::new(Semaphore::new(settings.max_connections));
+    let permits = Arc::new(Semaphore::new(settings.max_connections));
     tokio::pin!(shutdown);
     loop {
         let accepted = async {
-            let place = Arc::clone(&places).acquire_owned().await;
-            (place, listener.accept().await)
+            let permit = Arc::clone(&permits).acquire_owned().await;
+            (permit, listener.accept().await)
         };
         tokio::select! {
             () = &mut shutdown => break,
-            // Reaps what has ended.
+            // Removes connections that have ended, which the set would keep otherwise.
             Some(_) = connections.join_next(), if !connections.is_empty() => {}
-            (place, accepted) = accepted => match accepted {
+            (permit, accepted) = accepted => match accepted {
                 Ok((stream, _)) => {
                     let (router, settings, is_closing) = (router.clone(), settings.clone(), is_closing.clone());
                     connections.spawn(async move {
-                        let _place = place;
+                        let _permit = permit;
                         receive(stream, router, &settings, is_closing).await;
                     });
                 }
@@ -136,7 +136,7 @@ async fn pause_after(error: &io::Error) {
 
 /// Receives one connection, plain or under TLS.
 async fn receive(stream: TcpStream, router: Router, settings: &ServerSettings, is_closing: watch::Receiver<bool>) {
-    // Answers are written in one piece: waiting for more to send only adds delay.
+    // Answers are written in one piece: Nagle's wait for more to send only adds delay.
     if let Err(error) = stream.set_nodelay(true) {
         tracing::debug!(error = %error, "a connection keeps its send delay");
     }
@@ -158,7 +158,7 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
     mut is_closing: watch::Receiver<bool>,
 ) {
     let activity = Arc::new(Activity::default());
-    let io = TokioIo::new(PatientStream::new(stream, settings.write_timeout, Arc::clone(&activity)));
+    let io = TokioIo::new(WriteTimeout::new(stream, settings.write_timeout, Arc::clone(&activity)));
     let builder = builder(settings);
     let connection = builder.serve_connection(io, service(router, Arc::clone(&activity)));
     tokio::pin!(connection);
@@ -168,7 +168,8 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
     let expired = sleep(settings.max_age + settings.age_grace);
     tokio::pin!(silent, aged, expired);
     let mut idle = interval_at(Instant::now() + settings.idle_timeout, settings.idle_timeout);
-    // Beside the stream's own patience: what waits for one request of many (HTTP/2) never gets as far as the stream.
+    // Beside the write timeout of the connection: an answer that waits for the window of its HTTP/2 stream is not yet
+    // written to the connection.
     let mut unread = interval_at(Instant::now() + settings.write_timeout, settings.write_timeout);
     unread.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let (mut is_watched, mut is_ending, mut seen, mut unread_until) = (true, false, 0, None);
@@ -180,9 +181,9 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
                 }
                 return;
             }
-            // Before the first bytes tell the protocol, no other timer runs.
+            // Until the first bytes show which protocol it is, hyper runs no timer of its own.
             () = &mut silent, if is_watched => {
-                if !activity.has_spoken() {
+                if !activity.has_sent_preface() {
                     return;
                 }
                 is_watched = false;
@@ -240,7 +241,7 @@ fn service(
         async move {
             let version = request.version();
             let response = router.oneshot(request.map(Body::new)).await?;
-            // The request is under way until its answer is written or dropped.
+            // The body holds `under_way`, so that the request counts until its answer is written or dropped.
             Ok(response.map(|body| match version {
                 Version::HTTP_2 => Body::new(AnswerBody::new(body, under_way)),
                 _ => Body::new(body.map_frame(move |frame| {

@@ -1,4 +1,4 @@
-//! What a connection has done so far.
+//! What a connection has done so far; its timers use it to decide whether to end it.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// Length of the preface of HTTP/2, bytes: after as many the protocol is known, and its own timers run.
+/// Length of the HTTP/2 preface, bytes: once as many have arrived the protocol is known, and hyper's own timers run.
 const PREFACE_BYTES: u64 = 24;
 
 /// Counts of one connection.
@@ -16,7 +16,7 @@ pub(super) struct Activity {
     bytes_read: AtomicU64,
     requests: AtomicU64,
     under_way: AtomicUsize,
-    /// Answers of which a part was handed over and the next was not asked for, and since when.
+    /// Answers of which a part was handed over to hyper and the next has not been asked for, and since when.
     unread: Mutex<BTreeMap<u64, Instant>>,
 }
 
@@ -26,24 +26,24 @@ impl Activity {
         self.bytes_read.fetch_add(bytes as u64, Ordering::Relaxed);
     }
 
-    /// Counts a request until the result is dropped.
+    /// Counts a request as under way until the result is dropped.
     pub(super) fn enter(this: &Arc<Self>) -> UnderWay {
         let number = this.requests.fetch_add(1, Ordering::Relaxed);
         this.under_way.fetch_add(1, Ordering::Relaxed);
         UnderWay { activity: Arc::clone(this), number }
     }
 
-    /// Whether the caller has left an answer unread for longer than `patience`.
-    pub(super) fn is_unread_for(&self, patience: Duration) -> bool {
-        self.unread().values().any(|since| since.elapsed() > patience)
+    /// Whether the caller has left an answer unread for longer than `timeout`.
+    pub(super) fn is_unread_for(&self, timeout: Duration) -> bool {
+        self.unread().values().any(|since| since.elapsed() > timeout)
     }
 
     fn unread(&self) -> MutexGuard<'_, BTreeMap<u64, Instant>> {
         self.unread.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether enough has arrived to tell the protocol.
-    pub(super) fn has_spoken(&self) -> bool {
+    /// Whether enough bytes have arrived to know the protocol.
+    pub(super) fn has_sent_preface(&self) -> bool {
         self.requests.load(Ordering::Relaxed) > 0 || self.bytes_read.load(Ordering::Relaxed) >= PREFACE_BYTES
     }
 
@@ -62,12 +62,12 @@ pub(super) struct UnderWay {
 }
 
 impl UnderWay {
-    /// A part of the answer was handed over: until the next is asked for, the caller is to read.
+    /// A part of the answer was handed over: until the next is asked for, the server waits for the caller to read.
     pub(super) fn handed_over(&self) {
         self.activity.unread().insert(self.number, Instant::now());
     }
 
-    /// The next part was asked for.
+    /// The next part was asked for: the caller has read, and any delay from now on is the server's own.
     pub(super) fn asked_for(&self) {
         self.activity.unread().remove(&self.number);
     }
@@ -97,18 +97,18 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn answer_is_unread_from_one_part_to_the_next() {
-        let (activity, patience) = (Arc::new(Activity::default()), Duration::from_secs(1));
+        let (activity, timeout) = (Arc::new(Activity::default()), Duration::from_secs(1));
         let under_way = Activity::enter(&activity);
         under_way.handed_over();
-        tokio::time::advance(patience).await;
-        assert!(!activity.is_unread_for(patience));
-        tokio::time::advance(patience).await;
-        assert!(activity.is_unread_for(patience));
+        tokio::time::advance(timeout).await;
+        assert!(!activity.is_unread_for(timeout));
+        tokio::time::advance(timeout).await;
+        assert!(activity.is_unread_for(timeout));
         under_way.asked_for();
-        assert!(!activity.is_unread_for(patience), "the next part takes its time here");
+        assert!(!activity.is_unread_for(timeout), "the server takes its time to make the next part");
         under_way.handed_over();
         drop(under_way);
-        tokio::time::advance(2 * patience).await;
-        assert!(!activity.is_unread_for(patience), "it is over");
+        tokio::time::advance(2 * timeout).await;
+        assert!(!activity.is_unread_for(timeout), "it is over");
     }
 }

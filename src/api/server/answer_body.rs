@@ -1,8 +1,8 @@
-//! The body of an answer, in parts that show whether its caller reads.
+//! Splits the body of an answer into parts, so that the server can detect a caller that does not read.
 //!
-//! Over HTTP/2 a part is taken as soon as its caller has room for one byte of it, and lies in memory until there is room
-//! for the rest; the next part then waits. So parts are small, and the last byte is a part of its own: while it waits,
-//! the caller has not taken all that came before.
+//! Over HTTP/2 hyper takes a part as soon as the stream's window has room for one byte of it, and keeps it in memory
+//! until there is room for the rest; only then does it ask for the next part. So parts are small, and the last byte is
+//! a part of its own: while it has not been asked for, the caller has not read everything before it.
 
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -13,20 +13,20 @@ use hyper::body::{Frame, SizeHint};
 
 use super::activity::UnderWay;
 
-/// Largest part, bytes: what one stream holds of an answer that is not read.
+/// Largest part, bytes: the memory that one stream holds for an answer that is not read.
 const PART_BYTES: usize = 64 * 1024;
 
-/// Hands the answer over part by part and tells the activity of its connection.
+/// Hands the answer over part by part and reports each part to the activity of its connection.
 pub(super) struct AnswerBody {
     body: Body,
-    /// The rest of a frame after the parts so far.
+    /// The rest of the current frame after the parts handed over so far.
     rest: Bytes,
     under_way: UnderWay,
 }
 
 impl AnswerBody {
     pub(super) fn new(body: Body, under_way: UnderWay) -> Self {
-        // The head is the first part: a caller without room for a byte never asks for the second.
+        // The head counts as the first part: without room for one byte of the body, the next is never asked for.
         under_way.handed_over();
         Self { body, rest: Bytes::new(), under_way }
     }

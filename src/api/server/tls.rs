@@ -1,4 +1,4 @@
-//! TLS: who the server is, and handshakes that do not last for ever.
+//! TLS: the server's certificate and key, and handshakes with a timeout.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use tokio_rustls::rustls::pki_types::pem::{self, PemObject};
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::server::TlsStream;
 
-/// What both protocols are called in the handshake, the preferred one first.
+/// The ALPN names of both protocols, the preferred one first.
 const PROTOCOLS: [&[u8]; 2] = [b"h2", b"http/1.1"];
 
 /// A certificate chain with its key, ready for handshakes.
@@ -23,7 +23,7 @@ pub struct Identity {
     config: Arc<ServerConfig>,
 }
 
-/// Everything that keeps two files from being an identity.
+/// Every fault of the two files that prevents an identity.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("TLS cannot be set up: {}", .faults.join("; "))]
 pub struct IdentityFaults {
@@ -50,7 +50,7 @@ impl Identity {
         chain: Vec<CertificateDer<'static>>,
         key: PrivateKeyDer<'static>,
     ) -> Result<Self, tokio_rustls::rustls::Error> {
-        // Named, not the process's default: other crates of the build may bring another provider.
+        // Given explicitly: other crates of the build may install another provider as the process's default.
         let builder = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()));
         let mut config =
             builder.with_safe_default_protocol_versions()?.with_no_client_auth().with_single_cert(chain, key)?;
@@ -58,14 +58,15 @@ impl Identity {
         Ok(Self { config: Arc::new(config) })
     }
 
-    /// The connection after its handshake; none when that fails, takes longer than `patience`, or the server closes.
+    /// The connection after its handshake; none when that fails, takes longer than `handshake_timeout`, or the server
+    /// closes.
     pub(super) async fn shake_hands(
         &self,
         stream: TcpStream,
-        patience: Duration,
+        handshake_timeout: Duration,
         mut is_closing: watch::Receiver<bool>,
     ) -> Option<TlsStream<TcpStream>> {
-        let handshake = timeout(patience, TlsAcceptor::from(Arc::clone(&self.config)).accept(stream));
+        let handshake = timeout(handshake_timeout, TlsAcceptor::from(Arc::clone(&self.config)).accept(stream));
         tokio::select! {
             _ = is_closing.wait_for(|closing| *closing) => None,
             shaken = handshake => match shaken {

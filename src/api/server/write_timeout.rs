@@ -1,4 +1,4 @@
-//! A stream whose patience with slow readers ends.
+//! A write timeout, so that a peer that does not read cannot hold a connection open.
 
 use std::io;
 use std::pin::Pin;
@@ -11,35 +11,35 @@ use tokio::time::{Sleep, sleep};
 
 use super::activity::Activity;
 
-/// Fails when nothing that waits to be sent is taken for too long; counts what arrives.
+/// A stream that fails when none of the bytes to be sent are taken for too long; also counts the bytes that arrive.
 #[derive(Debug)]
-pub(super) struct PatientStream<S> {
+pub(super) struct WriteTimeout<S> {
     stream: S,
-    write_timeout: Duration,
-    /// Runs while a write waits.
-    blocked: Option<Pin<Box<Sleep>>>,
+    timeout: Duration,
+    /// Runs while a write is pending.
+    pending: Option<Pin<Box<Sleep>>>,
     activity: Arc<Activity>,
 }
 
-impl<S> PatientStream<S> {
-    pub(super) fn new(stream: S, write_timeout: Duration, activity: Arc<Activity>) -> Self {
-        Self { stream, write_timeout, blocked: None, activity }
+impl<S> WriteTimeout<S> {
+    pub(super) fn new(stream: S, timeout: Duration, activity: Arc<Activity>) -> Self {
+        Self { stream, timeout, pending: None, activity }
     }
 
-    /// Passes a write on, or ends the patience with one that waits.
-    fn patient<T>(&mut self, context: &mut Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
+    /// The result of a write, or an error when it has been pending for longer than the timeout.
+    fn or_timed_out<T>(&mut self, context: &mut Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         if written.is_ready() {
-            self.blocked = None;
+            self.pending = None;
             return written;
         }
-        let timeout = self.write_timeout;
-        let blocked = self.blocked.get_or_insert_with(|| Box::pin(sleep(timeout)));
-        ready!(blocked.as_mut().poll(context));
+        let timeout = self.timeout;
+        let pending = self.pending.get_or_insert_with(|| Box::pin(sleep(timeout)));
+        ready!(pending.as_mut().poll(context));
         Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, "the peer does not read")))
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for PatientStream<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for WriteTimeout<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -52,10 +52,10 @@ impl<S: AsyncRead + Unpin> AsyncRead for PatientStream<S> {
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for PatientStream<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for WriteTimeout<S> {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let written = Pin::new(&mut self.stream).poll_write(context, bytes);
-        self.patient(context, written)
+        self.or_timed_out(context, written)
     }
 
     fn poll_write_vectored(
@@ -64,7 +64,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for PatientStream<S> {
         parts: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
         let written = Pin::new(&mut self.stream).poll_write_vectored(context, parts);
-        self.patient(context, written)
+        self.or_timed_out(context, written)
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -73,11 +73,11 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for PatientStream<S> {
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let flushed = Pin::new(&mut self.stream).poll_flush(context);
-        self.patient(context, flushed)
+        self.or_timed_out(context, flushed)
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let closed = Pin::new(&mut self.stream).poll_shutdown(context);
-        self.patient(context, closed)
+        self.or_timed_out(context, closed)
     }
 }
