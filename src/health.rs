@@ -1,16 +1,18 @@
-//! `slipdrive health`: asks a running server by its own probe, for containers that hold no other program.
+//! `slipdrive health`: queries the probes of a running server, for container images that hold no HTTP client.
 
 use std::io::{self, Read as _, Write as _};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How long the server may take for each step: a healthy one needs milliseconds, probes allow seconds.
-const PATIENCE: Duration = Duration::from_secs(2);
-/// Enough for the status line.
+/// How long each step may take, connecting, writing or reading: a healthy server needs milliseconds, and container
+/// probes allow seconds.
+const STEP_TIMEOUT: Duration = Duration::from_secs(2);
+/// How much of the answer is read: enough for the status line.
 const MAX_HEAD_BYTES: u64 = 64;
 
-/// Asks `/readyz`, or `/livez`, at an address that a server is bound to; tells the outcome and gives the exit code.
+/// Queries `/readyz`, or `/livez`, of the server that is bound to an address; prints the outcome and returns the exit
+/// code.
 pub(crate) fn ask(bound: SocketAddr, is_live_enough: bool) -> ExitCode {
     let path = if is_live_enough { "/livez" } else { "/readyz" };
     let address = reachable(bound);
@@ -30,7 +32,7 @@ pub(crate) fn ask(bound: SocketAddr, is_live_enough: bool) -> ExitCode {
     }
 }
 
-/// A server that is bound to all addresses is asked at the loopback one.
+/// The address to connect to: a server that is bound to all addresses is queried at the loopback one.
 fn reachable(bound: SocketAddr) -> SocketAddr {
     let ip = match bound.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => IpAddr::V4(Ipv4Addr::LOCALHOST),
@@ -42,10 +44,10 @@ fn reachable(bound: SocketAddr) -> SocketAddr {
 
 /// The status of `GET path`.
 fn status_of(address: SocketAddr, path: &str) -> io::Result<u16> {
-    let mut stream = TcpStream::connect_timeout(&address, PATIENCE)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
-    // In one piece: a server may answer and close after the first.
+    let mut stream = TcpStream::connect_timeout(&address, STEP_TIMEOUT)?;
+    stream.set_read_timeout(Some(STEP_TIMEOUT))?;
+    stream.set_write_timeout(Some(STEP_TIMEOUT))?;
+    // In one write: after a partial request the server may answer and close before the rest is written.
     let request = format!("GET {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n");
     stream.write_all(request.as_bytes())?;
     let mut head = Vec::new();

@@ -1,9 +1,9 @@
-//! The life of a server: from the listeners to the last answer.
+//! Runs a server from its listeners to its last answer, so that no solve in flight is lost on a stop signal.
 //!
-//! On the first signal the service says that it is not ready (`/readyz` 503, gRPC health `NOT_SERVING`) and still takes
-//! work for the drain delay, until balancers have heard. Then it takes none, while the listeners stay open for the
-//! probes; when the solves in flight have ended, the listeners close and the last answers are written. Solves that
-//! outlast the drain timeout, or a second signal, are cut off and answered as unavailable.
+//! On the first signal the service reports that it is not ready (`/readyz` 503, gRPC health `NOT_SERVING`) and still
+//! takes work for the drain delay, until load balancers have noticed. Then it takes none, while the listeners stay open
+//! for the probes; when the solves in flight have ended, the listeners close and the last answers are written. Solves
+//! that outlast the drain timeout, or a second signal, are cut off and answered as unavailable.
 
 use std::io;
 use std::net::SocketAddr;
@@ -23,7 +23,7 @@ use tokio::time::{sleep, timeout};
 
 use crate::config::{ServerConfig, plain};
 
-/// How long callers may take to read their last answer: a silent one must not hold the process.
+/// How long callers may take to read their last answer: one that does not read must not keep the process alive.
 const LAST_ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Serves until a signal comes and all work in flight has ended.
@@ -33,7 +33,7 @@ const LAST_ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 pub(crate) fn serve_until_stopped(config: &ServerConfig) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().thread_name("slipdrive-http").build()?;
     let result = runtime.block_on(serve(config));
-    // Without waiting: what is still open has had its time.
+    // Without waiting: connections that are still open have had their timeout.
     runtime.shutdown_background();
     result
 }
@@ -43,7 +43,7 @@ async fn serve(config: &ServerConfig) -> anyhow::Result<()> {
     let listeners = Listeners::bind(config).await?;
     let settings = config.service_settings();
     let service = Arc::new(Service::start(settings, Arc::new(InProcessSolver))?);
-    listeners.tell(&settings)?;
+    listeners.report(&settings)?;
     let (mut servers, health) = start_servers(&service, listeners, config).await;
     tokio::select! {
         _ = servers.tasks.join_next() => anyhow::bail!("a server ended by itself"),
@@ -58,7 +58,7 @@ async fn serve(config: &ServerConfig) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The bound addresses; gRPC and probes may share that of REST.
+/// The bound listeners; gRPC and probes may share that of REST.
 struct Listeners {
     http: TcpListener,
     grpc: Option<TcpListener>,
@@ -77,7 +77,8 @@ impl Listeners {
         Ok(Self { http, grpc, admin })
     }
 
-    fn tell(&self, settings: &ServiceSettings) -> io::Result<()> {
+    /// Logs the bound addresses: with port 0 only the system knows them.
+    fn report(&self, settings: &ServiceSettings) -> io::Result<()> {
         tracing::info!(
             http.address = %self.http.local_addr()?,
             grpc.address = %self.grpc.as_ref().unwrap_or(&self.http).local_addr()?,
@@ -104,7 +105,7 @@ impl Servers {
     fn spawn(&mut self, listener: TcpListener, router: Router, settings: ServerSettings) {
         let mut closing = self.closing.subscribe();
         let closed = async move {
-            // A dropped sender closes it too.
+            // An error means that the sender was dropped, which closes the listener too.
             let _ = closing.wait_for(|closing| *closing).await;
         };
         self.tasks.spawn(server::serve(listener, router, settings, closed));
@@ -115,7 +116,8 @@ impl Servers {
     }
 }
 
-/// REST and gRPC, on a listener each, or on one together; probes beside REST, or on their own.
+/// Starts REST and gRPC, on a listener each or on one together; probes are served with REST, or on a listener of their
+/// own.
 async fn start_servers(service: &Arc<Service>, listeners: Listeners, config: &ServerConfig) -> (Servers, Health) {
     let mut servers = Servers { tasks: JoinSet::new(), closing: watch::Sender::new(false) };
     let (api_settings, server_settings) = (config.api_settings(), &config.server);
@@ -130,7 +132,7 @@ async fn start_servers(service: &Arc<Service>, listeners: Listeners, config: &Se
             servers.spawn(listeners.http, rest_router, server_settings.clone());
             servers.spawn(grpc, grpc_router, server_settings.clone());
         }
-        // Both routers have a fallback; that of REST stays.
+        // Routers with two fallbacks cannot be merged: that of REST is kept.
         None => {
             servers.spawn(listeners.http, rest_router.merge(grpc_router.reset_fallback()), server_settings.clone());
         }

@@ -1,5 +1,5 @@
-//! Logs and spans: logs to standard error, so that standard output carries answers only; spans, with the feature
-//! `otel`, to a collector.
+//! Starts logs and spans: logs go to standard error, so that standard output carries answers only; spans go to a
+//! collector, in builds with the feature `otel`.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::io::{self, IsTerminal as _};
@@ -16,7 +16,7 @@ use crate::config::{LogFormat, LogSettings};
 #[cfg(feature = "otel")]
 mod export;
 
-/// Sends what is left of the spans when it is dropped.
+/// Exports the remaining spans when it is dropped.
 pub(crate) struct Exporter {
     #[cfg(feature = "otel")]
     _provider: Option<export::Provider>,
@@ -24,10 +24,10 @@ pub(crate) struct Exporter {
 
 type BoxedLayer = Box<dyn Layer<Registry> + Send + Sync>;
 
-/// Starts logging and, where it is built in and asked for, the export of spans.
+/// Starts logging and, where it is built in and configured, the export of spans.
 ///
 /// # Errors
-/// When the filter cannot be understood, or the exporter cannot be built.
+/// When the log filter is invalid, or the exporter cannot be built.
 pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Exporter> {
     let filter = EnvFilter::try_new(&settings.log)
         .with_context(|| format!("the log filter `{}` cannot be understood", settings.log))?;
@@ -41,7 +41,7 @@ pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Exporter> {
     #[cfg(feature = "otel")]
     let provider = export::provider()?;
     #[cfg(feature = "otel")]
-    layers.extend(provider.as_ref().map(export::Provider::layer));
+    layers.extend(provider.as_ref().map(|provider| provider.layer().boxed()));
     tracing_subscriber::registry().with(layers).init();
     panic::set_hook(Box::new(log_panic));
     Ok(Exporter {
@@ -50,7 +50,7 @@ pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Exporter> {
     })
 }
 
-/// Panics are lines of the log like all others; the default hook writes several lines, in its own form.
+/// Logs a panic in the configured format; the default hook would write several lines in a format of its own.
 fn log_panic(panic: &PanicHookInfo<'_>) {
     let backtrace = Backtrace::capture();
     let payload = panic.payload();

@@ -1,8 +1,8 @@
-//! Spans over OTLP (HTTP, protobuf) to the collector that `OTEL_EXPORTER_OTLP_ENDPOINT` names.
+//! Exports spans over OTLP (HTTP, protobuf) to the collector that `OTEL_EXPORTER_OTLP_ENDPOINT` names.
 //!
-//! The other variables of the OpenTelemetry specification are heeded too, such as `OTEL_SERVICE_NAME` and
-//! `OTEL_TRACES_SAMPLER`. Without an endpoint nothing is exported: an exporter without a collector logs an error every
-//! few seconds.
+//! The other variables of the OpenTelemetry specification apply too, such as `OTEL_SERVICE_NAME` and
+//! `OTEL_TRACES_SAMPLER`. Without an endpoint nothing is exported: an exporter without a collector would log an error
+//! every few seconds.
 
 use std::env;
 
@@ -12,9 +12,7 @@ use opentelemetry_otlp::SpanExporter;
 use opentelemetry_sdk::Resource;
 use opentelemetry_sdk::trace::SdkTracerProvider;
 use tracing_subscriber::filter::filter_fn;
-use tracing_subscriber::{Layer as _, Registry};
-
-use super::BoxedLayer;
+use tracing_subscriber::{Layer, Registry};
 
 const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT"];
 const SERVICE_NAME: &str = "OTEL_SERVICE_NAME";
@@ -22,10 +20,10 @@ const SERVICE_NAME: &str = "OTEL_SERVICE_NAME";
 /// The pipeline from spans to the collector.
 pub(super) struct Provider(SdkTracerProvider);
 
-/// None where no collector is named.
+/// The pipeline; none where no collector is named.
 ///
 /// # Errors
-/// When the endpoint is no address.
+/// When the exporter cannot be built, such as for an invalid endpoint.
 pub(super) fn provider() -> anyhow::Result<Option<Provider>> {
     if ENDPOINTS.iter().all(|name| env::var_os(name).is_none()) {
         return Ok(None);
@@ -41,11 +39,11 @@ pub(super) fn provider() -> anyhow::Result<Option<Provider>> {
 }
 
 impl Provider {
-    /// Hears the spans of this crate alone: those of its transport would tell of their own export.
-    pub(super) fn layer(&self) -> BoxedLayer {
+    /// Exports the spans of this crate alone: spans of the exporter's own HTTP client would cause further exports.
+    pub(super) fn layer(&self) -> impl Layer<Registry> + Send + Sync + use<> {
         let tracer = self.0.tracer(env!("CARGO_PKG_NAME"));
         let own = filter_fn(|metadata| metadata.is_span() && metadata.target().starts_with(env!("CARGO_PKG_NAME")));
-        tracing_opentelemetry::layer::<Registry>().with_tracer(tracer).with_filter(own).boxed()
+        tracing_opentelemetry::layer::<Registry>().with_tracer(tracer).with_filter(own)
     }
 }
 
