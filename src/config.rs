@@ -1,14 +1,15 @@
-//! The configuration: flags, environment variables and an optional TOML file, read once, with all faults told at once.
+//! Reads the configuration once, from flags, environment variables and an optional TOML file, and reports all faults at
+//! once.
 //!
-//! A flag goes before its variable, the variable before the file, the file before the default. Keys of the API are
-//! secrets: they come from a variable or a file of their own, never from a flag, and are never shown.
+//! A flag overrides its variable, the variable the file, the file the default. API keys are secrets: they come from a
+//! variable or a file of their own, never from a flag, and are never shown.
 
+mod faults;
 mod settings;
 mod sources;
 mod tls;
 mod value;
 
-use std::fmt;
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -21,6 +22,7 @@ use slipdrive::api::server::ServerSettings;
 use slipdrive::api::{ApiSettings, Probes};
 use slipdrive::service::ServiceSettings;
 
+pub(crate) use faults::Faults;
 pub(crate) use settings::{LogSettings, ServeSettings};
 use sources::{Given, Shown, Sources};
 pub(crate) use tls::plain;
@@ -107,36 +109,11 @@ pub(crate) struct SimulateArguments {
     pub(crate) json: Option<PathBuf>,
 }
 
-/// Keys are secrets: a flag would show them to everyone who can list processes.
+/// The variable of the API keys, which have no flag: it would show them to everyone who can list processes.
 const API_KEYS_VARIABLE: &str = "SLIPDRIVE_API_KEYS";
 
-/// Everything that is wrong with a configuration.
-#[derive(Debug, Default, PartialEq, Eq)]
-pub(crate) struct Faults(Vec<String>);
-
-impl Faults {
-    fn add(&mut self, fault: String) {
-        self.0.push(fault);
-    }
-
-    fn into_result<T>(self, value: Option<T>) -> Result<T, Self> {
-        match value {
-            Some(value) if self.0.is_empty() => Ok(value),
-            _ => Err(self),
-        }
-    }
-}
-
-impl fmt::Display for Faults {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(faults) = self;
-        write!(formatter, "the configuration cannot be used")?;
-        faults.iter().try_for_each(|fault| write!(formatter, "\n  {fault}"))
-    }
-}
-
 impl Arguments {
-    /// What is logged where no server runs.
+    /// The log settings of commands that run no server.
     ///
     /// # Errors
     /// All faults.
@@ -153,7 +130,7 @@ pub(crate) struct ServerConfig {
     pub(crate) settings: ServeSettings,
     pub(crate) log: LogSettings,
     pub(crate) keys: ApiKeys,
-    /// Patience with connections, and who the server is to them.
+    /// Limits and timeouts of connections, and the TLS identity.
     pub(crate) server: ServerSettings,
     shown: Vec<Shown>,
 }
@@ -187,7 +164,7 @@ impl ServeArguments {
 }
 
 impl HealthArguments {
-    /// Where probes are answered.
+    /// The address that answers probes.
     ///
     /// # Errors
     /// All faults of the settings.
@@ -231,7 +208,7 @@ impl ServerConfig {
 }
 
 impl ServeSettings {
-    /// Addresses that callers of the API reach.
+    /// The addresses that serve the API, with their keys.
     fn api_addresses(&self) -> impl Iterator<Item = (&'static str, SocketAddr)> {
         let grpc = (!self.one_port).then_some(("grpc", self.grpc));
         std::iter::once(("http", self.http)).chain(grpc)
@@ -248,7 +225,7 @@ impl ServeSettings {
         }
     }
 
-    /// Adds what contradicts itself.
+    /// Adds settings that contradict each other or are out of range.
     fn check(&self, faults: &mut Faults) {
         let admin = self.admin.map(|admin| ("admin", admin));
         let addresses: Vec<_> = self.api_addresses().chain(admin).collect();
@@ -266,7 +243,7 @@ impl ServeSettings {
         }
     }
 
-    /// Who may call. Configured, but empty, is a fault: it would open the server that was meant to be closed.
+    /// The API keys. A source without a key is a fault: it would open a server that was meant to be closed.
     fn keys(&self, variable: Option<String>, faults: &mut Faults) -> Option<ApiKeys> {
         let text = match (&self.api_keys_file, variable) {
             (Some(_), Some(_)) => {
@@ -290,7 +267,7 @@ impl ServeSettings {
         Some(keys)
     }
 
-    /// Adds that a server without keys would listen where others can reach it.
+    /// Adds a fault when a server without keys would listen on an address that others can reach.
     fn check_exposure(&self, keys: &ApiKeys, is_configured: bool, faults: &mut Faults) {
         if is_configured || !keys.is_empty() || self.allow_unauthenticated {
             return;
@@ -304,7 +281,7 @@ impl ServeSettings {
     }
 }
 
-/// One core is left to the threads that talk to callers.
+/// One core is left to the threads that handle connections.
 fn default_workers() -> NonZeroUsize {
     NonZeroUsize::new(cores().get() - 1).unwrap_or(NonZeroUsize::MIN)
 }

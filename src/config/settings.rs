@@ -1,4 +1,4 @@
-//! The settings, one entry each: flag, variable, key of the file, default, help and type in one place.
+//! Defines the settings, one entry each, so that flag, variable, key of the file, default, help and type cannot differ.
 
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use super::sources::{Reader, Setting, Settings};
 use super::value::{LogFormat, Origins, Value};
 
-/// A struct of settings with its table. The default is written as a caller would write it; empty: none.
+/// A struct of settings with its table. The default is written as an operator would write it; empty: none.
 macro_rules! settings {
     ($(#[$about:meta])* $visibility:vis struct $name:ident {
         $($(#[doc = $help:literal])+ $key:ident: $kind:ty = $default:literal,)+
@@ -35,7 +35,7 @@ macro_rules! settings {
             const TABLE: &'static [Setting] = Self::TABLE;
 
             fn read(reader: &mut Reader<'_>) -> Option<Self> {
-                // All are read before the first that is missing ends it: each adds its own faults.
+                // All are read before the first `?` returns, so that each invalid one adds its fault.
                 $(let $key = reader.read::<$kind>(stringify!($key));)+
                 Some(Self { $($key: $key?,)+ })
             }
@@ -54,7 +54,7 @@ settings! {
 }
 
 settings! {
-    /// Size, addresses and patience of a server.
+    /// Size, addresses, limits and timeouts of a server.
     pub(crate) struct ServeSettings {
         /// Address of the REST server; port 0 takes a free one, which the log tells.
         http: SocketAddr = "127.0.0.1:8080",

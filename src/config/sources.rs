@@ -1,4 +1,4 @@
-//! Where settings come from: the command line with its variables, the file, the default.
+//! Reads settings from their sources: the command line with its variables, the file, the default.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,7 +8,7 @@ use std::path::Path;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 
-use super::Faults;
+use super::faults::Faults;
 use super::value::Value;
 
 /// One setting.
@@ -16,7 +16,7 @@ use super::value::Value;
 pub(crate) struct Setting {
     /// Its key in the file, with underscores; the flag has hyphens, the variable a prefix and capitals.
     pub(crate) key: &'static str,
-    /// The default, as a caller would write it; empty: none.
+    /// The default, as an operator would write it; empty: none.
     pub(crate) default: &'static str,
     /// What it does.
     pub(crate) help: &'static str,
@@ -54,18 +54,18 @@ pub(crate) trait Settings: Sized {
     /// One entry per setting.
     const TABLE: &'static [Setting];
 
-    /// Reads them all; none when one cannot be read, which its fault tells.
+    /// Reads them all; none when one cannot be read, which is added to the faults.
     fn read(reader: &mut Reader<'_>) -> Option<Self>;
 }
 
-/// What the command line and the environment say of some settings.
+/// The values that the command line and the environment give to some settings.
 #[derive(Debug)]
 pub(crate) struct Given<S> {
     values: BTreeMap<&'static str, Text>,
     settings: PhantomData<S>,
 }
 
-/// A value as it was written, and where.
+/// A value as it was written, and its source.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Text {
     text: String,
@@ -82,7 +82,7 @@ enum Source {
 
 impl<S: Settings> Args for Given<S> {
     fn augment_args(command: Command) -> Command {
-        // What the whole program takes stands before and after the subcommand.
+        // Settings of the whole program may stand before and after the subcommand.
         let is_global = command.get_name() == env!("CARGO_PKG_NAME");
         S::TABLE.iter().fold(command, |command, setting| command.arg(setting.argument().global(is_global)))
     }
@@ -109,7 +109,7 @@ impl<S: Settings> FromArgMatches for Given<S> {
     }
 }
 
-/// The file.
+/// The settings file, parsed; empty where there is none.
 #[derive(Debug)]
 pub(crate) struct Sources {
     file: toml::Table,
@@ -128,7 +128,7 @@ impl Sources {
         Self { file }
     }
 
-    /// Adds each key of the file that no table knows.
+    /// Adds a fault for each key of the file that is in no table.
     pub(crate) fn check_keys(&self, tables: &[&[Setting]], faults: &mut Faults) {
         for key in self.file.keys() {
             if !tables.iter().copied().flatten().any(|setting| setting.key == key) {
@@ -193,7 +193,7 @@ impl Reader<'_> {
     }
 }
 
-/// Where a caller looks for a value.
+/// The source of a value, as faults and `--print-config` name it.
 fn place(setting: &Setting, source: Source) -> String {
     match source {
         Source::Flag => format!("from --{}", setting.flag()),

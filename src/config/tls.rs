@@ -1,12 +1,14 @@
-//! Certificate and key of the server, in builds with the feature `tls`.
+//! Loads certificate and key of the server, in builds with the feature `tls`.
 
 use slipdrive::api::server::ServerSettings;
 
-use super::{Faults, ServeSettings};
+use super::faults::Faults;
+use super::settings::ServeSettings;
 
 /// The settings with the server's identity, where one is configured.
 ///
-/// Adds what is missing of it, or that this build has no TLS: a server must not answer in plain text where TLS is meant.
+/// Adds a fault when certificate or key is missing, or when this build has no TLS: a server must not answer in plain
+/// text where TLS is configured.
 pub(super) fn with_identity(settings: &ServeSettings, server: ServerSettings, faults: &mut Faults) -> ServerSettings {
     match (&settings.tls_certificate, &settings.tls_key) {
         (None, None) => {}
@@ -15,7 +17,7 @@ pub(super) fn with_identity(settings: &ServeSettings, server: ServerSettings, fa
         #[cfg(feature = "tls")]
         (Some(certificate), Some(key)) => match slipdrive::api::server::tls::Identity::from_files(certificate, key) {
             Ok(identity) => return ServerSettings { identity: Some(identity), ..server },
-            Err(told) => told.faults.into_iter().for_each(|fault| faults.add(fault)),
+            Err(identity) => identity.faults.into_iter().for_each(|fault| faults.add(fault)),
         },
         #[cfg(not(feature = "tls"))]
         (Some(_), Some(_)) => {
@@ -25,7 +27,7 @@ pub(super) fn with_identity(settings: &ServeSettings, server: ServerSettings, fa
     server
 }
 
-/// The same patience without TLS: probes and scrapers speak plain text.
+/// The same limits and timeouts without TLS: probes and scrapers speak plain text.
 pub(crate) fn plain(server: &ServerSettings) -> ServerSettings {
     ServerSettings {
         #[cfg(feature = "tls")]
