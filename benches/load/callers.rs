@@ -1,4 +1,4 @@
-//! One request by either door.
+//! Sends one request over REST or gRPC and measures it.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,8 @@ use slipdrive::api::grpc::pb::maneuver_service_client::ManeuverServiceClient;
 use tonic::transport::{Channel, Endpoint};
 use tonic_types::StatusExt as _;
 
-use crate::server::VIEW;
+/// The header that selects the answer of the echo.
+pub const VIEW: &str = "x-view";
 
 /// Connections that gRPC calls are spread over: one HTTP/2 connection takes 128 calls at once.
 const CHANNELS: usize = 8;
@@ -24,34 +25,34 @@ pub struct Addresses {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Door {
+pub enum Transport {
     Rest,
     Grpc,
 }
 
-impl Door {
-    /// Both in turn.
+impl Transport {
+    /// REST for even numbers, gRPC for odd ones, so that load alternates.
     pub fn of(number: u64) -> Self {
         if number.is_multiple_of(2) { Self::Rest } else { Self::Grpc }
     }
 }
 
-/// What became of one request.
+/// The outcome of one request.
 #[derive(Debug)]
 pub struct Outcome {
     pub number: u64,
-    pub door: Door,
+    pub transport: Transport,
     /// `ok`, the code of a problem, or what failed on the way.
     pub code: String,
-    /// From the schedule to the end of the answer.
+    /// From the scheduled time to the end of the answer.
     pub latency: Duration,
-    /// From the schedule to the sending.
+    /// From the scheduled time to the sending.
     pub lateness: Duration,
     /// Whether the answer bears the id of this request.
     pub is_own: bool,
 }
 
-/// What to ask: the straight forward drive from one start.
+/// The request to send: the straight forward drive from one start.
 #[derive(Debug, Clone)]
 pub struct Question {
     pub json: String,
@@ -60,7 +61,7 @@ pub struct Question {
 }
 
 impl Question {
-    /// `y_m` ahead, the whole answer or the plan alone.
+    /// The goal lies `y_m` ahead; `view` selects the whole answer or the plan alone.
     pub fn new(y_m: f64, view: pb::View) -> Self {
         let name = view.as_str_name().trim_start_matches("VIEW_").to_lowercase();
         let json = serde_json::json!({
@@ -106,14 +107,14 @@ impl Callers {
         ManeuverServiceClient::new(self.channels[channel].clone())
     }
 
-    /// Asks at once; latencies count from the schedule.
-    pub async fn ask(&self, number: u64, door: Door, question: &Question, scheduled: Instant) -> Outcome {
+    /// Sends at once; the latency counts from the scheduled time.
+    pub async fn ask(&self, number: u64, transport: Transport, question: &Question, scheduled: Instant) -> Outcome {
         let lateness = scheduled.elapsed();
-        let (code, is_own) = match door {
-            Door::Rest => self.ask_rest(number, question).await,
-            Door::Grpc => self.ask_grpc(number, question).await,
+        let (code, is_own) = match transport {
+            Transport::Rest => self.ask_rest(number, question).await,
+            Transport::Grpc => self.ask_grpc(number, question).await,
         };
-        Outcome { number, door, code, latency: scheduled.elapsed(), lateness, is_own }
+        Outcome { number, transport, code, latency: scheduled.elapsed(), lateness, is_own }
     }
 
     async fn ask_rest(&self, number: u64, question: &Question) -> (String, bool) {
@@ -159,8 +160,8 @@ impl Callers {
         request.send().await.unwrap().error_for_status().unwrap().bytes().await.unwrap()
     }
 
-    /// Whether both doors say that they are ready.
-    pub async fn are_welcome(&self) -> bool {
+    /// Whether both transports report that they are ready.
+    pub async fn are_ready(&self) -> bool {
         let rest = self.client.get(format!("{}/readyz", self.addresses.rest)).send().await;
         let mut health = tonic_health::pb::health_client::HealthClient::new(self.channels[0].clone());
         let grpc = health.check(tonic_health::pb::HealthCheckRequest::default()).await;

@@ -1,4 +1,4 @@
-//! Callers who leave long solves in every way there is, and answers that must reach their own callers.
+//! Callers who leave long solves in four ways must free their workers, and each answer must reach its own caller.
 
 use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,27 +25,27 @@ use crate::verdict::Verdict;
 
 const SEED: u64 = 21;
 const DEPARTURES: u32 = 200;
-/// Callers come so often, and stay for at most three times as long.
+/// Interval between callers; each stays for at most three times as long.
 const ARRIVAL_INTERVAL: Duration = Duration::from_millis(100);
 const CALLERS: u32 = 64;
 const SOLVES: u32 = 1000;
-/// Steps of the long solves: a rollout of them is long enough to be told from the noise of the clock.
+/// Steps of the long solves: long enough for a rollout to stand out from the noise of the clock.
 const LONG_STEPS: u32 = 2000;
 
-/// The solver of the crate, and how long it goes on after its stop flag.
+/// The solver of the crate, with a measurement of how long it runs on after its stop flag.
 #[derive(Default)]
 struct WatchedSolver {
-    /// Where nobody wants the answer any more, and where the deadline asks for the best plan.
+    /// After a caller has left, and after a deadline, which asks for the best plan so far.
     after_departure: Mutex<Latencies>,
     after_deadline: Mutex<Latencies>,
-    /// As the first, in processor time of the worker: what others on the machine leave alone. The system counts it no
-    /// finer than its tick, some ms.
+    /// As the first, in processor time of the worker, which other load on the machine hardly changes. The system counts
+    /// it no finer than its tick, some ms.
     processor_after_departure: Mutex<Latencies>,
     /// Processor time of the latest solve.
     processor: Mutex<Duration>,
 }
 
-/// Processor time of a thread of this process; zero where the system does not tell.
+/// Processor time of a thread of this process; zero where the system does not report it.
 fn processor_time(thread: &str) -> Duration {
     let text = fs::read_to_string(format!("/proc/{thread}/schedstat")).unwrap_or_default();
     Duration::from_nanos(text.split(' ').next().and_then(|time| time.parse().ok()).unwrap_or_default())
@@ -67,7 +67,7 @@ impl ManeuverSolver for WatchedSolver {
             let solution = InProcessSolver.solve(input, control);
             has_ended.store(true, Ordering::Relaxed);
             let ended = Instant::now();
-            // So that the system counts what has just run.
+            // A yield makes the system update the processor time of this thread.
             thread::yield_now();
             let processor = processor_time(&this_thread);
             *self.processor.lock().unwrap() = processor.saturating_sub(begin);
@@ -91,7 +91,7 @@ impl ManeuverSolver for WatchedSolver {
 pub async fn run() -> Verdict {
     let solver = Arc::new(WatchedSolver::default());
     let watched: Arc<dyn ManeuverSolver> = Arc::<WatchedSolver>::clone(&solver);
-    // Nobody is refused for the length of the solves before.
+    // No bound on expected work, so that no caller is refused for the length of the solves before.
     let settings = ServiceSettings { queue_work: Duration::MAX, ..ServiceSettings::default() };
     let service = Arc::new(Service::start(settings, watched).unwrap());
     let rest = listen(rest::router(Arc::clone(&service), ApiSettings::default())).await;
@@ -132,7 +132,7 @@ async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, ver
     let solution = callers.grpc(0).solve(long_solve().1).await.unwrap().into_inner().solution.unwrap();
     let alone = alone.elapsed();
     verdict.require("a solve alone takes over 2 s", alone.as_secs_f64() > 2.0, &format!("{alone:.1?}"));
-    // With the derivatives and programs between them.
+    // The average includes the derivatives and linear programs between the rollouts.
     let rollouts: u32 = solution.report.unwrap().rollouts.try_into().unwrap();
     let (rollout, processor) = (alone / rollouts, *solver.processor.lock().unwrap() / rollouts);
     println!("  one of its rollouts takes {rollout:.2?} on average, {processor:.2?} of processor time");
@@ -141,8 +141,8 @@ async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, ver
     let (begin, mut gone) = (Instant::now(), JoinSet::new());
     for number in 0..DEPARTURES {
         sleep_until((begin + number * ARRIVAL_INTERVAL).into()).await;
-        let patience = random.random_range(Duration::ZERO..3 * ARRIVAL_INTERVAL);
-        gone.spawn(depart(callers.clone(), number, patience));
+        let stay = random.random_range(Duration::ZERO..3 * ARRIVAL_INTERVAL);
+        gone.spawn(depart(callers.clone(), number, stay));
     }
     while gone.join_next().await.transpose().unwrap().is_some() {}
     let last = Instant::now();
@@ -166,8 +166,8 @@ async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, ver
     println!("    with the best plan at a deadline, its certificate included: {deadline} of {}", deadline.count());
 }
 
-/// Asks, and leaves after a while in one of four ways.
-async fn depart(callers: Callers, number: u32, patience: Duration) {
+/// Sends a long solve and leaves after `stay` in one of four ways.
+async fn depart(callers: Callers, number: u32, stay: Duration) {
     let (json, message) = long_solve();
     let mut client = callers.grpc(number.into());
     match number % 4 {
@@ -179,23 +179,23 @@ async fn depart(callers: Callers, number: u32, patience: Duration) {
                 json.len()
             );
             stream.write_all(format!("{head}{json}").as_bytes()).await.unwrap();
-            sleep(patience).await;
+            sleep(stay).await;
         }
-        1 => drop(timeout(patience, client.solve(message)).await),
+        1 => drop(timeout(stay, client.solve(message)).await),
         2 => {
             let pb::SolveRequest { robot, maneuver, grid, solver, initial_guess, view } = message;
             let request = pb::SolveStreamRequest { robot, maneuver, grid, solver, initial_guess, view };
             if let Ok(events) = client.solve_stream(request).await {
-                sleep(patience).await;
+                sleep(stay).await;
                 drop(events);
             }
         }
         _ => {
             let mut request = tonic::Request::new(message);
-            let deadline = format!("{}m", patience.as_millis() + 1);
+            let deadline = format!("{}m", stay.as_millis() + 1);
             // Set as metadata: the client would give up by itself at this time.
             request.metadata_mut().insert("grpc-timeout", deadline.parse().unwrap());
-            // A plan or a refusal, but an answer.
+            // Either a plan or a refusal is right, but there must be an answer.
             let answer = timeout(Duration::from_secs(10), client.solve(request)).await.expect("the deadline is kept");
             drop(answer);
         }
@@ -210,7 +210,7 @@ async fn ask_all_at_once(callers: &Callers, service: &Service, verdict: &mut Ver
         asked.spawn(async move {
             let goal = 1.0 + 0.05 * f64::from(caller);
             let question = Question::new(goal, View::Plan);
-            // What a solve gives that nobody disturbs.
+            // The reference: the same solve without load.
             let mut input = SolveInput::forward_drive();
             input.maneuver.goal.set(slipdrive::service::domain::StateComponent::Y, Some(goal));
             let expected = slipdrive::solver::solve(&input, &RunControl::unattended()).schedule.final_time;

@@ -1,4 +1,4 @@
-//! Load on a whole server over both doors, offered on a fixed schedule.
+//! Load on a whole server over REST and gRPC, offered on a fixed schedule.
 //!
 //! ```text
 //! cargo bench --bench load                                  all of the following
@@ -10,7 +10,7 @@
 //!
 //! The loop is open: requests leave when the schedule says so, whatever has become of those before, and latencies count
 //! from the schedule, so that a stalled server shows in all requests that it kept waiting. Servers under load run in a
-//! process of their own. The exit code tells whether all that was asked for was met.
+//! process of their own. The exit code is 0 when all requirements were met.
 
 #![allow(clippy::unwrap_used, reason = "a bench fails by panicking")]
 #![allow(unreachable_pub, reason = "the modules are one program")]
@@ -53,7 +53,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    // Cargo tells every bench that it is one.
+    // Cargo passes `--bench` to every bench.
     let arguments = Arguments::parse_from(std::env::args().filter(|argument| argument != "--bench"));
     let runtime = tokio::runtime::Runtime::new().unwrap();
     let verdict = runtime.block_on(async {

@@ -1,4 +1,4 @@
-//! The open loop.
+//! Offers load in an open loop: on a fixed schedule, whatever becomes of the answers.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +7,7 @@ use slipdrive::api::grpc::pb::View;
 use tokio::task::JoinSet;
 use tokio::time::sleep_until;
 
-use crate::callers::{Addresses, Callers, Door, Question};
+use crate::callers::{Addresses, Callers, Question, Transport};
 use crate::tally::Tally;
 use crate::verdict::Verdict;
 
@@ -16,7 +16,7 @@ use crate::verdict::Verdict;
 pub struct Arguments {
     #[command(flatten)]
     addresses: Addresses,
-    /// Requests per second, by both doors together.
+    /// Requests per second, over both transports together.
     #[arg(long, default_value_t = 100.0)]
     rate: f64,
     #[arg(long, default_value_t = 10.0)]
@@ -34,7 +34,7 @@ pub async fn run(arguments: &Arguments) -> Verdict {
     verdict
 }
 
-/// Sends `rate` requests per second, evenly spaced, by both doors in turn, and waits for all answers.
+/// Sends `rate` requests per second, evenly spaced, over both transports in turn, and waits for all answers.
 pub async fn offer(callers: &Callers, question: &Question, rate: f64, seconds: f64) -> (Tally, u64) {
     let (begin, mut tally, mut asked) = (Instant::now(), Tally::default(), JoinSet::new());
     let mut sent = 0;
@@ -43,7 +43,7 @@ pub async fn offer(callers: &Callers, question: &Question, rate: f64, seconds: f
         sent += 1;
         sleep_until(scheduled.into()).await;
         let (callers, question) = (callers.clone(), question.clone());
-        asked.spawn(async move { callers.ask(number, Door::of(number), &question, scheduled).await });
+        asked.spawn(async move { callers.ask(number, Transport::of(number), &question, scheduled).await });
         while let Some(outcome) = asked.try_join_next() {
             tally.record(outcome.unwrap());
         }

@@ -1,4 +1,4 @@
-//! Ten times what one worker can do.
+//! Ten times the capacity of one worker: goodput, refusals and memory must hold.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use clap::Args;
 use slipdrive::api::grpc::pb::View;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
-use crate::callers::{Callers, Door, Question};
+use crate::callers::{Callers, Question, Transport};
 use crate::offer::offer;
 use crate::process::Server;
 use crate::tally::Latencies;
@@ -32,7 +32,7 @@ impl Default for Arguments {
 
 const CAPACITY_SECONDS: f64 = 10.0;
 const SINGLE_SECONDS: f64 = 20.0;
-/// Growth from the first quarter of the overload to the last that still counts as flat: the allocator's own play.
+/// Growth from the first quarter of the overload to the last that still counts as flat: the variation of the allocator.
 const FLAT_BYTES: u64 = 8 << 20;
 
 /// The name of worker threads, as far as the system keeps it.
@@ -41,7 +41,7 @@ const WORKER: &str = "slipdrive-worke";
 /// Goodput of one phase.
 struct Goodput {
     per_second: f64,
-    /// Solves per second of processor time of the worker: what noise from outside leaves alone.
+    /// Solves per second of processor time of the worker, which other load on the machine hardly changes.
     per_cpu_second: f64,
     /// Share of one core that the worker had.
     share: f64,
@@ -69,7 +69,7 @@ pub async fn run(arguments: &Arguments) -> Verdict {
     let solved = solve_in_turn(&callers, &question).await;
     let closed = meter.end(&server, solved);
     println!("  closed loop, 16 callers: {closed}");
-    // What the worker does with a core of its own, whoever else is on the machine.
+    // What the worker does with a core of its own, whatever else runs on the machine.
     let capacity = closed.per_cpu_second;
 
     let meter = Phase::begin(&server);
@@ -103,7 +103,7 @@ pub async fn run(arguments: &Arguments) -> Verdict {
     let found = format!("{} KiB early, {} KiB late", early >> 10, late >> 10);
     verdict.require("memory is flat", late <= early + FLAT_BYTES, &found);
     let is_complete = tally.is_complete(sent) && single.is_complete(single_sent);
-    // Two more answers were given to the echo of the server itself, by each door.
+    // The echo of the server itself has asked for two more answers over each transport.
     let asked = sent + single_sent + solved + 4;
     let is_seen = seen["solves"] == asked;
     let found =
@@ -123,13 +123,13 @@ pub async fn run(arguments: &Arguments) -> Verdict {
     verdict
 }
 
-/// How many solves end when callers wait for their answers.
+/// Solves in a closed loop, in which each caller waits for its answer before it asks again.
 async fn solve_in_turn(callers: &Callers, question: &Question) -> u64 {
     let (begin, solved) = (Instant::now(), AtomicU64::new(0));
     let lasts = Duration::from_secs_f64(CAPACITY_SECONDS);
     let one = async |number: u64| {
         while begin.elapsed() < lasts {
-            let outcome = callers.ask(number, Door::of(number), question, Instant::now()).await;
+            let outcome = callers.ask(number, Transport::of(number), question, Instant::now()).await;
             assert_eq!(outcome.code, "ok");
             solved.fetch_add(1, Ordering::Relaxed);
         }
@@ -176,7 +176,7 @@ async fn memory_of(server: &Server, seconds: f64) -> (u64, u64) {
     (early, late)
 }
 
-/// Asks for the health by both doors ten times a second.
+/// Checks the health over both transports ten times a second.
 async fn watch_health(callers: Callers, lasts: Duration) -> (u64, u64, Latencies) {
     let (begin, mut checks, mut failures, mut waits) = (Instant::now(), 0, 0, Latencies::default());
     let mut ticks = interval(Duration::from_millis(100));
@@ -184,10 +184,10 @@ async fn watch_health(callers: Callers, lasts: Duration) -> (u64, u64, Latencies
     while begin.elapsed() < lasts {
         ticks.tick().await;
         let asked = Instant::now();
-        let is_welcome = timeout(Duration::from_secs(1), callers.are_welcome()).await.unwrap_or(false);
+        let is_ready = timeout(Duration::from_secs(1), callers.are_ready()).await.unwrap_or(false);
         waits.record(asked.elapsed());
         checks += 1;
-        failures += u64::from(!is_welcome);
+        failures += u64::from(!is_ready);
     }
     (checks, failures, waits)
 }

@@ -1,4 +1,4 @@
-//! A server in a process of its own, and what the system says of it.
+//! A server in a process of its own, so that its memory and processor time can be measured apart from the generator's.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -9,12 +9,12 @@ use serde_json::Value;
 
 use crate::callers::Addresses;
 
-/// A running server; ended with its standard input.
+/// A running server; it ends when its standard input is closed.
 pub struct Server {
     child: Child,
     output: BufReader<ChildStdout>,
     pub addresses: Addresses,
-    /// The echo of both doors.
+    /// The echo of both transports.
     pub echo: Addresses,
 }
 
@@ -26,8 +26,8 @@ impl Server {
         let mut output = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
         output.read_line(&mut line).unwrap();
-        let told: Value = serde_json::from_str(&line).expect("the server tells where it listens");
-        let address = |name: &str| told[name].as_str().unwrap().to_owned();
+        let report: Value = serde_json::from_str(&line).expect("the server reports its addresses");
+        let address = |name: &str| report[name].as_str().unwrap().to_owned();
         Self {
             child,
             output,
@@ -55,12 +55,12 @@ impl Server {
         Duration::from_nanos(nanoseconds.sum())
     }
 
-    /// Ends the server; what it saw itself.
+    /// Ends the server and returns its own counts.
     pub fn end(mut self) -> Value {
         drop(self.child.stdin.take());
         let mut rest = String::new();
         self.output.read_to_string(&mut rest).unwrap();
         self.child.wait().unwrap();
-        serde_json::from_str(&rest).expect("the server tells what it saw")
+        serde_json::from_str(&rest).expect("the server reports its counts")
     }
 }

@@ -1,4 +1,4 @@
-//! The server under load: both doors, an echo of the same answers beside them, and a meter around it all.
+//! The server under load: REST and gRPC, an echo of the same answers to compare with, and a meter of all requests.
 
 use std::io::{Read as _, Write as _};
 use std::num::NonZeroUsize;
@@ -24,7 +24,7 @@ use slipdrive::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettin
 use slipdrive::solver::RunControl;
 use tokio::net::TcpListener;
 
-use crate::callers::{Addresses, Callers, Question};
+use crate::callers::{Addresses, Callers, Question, VIEW};
 use crate::tally::Latencies;
 
 #[derive(Debug, Args)]
@@ -56,14 +56,14 @@ impl ManeuverSolver for IdleSolver {
     }
 }
 
-/// What the server itself sees of its answers.
+/// What the server itself counts, without the network and the load generator.
 #[derive(Default)]
 struct Meter {
     solves: u64,
     refusals: Latencies,
 }
 
-/// Serves until the standard input ends, then tells what the meter has seen.
+/// Serves until the standard input ends, then reports what the meter has counted.
 pub async fn run(arguments: &Arguments) {
     let solver: Arc<dyn ManeuverSolver> = match arguments.solver {
         SolverChoice::Real => Arc::new(InProcessSolver),
@@ -83,13 +83,13 @@ pub async fn run(arguments: &Arguments) {
     let (grpc_router, _health) = grpc::router(service, ApiSettings::default()).await;
     let grpc = listen(metered(grpc_router)).await;
     let echo = listen(echo_of(&Addresses { rest: rest.clone(), grpc: grpc.clone() }).await).await;
-    tell(&json!({"rest": rest, "grpc": grpc, "echo": echo}));
+    report(&json!({"rest": rest, "grpc": grpc, "echo": echo}));
 
     let wait = tokio::task::spawn_blocking(|| std::io::stdin().read_to_end(&mut Vec::new()));
     wait.await.unwrap().unwrap();
     let meter = meter.lock().unwrap();
     let milliseconds = |quantile| meter.refusals.quantile_ms(quantile);
-    tell(&json!({
+    report(&json!({
         "solves": meter.solves,
         "refusals": meter.refusals.count(),
         "refusal_p50_ms": milliseconds(0.5),
@@ -98,7 +98,8 @@ pub async fn run(arguments: &Arguments) {
     }));
 }
 
-fn tell(line: &serde_json::Value) {
+/// Prints one line for the process that started this one, at once.
+fn report(line: &serde_json::Value) {
     println!("{line}");
     std::io::stdout().flush().unwrap();
 }
@@ -110,7 +111,7 @@ async fn listen(router: Router) -> String {
     format!("http://{address}")
 }
 
-/// From the head of a request to its answer, where that is a refusal.
+/// Counts solves, and records the time from the head of a request to its answer when that is a refusal.
 async fn measure(State(meter): State<Arc<Mutex<Meter>>>, request: Request, next: Next) -> Response {
     let is_solve = request.uri().path().to_lowercase().ends_with("/solve");
     let begin = Instant::now();
@@ -127,15 +128,12 @@ async fn measure(State(meter): State<Arc<Mutex<Meter>>>, request: Request, next:
     response
 }
 
-/// Answers as the server did once, byte for byte, and does nothing else.
+/// Repeats an earlier answer of the server byte for byte: the cost of the transport alone.
 #[derive(Clone)]
 struct Echo {
     json: [Bytes; 2],
     message: [Bytes; 2],
 }
-
-/// The header that tells the echo which answer is meant.
-pub const VIEW: &str = "x-view";
 
 async fn echo_of(addresses: &Addresses) -> Router {
     let callers = Callers::connect(addresses).await;

@@ -1,11 +1,11 @@
-//! Counts and latencies of what came back.
+//! Counts and latencies of the answers.
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
 use hdrhistogram::Histogram;
 
-use crate::callers::{Door, Outcome};
+use crate::callers::{Outcome, Transport};
 
 /// A histogram from a microsecond to a minute, three digits.
 #[derive(Debug, Clone)]
@@ -39,13 +39,13 @@ impl std::fmt::Display for Latencies {
     }
 }
 
-/// What became of all requests.
+/// The outcomes of all requests.
 #[derive(Debug, Default)]
 pub struct Tally {
-    /// Answers by number of the request; more than one for none.
+    /// Answers by number of the request; more than one is a fault.
     answers: HashMap<u64, u32>,
-    by_code: BTreeMap<(Door, String), Latencies>,
-    /// How late requests left the generator.
+    by_code: BTreeMap<(Transport, String), Latencies>,
+    /// How late requests were sent: when this is large, the generator itself is the bottleneck.
     pub lateness: Latencies,
     /// Answers that bear the number of another request.
     strays: u64,
@@ -53,9 +53,9 @@ pub struct Tally {
 
 impl Tally {
     pub fn record(&mut self, outcome: Outcome) {
-        let Outcome { number, door, code, latency, lateness, is_own } = outcome;
+        let Outcome { number, transport, code, latency, lateness, is_own } = outcome;
         *self.answers.entry(number).or_default() += 1;
-        self.by_code.entry((door, code)).or_default().record(latency);
+        self.by_code.entry((transport, code)).or_default().record(latency);
         self.lateness.record(lateness);
         self.strays += u64::from(!is_own);
     }
@@ -66,7 +66,7 @@ impl Tally {
         self.strays == 0 && self.answers.len() as u64 == sent && (0..sent).all(is_answered)
     }
 
-    /// Answers with this code, by both doors.
+    /// Answers with this code, over both transports.
     pub fn count(&self, code: &str) -> u64 {
         self.by_code.iter().filter(|((_, known), _)| known == code).map(|(_, latencies)| latencies.count()).sum()
     }
@@ -77,8 +77,8 @@ impl Tally {
     }
 
     pub fn print(&self) {
-        for ((door, code), latencies) in &self.by_code {
-            println!("    {door:?} {code}: {} answers, {latencies}", latencies.count());
+        for ((transport, code), latencies) in &self.by_code {
+            println!("    {transport:?} {code}: {} answers, {latencies}", latencies.count());
         }
         println!("    the generator itself was late by {}", self.lateness);
     }

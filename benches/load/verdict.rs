@@ -1,13 +1,13 @@
-//! What was asked for, and whether it was met.
+//! The requirements of the bench, and whether they were met.
 
-/// Whether everything was met so far.
+/// Whether all requirements were met so far.
 #[derive(Debug, Default)]
 pub struct Verdict {
     has_missed: bool,
 }
 
 impl Verdict {
-    /// Tells one requirement with what was found.
+    /// Prints one requirement with what was found.
     pub fn require(&mut self, requirement: &str, is_met: bool, found: &str) {
         println!("  {} {requirement}: {found}", if is_met { "met   " } else { "MISSED" });
         self.has_missed |= !is_met;
