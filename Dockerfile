@@ -9,6 +9,7 @@ ARG FEATURES=otel
 WORKDIR /build
 # The dependencies in a layer of their own: it is built again only when they change.
 COPY Cargo.toml Cargo.lock build.rs ./
+COPY build build
 COPY proto proto
 COPY benches benches
 RUN --mount=type=cache,target=/usr/local/cargo/registry \

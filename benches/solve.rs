@@ -7,8 +7,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use slipdrive::service::{InProcessSolver, Service, ServiceSettings, SolveClocks};
-use slipdrive::solver::{Method, RunControl, SolveInput, SolverSettings, solve};
+use slipdrive::jobs::solve::Solve;
+use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _, Limits};
+use slipdrive::service::{Service, ServiceSettings};
+use slipdrive::solver::{Method, RunControl, SolveInput, solve};
 
 /// Pairs of solves from which the ratio of one and two workers is taken.
 const PAIRED_ROUNDS: usize = 21;
@@ -38,20 +40,23 @@ fn forward_drive(criterion: &mut Criterion) {
 
 /// The default search, alone and with one idle worker that helps.
 fn helped_search(criterion: &mut Criterion) {
-    let input = SolveInput { settings: SolverSettings::default(), ..SolveInput::forward_drive() };
-    let clocks = SolveClocks { time_limit: Duration::from_secs(60), deadline: None };
+    let body = br#"{"maneuver": {"goal": {"y_m": 5}}, "solver": {"time_limit_s": 60}}"#;
+    let accepted = Solve::read(body, &Limits::default()).expect("a valid request");
     let mut group = criterion.benchmark_group("default_search");
     let services = [1, 2].map(|workers| {
         let workers = NonZeroUsize::new(workers).expect("at least one");
         let settings = ServiceSettings { workers, queue_length: 0, ..ServiceSettings::default() };
-        Service::start(settings, Arc::new(InProcessSolver)).expect("threads can be started")
+        let service = Service::start(settings).expect("threads can be started");
+        let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
+        (service, jobs)
     });
-    let solve = |service: &Service| {
-        let place = service.reserve().expect("nobody else asks");
-        place.solve_blocking(input.clone(), clocks).expect("nobody stops it")
+    let solve = |(service, jobs): &(Service, Jobs)| {
+        let permit = service.reserve().expect("nobody else asks");
+        let running = permit.submit(Arc::clone(&jobs.solve), accepted.clone(), None, |_, done| done.duration);
+        running.expect("no deadline").blocking_outcome().expect("nobody stops it")
     };
     // By turns, so that both meet the same neighbours on the machine.
-    let rounds = (0..PAIRED_ROUNDS).map(|_| services.each_ref().map(|service| solve(service).solve_time));
+    let rounds = (0..PAIRED_ROUNDS).map(|_| services.each_ref().map(&solve));
     let mut ratios: Vec<f64> = rounds.map(|[alone, helped]| alone.as_secs_f64() / helped.as_secs_f64()).collect();
     ratios.sort_by(f64::total_cmp);
     println!("default search       1 worker takes {:.2} times as long as 2 (median)", ratios[ratios.len() / 2]);

@@ -9,8 +9,10 @@ use std::time::Instant;
 
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use slipdrive::api::rest::{read_solve, solve_answer};
-use slipdrive::service::{InProcessSolver, Limits, Service, ServiceSettings, SolveClocks, Solved, StopReason};
+use slipdrive::contract::json;
+use slipdrive::jobs::solve::{AcceptedSolve, Solve, Solved, StopReason};
+use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _, Limits};
+use slipdrive::service::{Done, Service, ServiceSettings};
 
 /// Grids with their names.
 const GRIDS: [(&str, &str); 6] = [
@@ -26,10 +28,9 @@ fn main() {
     let mut arguments = std::env::args().skip(1).filter_map(|argument| argument.parse::<u64>().ok());
     let count = arguments.next().unwrap_or(200);
     let mut random = Xoshiro256PlusPlus::seed_from_u64(arguments.next().unwrap_or(1));
-    let limits = Limits::default();
-    let settings = ServiceSettings { queue_length: 0, limits, ..ServiceSettings::default() };
-    let service = Service::start(settings, Arc::new(InProcessSolver)).expect("threads");
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
+    let settings = ServiceSettings { queue_length: 0, ..ServiceSettings::default() };
+    let service = Service::start(settings).expect("threads");
+    let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
     let mut overruns = Vec::new();
     let mut by_grid: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let mut statuses: BTreeMap<&str, usize> = BTreeMap::new();
@@ -44,13 +45,14 @@ fn main() {
             r#"{{"maneuver": {{"goal": {{"x_m": {x}, "y_m": {y}}}}}, "grid": {grid},
                 "solver": {{"method": "{method}", "starts": 64, "time_limit_s": {time_limit_s}}}}}"#
         );
-        let accepted = read_solve(body.as_bytes(), &limits).expect("a sound request");
-        let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: None };
-        let input = accepted.input.clone();
-        let answer = move |solved: Solved| (solve_answer(&accepted, &solved), solved);
+        let accepted = Solve::read(body.as_bytes(), jobs.limits()).expect("a valid request");
+        let answer = |accepted: &AcceptedSolve, done: &Done<Solved>| {
+            (json::write(&Solve::answer(accepted, done)), done.output.clone())
+        };
         let start = Instant::now();
-        let place = service.reserve().expect("an idle worker");
-        let (_, solved) = runtime.block_on(place.solve(input, clocks, answer)).expect("an answer");
+        let permit = service.reserve().expect("an idle worker");
+        let running = permit.submit(Arc::clone(&jobs.solve), accepted, None, answer).expect("no deadline");
+        let (_, solved) = running.blocking_outcome().expect("an answer");
         let overrun = (start.elapsed().as_secs_f64() - time_limit_s) * 1e3;
         if solved.stop_reason == StopReason::Finished {
             finished += 1;

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 use std::thread::available_parallelism;
 use std::{env, fs};
 
-use clap::{Args, Parser, Subcommand};
+use clap::{ArgMatches, Args, FromArgMatches as _, Parser, Subcommand};
 use slipdrive::api::auth::ApiKeys;
 use slipdrive::api::server::ServerSettings;
 use slipdrive::api::{ApiSettings, Probes};
@@ -38,17 +38,13 @@ pub(crate) struct Arguments {
     pub(crate) command: Command,
 }
 
-/// What to do.
+/// What to do beside running one job; the commands of jobs are added by the registry.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Serve REST and gRPC until a signal comes.
     Serve(ServeArguments),
-    /// Ask a server of this configuration whether it is ready; the exit code tells.
+    /// Ask a server of this configuration whether it is ready; the exit code says so.
     Health(HealthArguments),
-    /// Solve one maneuver and print what came out.
-    Solve(SolveArguments),
-    /// Integrate one torque schedule and print what came out.
-    Simulate(SimulateArguments),
 }
 
 /// How a server is configured.
@@ -81,47 +77,35 @@ pub(crate) struct HealthArguments {
     pub(crate) live: bool,
 }
 
-/// A maneuver to solve.
+/// A job to run; the same arguments for every kind.
 #[derive(Debug, Args)]
-pub(crate) struct SolveArguments {
-    /// File with the JSON body of `POST /solve`; `-` is standard input, `forward-drive` the paper's case.
-    #[arg(default_value = "forward-drive", value_name = "FILE|forward-drive|-")]
+pub(crate) struct JobArguments {
+    // Its help is made by the command, which knows the kind.
+    #[arg(value_name = "FILE")]
     pub(crate) input: PathBuf,
-    /// Writes the JSON answer of `POST /solve` here; `-` is standard output, in place of the table.
+    /// Writes the JSON answer of the server here; `-` is standard output, in place of the table.
     #[arg(long, value_name = "OUT")]
     pub(crate) json: Option<PathBuf>,
-    /// Threads that search; the plan does not depend on their number [default: cores].
+    /// Threads that work; the answer does not depend on their number [default: cores].
     #[arg(long)]
     pub(crate) threads: Option<NonZeroUsize>,
-    /// Writes diagrams of the plan here, as an HTML page.
+    /// Writes diagrams of the answer here, as an HTML page.
     #[arg(long, value_name = "PAGE")]
     pub(crate) plot: Option<PathBuf>,
-}
-
-/// A torque schedule to integrate.
-#[derive(Debug, Args)]
-pub(crate) struct SimulateArguments {
-    /// File with the JSON body of `POST /simulate`; `-` is standard input.
-    #[arg(value_name = "FILE|-")]
-    pub(crate) input: PathBuf,
-    /// Writes the JSON answer of `POST /simulate` here; `-` is standard output, in place of the table.
-    #[arg(long, value_name = "OUT")]
-    pub(crate) json: Option<PathBuf>,
 }
 
 /// The variable of the API keys, which have no flag: it would show them to everyone who can list processes.
 const API_KEYS_VARIABLE: &str = "SLIPDRIVE_API_KEYS";
 
-impl Arguments {
-    /// The log settings of commands that run no server.
-    ///
-    /// # Errors
-    /// All faults.
-    pub(crate) fn log_settings(&self) -> Result<LogSettings, Faults> {
-        let mut faults = Faults::default();
-        let log = Sources::new(None, &mut faults).read(&self.log, &mut faults);
-        faults.into_result(log)
-    }
+/// What is logged where no server runs.
+///
+/// # Errors
+/// Arguments that cannot be read, and all faults of the settings.
+pub(crate) fn log_settings(matches: &ArgMatches) -> anyhow::Result<Result<LogSettings, Faults>> {
+    let given = Given::<LogSettings>::from_arg_matches(matches)?;
+    let mut faults = Faults::default();
+    let log = Sources::new(None, &mut faults).read(&given, &mut faults);
+    Ok(faults.into_result(log))
 }
 
 /// A checked configuration of a server.

@@ -17,28 +17,71 @@
 //! those of Yunt & Glocker, "Time-optimal trajectories of a differential drive robot"; `docs/model.md` derives what
 //! the paper leaves out. A maneuver of N steps (200 in the paper) and n torques per wheel (40) has 2 n + 1 unknowns.
 //!
+//! # An example
+//! The paper's forward drive of 5 m, from the straight start alone:
+//!
+//! ```
+//! use slipdrive::prelude::*;
+//!
+//! # fn main() -> Result<(), Violations> {
+//! let input = SolveInput::new(SolveParameters {
+//!     robot: RobotParameters { wheel_friction_coefficient: 0.45, ..RobotParameters::default() },
+//!     maneuver: Maneuver { goal: Goal::at_rest(0.0, 5.0, 0.0), ..Maneuver::forward_drive() },
+//!     settings: SolverSettings { start_count: 1, refinement: Refinement::Fixed, ..SolverSettings::default() },
+//!     ..SolveParameters::default()
+//! })?;
+//! let solution = solve(&input, &RunControl::unattended());
+//! assert_eq!(solution.status, Status::Converged);
+//! assert!((solution.schedule.final_time - 2.930).abs() < 1e-3);
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # The modules
-//! - [`robot`]: parameters, mass matrix, smooth forces, contact kinematics, normal loads.
+//! - [`robot`]: parameters, mass matrix, smooth forces, contact kinematics, normal forces.
 //! - [`contact`]: the one-step friction problem as plain data, its exact and its fixed-point solver.
 //! - [`simulation`]: Moreau time stepping, rollouts, trajectories, derivatives.
 //! - [`optimizer`]: sequential linear programming and Nelder-Mead; they know no mechanics.
 //! - [`shooting`]: from a maneuver to a decision vector, goal errors and their Jacobian.
 //! - [`solver`]: the search, and what its answer states about itself.
-//! - [`plot`]: the paper's figures from a solution, as a page.
-//! - [`queue`]: a bounded queue that feeds blocking worker threads.
-//! - [`service`]: solve, simulate and validate behind the queue.
-//! - [`metrics`]: what a server counts about itself.
-//! - [`api`] offers the service over REST and gRPC.
+//! - [`rules`]: what parameters must be, and all violations at once.
+//! - `plot` (feature `plot`): the paper's figures from a solution, as a page.
+//!
+//! With the feature `server`, beside them:
+//! - `contract`: messages, as protobuf and as JSON, problems and error codes.
+//! - `jobs`: the kinds of jobs, and how each is accepted, run and answered.
+//! - `service`: jobs behind a bounded queue (`queue`), counted (`metrics`).
+//! - `api`: the jobs over REST and gRPC.
+//!
+//! # Features
+//! `server` and `plot` are on by default. Without both, the numerics alone are built: no runtime, no generated code, no
+//! build script to speak of. `otel` exports spans, `tls` encrypts both ports.
+//!
+//! # Stability
+//! Until 1.0, what [`prelude`] holds changes only with a new minor version and a line in the changelog; everything else may
+//! change with any version. The contract with callers over REST and gRPC is kept more strictly: once released, fields,
+//! values and codes are added, never changed. The same input gives the same answer, to the bit, in the same version on the
+//! same platform, whatever the number of threads.
 
+#[cfg(feature = "server")]
 pub mod api;
 pub mod contact;
+#[cfg(feature = "server")]
+pub mod contract;
+#[cfg(feature = "server")]
+pub mod jobs;
+#[cfg(feature = "server")]
 pub mod metrics;
 pub mod optimizer;
+#[cfg(feature = "plot")]
 pub mod plot;
+pub mod prelude;
+#[cfg(feature = "server")]
 pub mod queue;
 pub mod robot;
+pub mod rules;
+#[cfg(feature = "server")]
 pub mod service;
 pub mod shooting;
 pub mod simulation;
 pub mod solver;
-pub mod violation;

@@ -1,4 +1,4 @@
-//! The slipdrive program: serve over REST and gRPC, or solve and simulate in process.
+//! The slipdrive program: serve over REST and gRPC, or run one job in process.
 
 mod cli;
 mod config;
@@ -8,28 +8,35 @@ mod telemetry;
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
-use config::{Arguments, Command, Faults};
+use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _};
+use config::{Arguments, Command, Faults, log_settings};
 
 /// For input that cannot be used, usage errors included (`EX_USAGE` of sysexits).
 const EXIT_BAD_INPUT: u8 = 64;
 
 fn main() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
-        Ok(arguments) => arguments,
-        Err(error) => {
-            // Nothing is left to tell when the terminal is gone.
-            let _ = error.print();
-            return if error.use_stderr() { ExitCode::from(EXIT_BAD_INPUT) } else { ExitCode::SUCCESS };
-        }
-    };
-    run(&arguments).unwrap_or_else(|error| {
-        eprintln!("error: {error:#}");
-        ExitCode::FAILURE
-    })
+    let parsed = cli::with_jobs(Arguments::command()).try_get_matches();
+    let outcome = parsed.map_err(anyhow::Error::from).and_then(|matches| run(&matches));
+    outcome.unwrap_or_else(|error| failure(&error))
 }
 
-fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+fn failure(error: &anyhow::Error) -> ExitCode {
+    let Some(usage) = error.downcast_ref::<clap::Error>() else {
+        eprintln!("error: {error:#}");
+        return ExitCode::FAILURE;
+    };
+    // Nothing is left to do when the terminal is gone.
+    let _ = usage.print();
+    if usage.use_stderr() { ExitCode::from(EXIT_BAD_INPUT) } else { ExitCode::SUCCESS }
+}
+
+fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
+    if let Some((name, job)) = matches.subcommand()
+        && cli::has_job(name)
+    {
+        return logged(matches, || cli::run(name, job));
+    }
+    let arguments = Arguments::from_arg_matches(matches)?;
     match &arguments.command {
         Command::Serve(serve) => match arguments.server_config(serve) {
             Ok(config) if serve.print_config => {
@@ -46,14 +53,12 @@ fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             Ok(address) => health::ask(address, health.live),
             Err(faults) => refuse(&faults),
         }),
-        Command::Solve(solve) => logged(arguments, || cli::solve(solve)),
-        Command::Simulate(simulate) => logged(arguments, || cli::simulate(simulate)),
     }
 }
 
-/// Runs a command that is no server.
-fn logged(arguments: &Arguments, command: impl FnOnce() -> anyhow::Result<ExitCode>) -> anyhow::Result<ExitCode> {
-    match arguments.log_settings() {
+/// Runs the command of a job.
+fn logged(matches: &ArgMatches, command: impl FnOnce() -> anyhow::Result<ExitCode>) -> anyhow::Result<ExitCode> {
+    match log_settings(matches)? {
         Ok(log) => {
             let _exporter = telemetry::start(&log)?;
             command()

@@ -12,10 +12,12 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use axum::Router;
+use slipdrive::api::ApiState;
 use slipdrive::api::grpc::{self, Health};
 use slipdrive::api::rest;
 use slipdrive::api::server::{self, ServerSettings};
-use slipdrive::service::{InProcessSolver, Service, ServiceSettings};
+use slipdrive::jobs::{InProcessSolver, Jobs, Limits};
+use slipdrive::service::{Service, ServiceSettings};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
@@ -42,7 +44,7 @@ async fn serve(config: &ServerConfig) -> anyhow::Result<()> {
     let mut signals = Signals::listen()?;
     let listeners = Listeners::bind(config).await?;
     let settings = config.service_settings();
-    let service = Arc::new(Service::start(settings, Arc::new(InProcessSolver))?);
+    let service = Arc::new(Service::start(settings)?);
     listeners.report(&settings)?;
     let (mut servers, health) = start_servers(&service, listeners, config).await;
     tokio::select! {
@@ -120,13 +122,14 @@ impl Servers {
 /// own.
 async fn start_servers(service: &Arc<Service>, listeners: Listeners, config: &ServerConfig) -> (Servers, Health) {
     let mut servers = Servers { tasks: JoinSet::new(), closing: watch::Sender::new(false) };
-    let (api_settings, server_settings) = (config.api_settings(), &config.server);
-    let rest_router = rest::router(Arc::clone(service), api_settings.clone());
+    let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
+    let (state, server_settings) = (ApiState::new(Arc::clone(service), jobs, config.api_settings()), &config.server);
+    let rest_router = rest::router(&state);
     if let Some(admin) = listeners.admin {
-        let router = rest::admin_router(Arc::clone(service), api_settings.clone());
+        let router = rest::admin_router(&state);
         servers.spawn(admin, router, plain(server_settings));
     }
-    let (grpc_router, health) = grpc::router(Arc::clone(service), api_settings).await;
+    let (grpc_router, health) = grpc::router(&state).await;
     match listeners.grpc {
         Some(grpc) => {
             servers.spawn(listeners.http, rest_router, server_settings.clone());
@@ -164,7 +167,7 @@ async fn drain(service: &Arc<Service>, health: &Health, signals: &mut Signals, c
     tracing::warn!(queue.in_flight = service.jobs_in_flight(), "cutting off the solves in flight");
     service.cancel_all();
     if timeout(LAST_ANSWER_TIMEOUT, ended).await.is_err() {
-        tracing::error!("a solve does not heed its stop flag");
+        tracing::error!("a solve does not obey its stop flag");
     }
 }
 

@@ -16,6 +16,8 @@ use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
+const ATTEMPTS: usize = 3;
+
 fn allocations(run: impl FnOnce()) -> usize {
     let region = Region::new(ALLOCATOR);
     run();
@@ -23,26 +25,45 @@ fn allocations(run: impl FnOnce()) -> usize {
     change.allocations + change.reallocations
 }
 
-// One test, since the counter sees every thread of the process.
+/// Allocations in each kind of sweep.
+#[derive(Debug, Default, PartialEq)]
+struct Counts {
+    end_state: usize,
+    end_state_by_fixed_point: usize,
+    /// Sweeps after the first reuse its memory: the exact one, and a smoothed one.
+    later_sensitivities: [usize; 2],
+}
+
+/// What a random rollout allocates; nothing is kept from a call before.
+fn counts(seed: u64) -> Counts {
+    let mut cases = RandomCases::new(seed);
+    let front = if seed.is_multiple_of(2) { 0.0 } else { 0.2 };
+    let parameters = RobotParameters { front_friction_coefficient: front, ..*cases.robot().parameters() };
+    let Ok(robot) = Robot::new(parameters) else { return Counts::default() };
+    let simulator = Simulator::new(&robot);
+    let start = cases.state(&robot, 1.0);
+    let schedule = cases.schedule(20, 1.0, 3.0);
+    let rollout = Rollout { start: &start, schedule: &schedule, step_count: 200 };
+    let mut end = None;
+    let end_state = allocations(|| end = Some(simulator.end_state(&rollout)));
+    let end_state_by_fixed_point = allocations(|| end = Some(simulator.end_state_by_fixed_point(&rollout)));
+    let mut sensitivity = EndSensitivity::default();
+    simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
+    let later_sensitivities =
+        [0.0, 0.03].map(|smoothing| allocations(|| simulator.end_sensitivity(&rollout, smoothing, &mut sensitivity)));
+    Counts { end_state, end_state_by_fixed_point, later_sensitivities }
+}
+
+// One test, since the counter sees every thread of the process. That of the harness allocates a little after the start of
+// the test, on a busy machine in the middle of a sweep, but not in every attempt.
 #[test]
 fn rollouts_and_their_derivatives_allocate_nothing() {
     for seed in 0..40 {
-        let mut cases = RandomCases::new(seed);
-        let front = if seed % 2 == 0 { 0.0 } else { 0.2 };
-        let parameters = RobotParameters { front_friction_coefficient: front, ..*cases.robot().parameters() };
-        let Ok(robot) = Robot::new(parameters) else { continue };
-        let simulator = Simulator::new(&robot);
-        let start = cases.state(&robot, 1.0);
-        let schedule = cases.schedule(20, 1.0, 3.0);
-        let rollout = Rollout { start: &start, schedule: &schedule, step_count: 200 };
-        let mut end = None;
-        assert_eq!(allocations(|| end = Some(simulator.end_state(&rollout))), 0, "seed {seed}");
-        assert_eq!(allocations(|| end = Some(simulator.end_state_by_fixed_point(&rollout))), 0, "seed {seed}");
-        let mut sensitivity = EndSensitivity::default();
-        simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
-        for smoothing in [0.0, 0.03] {
-            let again = allocations(|| simulator.end_sensitivity(&rollout, smoothing, &mut sensitivity));
-            assert_eq!(again, 0, "seed {seed}: the second sweep reuses the memory of the first");
-        }
+        let mut last = Counts::default();
+        let allocates_nothing = (0..ATTEMPTS).any(|_| {
+            last = counts(seed);
+            last == Counts::default()
+        });
+        assert!(allocates_nothing, "seed {seed}: {last:?} in the last of {ATTEMPTS} attempts");
     }
 }

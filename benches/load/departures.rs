@@ -10,10 +10,11 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::api::grpc::pb::{self, View};
 use slipdrive::api::server::{ServerSettings, serve};
-use slipdrive::api::{ApiSettings, grpc, rest};
-use slipdrive::service::domain::{SimulateInput, Simulation, Solution, SolveInput};
-use slipdrive::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings};
+use slipdrive::api::{ApiSettings, ApiState, grpc, rest};
+use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
+use slipdrive::service::{Service, ServiceSettings};
 use slipdrive::solver::RunControl;
+use slipdrive::solver::{SimulateInput, Simulation, Solution, SolveInput};
 use tokio::io::AsyncWriteExt as _;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
@@ -93,9 +94,11 @@ pub async fn run() -> Verdict {
     let watched: Arc<dyn ManeuverSolver> = Arc::<WatchedSolver>::clone(&solver);
     // No bound on expected work, so that no caller is refused for the length of the solves before.
     let settings = ServiceSettings { queue_work: Duration::MAX, ..ServiceSettings::default() };
-    let service = Arc::new(Service::start(settings, watched).unwrap());
-    let rest = listen(rest::router(Arc::clone(&service), ApiSettings::default())).await;
-    let (grpc_router, _health) = grpc::router(Arc::clone(&service), ApiSettings::default()).await;
+    let service = Arc::new(Service::start(settings).unwrap());
+    let jobs = Jobs::new(Limits::default(), watched, service.metrics());
+    let state = ApiState::new(Arc::clone(&service), jobs, ApiSettings::default());
+    let rest = listen(rest::router(&state)).await;
+    let (grpc_router, _health) = grpc::router(&state).await;
     let callers = Callers::connect(&Addresses { rest, grpc: listen(grpc_router).await }).await;
     let mut verdict = Verdict::default();
     leave(&callers, &service, &solver, &mut verdict).await;
@@ -212,7 +215,7 @@ async fn ask_all_at_once(callers: &Callers, service: &Service, verdict: &mut Ver
             let question = Question::new(goal, View::Plan);
             // The reference: the same solve without load.
             let mut input = SolveInput::forward_drive();
-            input.maneuver.goal.set(slipdrive::service::domain::StateComponent::Y, Some(goal));
+            input.maneuver.goal.set(slipdrive::shooting::StateComponent::Y, Some(goal));
             let expected = slipdrive::solver::solve(&input, &RunControl::unattended()).schedule.final_time;
             let (mut own, mut others) = (0, 0);
             for round in (caller..SOLVES).step_by(CALLERS as usize) {

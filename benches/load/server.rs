@@ -18,10 +18,11 @@ use prost::Message as _;
 use serde_json::json;
 use slipdrive::api::grpc::pb::{self, View};
 use slipdrive::api::server::{ServerSettings, serve};
-use slipdrive::api::{ApiSettings, grpc, rest};
-use slipdrive::service::domain::{SimulateInput, Simulation, Solution, SolveInput};
-use slipdrive::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings};
+use slipdrive::api::{ApiSettings, ApiState, grpc, rest};
+use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
+use slipdrive::service::{Service, ServiceSettings};
 use slipdrive::solver::RunControl;
+use slipdrive::solver::{SimulateInput, Simulation, Solution, SolveInput};
 use tokio::net::TcpListener;
 
 use crate::callers::{Addresses, Callers, Question, VIEW};
@@ -76,11 +77,13 @@ pub async fn run(arguments: &Arguments) {
         queue_length: arguments.queue_length,
         ..ServiceSettings::default()
     };
-    let service = Arc::new(Service::start(settings, solver).unwrap());
+    let service = Arc::new(Service::start(settings).unwrap());
+    let jobs = Jobs::new(Limits::default(), solver, service.metrics());
+    let state = ApiState::new(service, jobs, ApiSettings::default());
     let meter = Arc::new(Mutex::new(Meter::default()));
     let metered = |router: Router| router.layer(from_fn_with_state(Arc::clone(&meter), measure));
-    let rest = listen(metered(rest::router(Arc::clone(&service), ApiSettings::default()))).await;
-    let (grpc_router, _health) = grpc::router(service, ApiSettings::default()).await;
+    let rest = listen(metered(rest::router(&state))).await;
+    let (grpc_router, _health) = grpc::router(&state).await;
     let grpc = listen(metered(grpc_router)).await;
     let echo = listen(echo_of(&Addresses { rest: rest.clone(), grpc: grpc.clone() }).await).await;
     report(&json!({"rest": rest, "grpc": grpc, "echo": echo}));

@@ -11,7 +11,9 @@ use std::thread;
 use anyhow::{Error, Result};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use slipdrive::service::domain::{PerWheel, SolveInput, TorqueSchedule};
+use slipdrive::robot::PerWheel;
+use slipdrive::simulation::TorqueSchedule;
+use slipdrive::solver::SolveInput;
 use slipdrive::solver::{RunControl, solve};
 
 use crate::arguments::{Effort, ImproveArguments};

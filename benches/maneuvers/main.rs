@@ -6,9 +6,6 @@ mod answers;
 mod arguments;
 mod improve;
 mod measure;
-#[allow(clippy::unwrap_used, dead_code, unreachable_pub, reason = "shared with the tests, which fail by panicking")]
-#[path = "../../tests/support/protobuf.rs"]
-mod protobuf;
 mod random;
 mod report;
 mod rules;
@@ -16,6 +13,7 @@ mod scale;
 mod suite;
 mod timing;
 mod values;
+mod verdict;
 mod warm;
 
 use std::process::ExitCode;

@@ -4,10 +4,12 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use serde::Serialize;
-use serde_json::Value;
-use slipdrive::api::rest::{AcceptedSolve, solve_answer};
-use slipdrive::service::domain::{Refinement, Solution, Status};
-use slipdrive::service::{InProcessSolver, Service, ServiceSettings, SolveClocks, Solved, StopReason};
+use slipdrive::contract::json;
+use slipdrive::contract::message::Solution as SolveAnswer;
+use slipdrive::jobs::solve::{AcceptedSolve, Solve, Solved, StopReason};
+use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _, Limits};
+use slipdrive::service::{Done, Service, ServiceSettings};
+use slipdrive::solver::{Refinement, Solution, Status};
 
 use crate::arguments::Effort;
 use crate::suite::Case;
@@ -19,6 +21,7 @@ const AUTOMATIC_STEP_LIMIT: usize = 10_000;
 /// Solves cases as the service does: queue, worker, watchdog and default time limit included.
 pub(crate) struct Runner {
     service: Service,
+    jobs: Jobs,
     effort: Effort,
 }
 
@@ -62,8 +65,9 @@ impl Runner {
     /// Threads that cannot be started.
     pub(crate) fn start(effort: &Effort) -> Result<Self> {
         let settings = ServiceSettings { workers: effort.threads, queue_length: 0, ..ServiceSettings::default() };
-        let service = Service::start(settings, Arc::new(InProcessSolver)).context("the service cannot be started")?;
-        Ok(Self { service, effort: effort.clone() })
+        let service = Service::start(settings).context("the service cannot be started")?;
+        let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
+        Ok(Self { service, jobs, effort: effort.clone() })
     }
 
     /// Solves a case and simulates the answer.
@@ -77,18 +81,18 @@ impl Runner {
         if self.effort.automatic_steps {
             settings.refinement = Refinement::UntilExecutable { step_limit: AUTOMATIC_STEP_LIMIT };
         }
-        let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: None };
-        let solved = self.service.reserve()?.solve_blocking(accepted.input.clone(), clocks)?;
-        Answer::new(case, &accepted, &solved)
+        let both = |accepted: &AcceptedSolve, done: &Done<Solved>| (done.clone(), Solve::answer(accepted, done));
+        let running = self.service.reserve()?.submit(Arc::clone(&self.jobs.solve), accepted.clone(), None, both)?;
+        let (solved, answer) = running.blocking_outcome()?;
+        Answer::new(case, &accepted, &solved, &answer)
     }
 }
 
 impl Answer {
-    fn new(case: &Case, accepted: &AcceptedSolve, solved: &Solved) -> Result<Self> {
-        let Solved { solution, solve_time, stop_reason, queue_wait: _ } = solved;
+    fn new(case: &Case, accepted: &AcceptedSolve, done: &Done<Solved>, answer: &SolveAnswer) -> Result<Self> {
+        let Solved { solution, stop_reason, .. } = &done.output;
         let report = &solution.report;
-        let answer = solve_answer(accepted, solved);
-        let (simulated_goal_error, simulation_difference) = simulated(case, accepted, solution, &answer)?;
+        let (simulated_goal_error, simulation_difference) = simulated(case, accepted, solution, answer)?;
         let forces = report.separations.iter().map(|separation| separation.normal_force);
         Ok(Self {
             case: case.name.clone(),
@@ -102,7 +106,7 @@ impl Answer {
             steps: report.step_count,
             starts_tried: report.starts_tried,
             rollouts: report.rollouts,
-            solve_time_ms: solve_time.as_secs_f64() * 1e3,
+            solve_time_ms: done.duration.as_secs_f64() * 1e3,
             replay_miss_m: report.replay.miss_position,
             replay_miss_rad: report.replay.miss_heading,
             lower_bound_s: report.lower_bound,
@@ -111,7 +115,7 @@ impl Answer {
             separations: report.separations.len(),
             deepest_separation_n: forces.fold(0.0, f64::min),
             reason: solution.reason.as_ref().map(|reason| reason.message.clone()),
-            digest: digest_of_values(&answer)?,
+            digest: digest_of_values(&json::write(answer))?,
         })
     }
 
@@ -149,12 +153,12 @@ impl Answer {
 }
 
 /// Largest goal error after `/simulate`, and the largest difference of any of its components from the answer's.
-fn simulated(case: &Case, accepted: &AcceptedSolve, solution: &Solution, answer: &[u8]) -> Result<(f64, f64)> {
+fn simulated(case: &Case, accepted: &AcceptedSolve, solution: &Solution, answer: &SolveAnswer) -> Result<(f64, f64)> {
     if solution.schedule.left.is_empty() {
         return Ok((solution.goal_error.amax(), 0.0));
     }
-    let answer: Value = serde_json::from_slice(answer)?;
-    let simulation = case.simulated_over_the_wire(&answer["torque_schedule"], solution.report.step_count)?;
+    let schedule = serde_json::to_value(&answer.torque_schedule)?;
+    let simulation = case.simulated_over_the_wire(&schedule, solution.report.step_count)?;
     let end = simulation.trajectory.state.last().context("the simulation has no end")?;
     let error = accepted.input.maneuver.goal_error(end);
     Ok((error.amax(), (error - solution.goal_error).amax()))

@@ -25,7 +25,7 @@ use anyhow::Result;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Map, Value, json};
-use slipdrive::service::domain::RobotParameters;
+use slipdrive::robot::RobotParameters;
 
 use crate::arguments::RandomArguments;
 use crate::suite::{Case, RobotEntry, read_cases};

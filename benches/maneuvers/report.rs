@@ -9,8 +9,11 @@ use serde_json::json;
 
 use crate::arguments::{Arguments, Effort};
 use crate::measure::Answer;
-use crate::rules::Verdict;
 use crate::values::digest;
+use crate::verdict::Verdict;
+
+/// Final times within this share of the best known count as equal to it.
+pub(crate) const NEAR: f64 = 0.005;
 
 /// One case and how its answer compares with the best plan known.
 #[derive(Debug, Serialize)]
@@ -134,7 +137,7 @@ impl Report {
         let mut gaps: Vec<f64> = self.rows.iter().filter_map(Row::gap).collect();
         gaps.sort_by(f64::total_cmp);
         if !gaps.is_empty() {
-            let near = gaps.iter().filter(|gap| **gap <= crate::rules::NEAR).count();
+            let near = gaps.iter().filter(|gap| **gap <= NEAR).count();
             lines.push(format!(
                 "gap to best known: median {:+.2} %, 95 % {:+.2} %, largest {:+.2} %; within 0.5 %: {near} of {}",
                 1e2 * quantile(&gaps, 0.5),

@@ -1,14 +1,9 @@
 //! What a run must show.
 
-use std::fmt;
-
-use serde::Serialize;
-
-use crate::report::{Report, Row};
+use crate::report::{NEAR, Report, Row};
 use crate::suite::GOAL_TOLERANCE;
+use crate::verdict::Verdict;
 
-/// Final times within this share of the best known count as equal to it.
-pub(crate) const NEAR: f64 = 0.005;
 /// Share of the suite that must be near.
 const NEAR_SHARE: f64 = 0.95;
 /// Share of the suite that must be executable when the solver chooses the grid.
@@ -17,22 +12,6 @@ const EXECUTABLE_SHARE: f64 = 0.95;
 const RANDOM_SHARE: f64 = 0.99;
 /// A bound that is met exactly may be computed as a few units in the last place above it.
 const BOUND_ROUNDING: f64 = 1e-9;
-
-/// A rule and whether it holds.
-#[derive(Debug, Serialize)]
-pub(crate) struct Verdict {
-    pub(crate) rule: String,
-    pub(crate) holds: bool,
-    /// What was measured.
-    pub(crate) measured: String,
-}
-
-impl fmt::Display for Verdict {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let verdict = if self.holds { "holds " } else { "BROKEN" };
-        write!(formatter, "{verdict} {}: {}", self.rule, self.measured)
-    }
-}
 
 /// The rules of the suite.
 pub(crate) fn of_suite(report: &Report) -> Vec<Verdict> {

@@ -5,7 +5,8 @@
 //! sqrt(s k): a penalty parameter that is too small for a small maneuver is large enough for a large one.
 
 use slipdrive::robot::{PerWheel, Robot, RobotParameters, State};
-use slipdrive::service::domain::{StateComponent, TorqueSchedule};
+use slipdrive::shooting::StateComponent;
+use slipdrive::simulation::TorqueSchedule;
 use slipdrive::solver::SolveInput;
 
 /// Factors between similar maneuvers.

@@ -6,8 +6,9 @@
 
 use anyhow::Result;
 use serde_json::json;
-use slipdrive::service::domain::{Solution, SolveInput, Status, TorqueSchedule};
+use slipdrive::simulation::TorqueSchedule;
 use slipdrive::solver::{RunControl, solve};
+use slipdrive::solver::{Solution, SolveInput, Status};
 
 use crate::arguments::WarmArguments;
 use crate::suite::Case;

@@ -8,8 +8,8 @@ use tonic::Code;
 use tracing::{Span, field};
 use uuid::Uuid;
 
-use super::error_table::ErrorCode;
 use super::trace_context::{TRACEPARENT, TraceContext};
+use crate::contract::ErrorCode;
 use crate::metrics::{Answered, Metrics};
 
 /// Carries the id of a request in both directions.
@@ -20,11 +20,11 @@ const MAX_REQUEST_ID: usize = 128;
 /// Longest part of a path that is repeated in logs and problems, characters.
 const MAX_PATH: usize = 200;
 
-/// The caller's own id, if it is sane, else a new one.
+/// The caller's own id, if it is valid, else a new one.
 pub(super) fn request_id(headers: &HeaderMap) -> String {
-    let is_sane =
+    let is_valid =
         |id: &&str| (1..=MAX_REQUEST_ID).contains(&id.len()) && id.bytes().all(|byte| byte.is_ascii_graphic());
-    let given = headers.get(REQUEST_ID).and_then(|value| value.to_str().ok()).filter(is_sane);
+    let given = headers.get(REQUEST_ID).and_then(|value| value.to_str().ok()).filter(is_valid);
     given.map_or_else(|| Uuid::now_v7().to_string(), str::to_owned)
 }
 
@@ -53,7 +53,7 @@ impl RequestContext {
         (Self { arrival: Instant::now(), path, request_id, trace, notes: Notes::default() }, span)
     }
 
-    /// Tells the id and the trace in the head of the answer.
+    /// Writes the id and the trace into the head of the answer.
     pub(super) fn sign(&self, headers: &mut HeaderMap) {
         if let Ok(value) = HeaderValue::try_from(&self.request_id) {
             headers.insert(REQUEST_ID, value);
@@ -94,10 +94,10 @@ impl Notes {
 }
 
 /// Where a request goes, in words of the server: routes and methods, never the path of a caller.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Endpoint {
     /// A route of REST.
-    Http(&'static str),
+    Http(Arc<str>),
     /// A method of gRPC.
     Grpc(&'static str),
 }
@@ -137,15 +137,15 @@ impl AccessLine {
     /// Status and code: without an answer, those of a caller who left.
     fn outcome(&self, noted: &Noted) -> (u16, Option<&'static str>) {
         let gone = ErrorCode::Cancelled.entry();
-        match (self.status, self.endpoint) {
+        match (self.status, &self.endpoint) {
             (Some(status), _) => (status, self.code.or(noted.code)),
             (None, Endpoint::Http(_)) => (gone.http_status, Some(gone.code)),
-            (None, Endpoint::Grpc(_)) => (status_number(gone.grpc_code), Some(gone.code)),
+            (None, Endpoint::Grpc(_)) => (status_number(Code::from(gone.grpc_code as i32)), Some(gone.code)),
         }
     }
 
     fn count(&self, (status, code): (u16, Option<&'static str>), duration: Duration) {
-        match self.endpoint {
+        match &self.endpoint {
             Endpoint::Http(route) => {
                 self.metrics.answered(Answered::Http { route, status: &status.to_string() }, duration);
             }
@@ -222,14 +222,14 @@ mod tests {
     }
 
     #[test]
-    fn sane_request_id_is_taken_over() {
+    fn valid_request_id_is_taken_over() {
         assert_eq!(id_for("caller-7:a/b"), "caller-7:a/b");
     }
 
     #[test]
-    fn odd_request_id_is_replaced() {
-        for odd in ["", "two words"] {
-            assert_eq!(Uuid::parse_str(&id_for(odd)).unwrap().get_version_num(), 7, "{odd:?}");
+    fn invalid_request_id_is_replaced() {
+        for invalid in ["", "two words"] {
+            assert_eq!(Uuid::parse_str(&id_for(invalid)).unwrap().get_version_num(), 7, "{invalid:?}");
         }
     }
 }

@@ -1,23 +1,24 @@
-//! The transports: they turn wire types into domain types and back, and errors into one table of codes.
+//! The transports: REST and gRPC over the same jobs, and the connections that carry them.
 
 mod access;
 pub mod auth;
-pub mod error_table;
 pub mod grpc;
-mod message;
 mod observed_body;
-mod problem;
+mod panic;
 pub mod rest;
 pub mod server;
 mod trace_context;
 
 use std::num::NonZeroUsize;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use auth::ApiKeys;
+use axum::body::Bytes;
 use axum::http::HeaderValue;
 
+use crate::contract::ErrorCode;
+use crate::jobs::Jobs;
 use crate::service::Service;
 
 /// What the transports need beside the service.
@@ -45,11 +46,27 @@ pub enum Probes {
     Apart,
 }
 
-/// What every request needs, whichever way it came.
+/// What a problem says whose cause is no matter of the caller.
+const CAUSE_IS_LOGGED: &str = "the log of the server has the cause";
+
+/// What every request needs, whichever way it came: one for all routers of a server.
 #[derive(Clone)]
-struct Door {
+pub struct ApiState {
     service: Arc<Service>,
+    jobs: Jobs,
     settings: Arc<ApiSettings>,
+    /// The OpenAPI document, once somebody has asked for it.
+    document: Arc<OnceLock<Bytes>>,
+}
+
+impl ApiState {
+    /// These jobs over this service.
+    pub fn new(service: Arc<Service>, jobs: Jobs, settings: ApiSettings) -> Self {
+        let codes = ErrorCode::ALL.into_iter().filter(|code| *code != ErrorCode::Cancelled);
+        // One who left reads nothing: that code is never answered.
+        service.metrics().expect_rejections(codes.map(|code| code.entry().code));
+        Self { service, jobs, settings: Arc::new(settings), document: Arc::default() }
+    }
 }
 
 impl Default for ApiSettings {

@@ -99,7 +99,8 @@ mod tests {
     fn response(body: Body) -> (Response, Arc<Metrics>) {
         let metrics = Arc::new(Metrics::new());
         let (context, span) = RequestContext::open("/solve", &HeaderMap::new());
-        let mut line = AccessLine::open(Method::POST, context, span, Endpoint::Http("/solve"), Arc::clone(&metrics));
+        let mut line =
+            AccessLine::open(Method::POST, context, span, Endpoint::Http("/solve".into()), Arc::clone(&metrics));
         line.status = Some(200);
         (follow(Response::new(body), line, no_trailers), metrics)
     }

@@ -1,4 +1,4 @@
-//! W3C trace context: the trace that a request belongs to, as its caller tells it, and as the answer tells it back.
+//! W3C trace context: the trace that a request belongs to, as its caller sends it, and as the answer returns it.
 //!
 //! The header `traceparent` (metadata of the same name over gRPC) is `00-TRACE-PARENT-FLAGS` in lower-case hexadecimal
 //! digits: 32, 16 and 2 of them. A header that breaks the rules is ignored, as the recommendation wants it.
@@ -37,7 +37,7 @@ impl TraceContext {
         format!("{:032x}", self.trace_id)
     }
 
-    /// The header that tells this context.
+    /// The header of this context.
     pub(super) fn header(&self) -> Option<HeaderValue> {
         let Self { trace_id, span_id, flags } = self;
         HeaderValue::try_from(format!("00-{trace_id:032x}-{span_id:016x}-{flags:02x}")).ok()
@@ -121,7 +121,7 @@ mod tests {
     #[test]
     fn unsound_header_is_ignored() {
         let zero = "0".repeat(32);
-        for odd in [
+        for invalid in [
             "",
             "00",
             &format!("00-{TRACE}-b7ad6b7169203331"),
@@ -132,8 +132,8 @@ mod tests {
             &format!("00-{TRACE}-0000000000000000-01"),
             &format!("00-+{}-b7ad6b7169203331-01", &TRACE[1..]),
         ] {
-            let context = of(Some(odd));
-            assert!(context.trace_id() != TRACE && context.trace_id() != zero, "{odd}");
+            let context = of(Some(invalid));
+            assert!(context.trace_id() != TRACE && context.trace_id() != zero, "{invalid}");
         }
     }
 

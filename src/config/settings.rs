@@ -56,7 +56,7 @@ settings! {
 settings! {
     /// Size, addresses, limits and timeouts of a server.
     pub(crate) struct ServeSettings {
-        /// Address of the REST server; port 0 takes a free one, which the log tells.
+        /// Address of the REST server; port 0 takes a free one, which is logged.
         http: SocketAddr = "127.0.0.1:8080",
         /// Address of the gRPC server.
         grpc: SocketAddr = "127.0.0.1:50051",
@@ -72,7 +72,7 @@ settings! {
         queue_work_s: Duration = "60",
         /// Items of one gRPC batch that may be unanswered at once; the server reads no further meanwhile.
         batch_window: NonZeroUsize = "16",
-        /// Seconds that work is still taken after a stop signal, while probes already tell that the server is not ready.
+        /// Seconds that work is still taken after a stop signal, while probes already say that the server is not ready.
         drain_delay_s: Duration = "0",
         /// Seconds that solves in flight may take after that before they are cut off.
         drain_timeout_s: Duration = "30",

@@ -76,10 +76,10 @@ fn flag_goes_before_file_and_file_before_default() {
 }
 
 #[test]
-fn all_faults_are_told_at_once() {
+fn all_faults_are_found_at_once() {
     let file =
         TemporaryFile::new("faults", "queue_size = 7\nmax_streams = 0\nlog_format = [\"json\"]\ngrpc = \"here\"");
-    let told = faults(&["--config", file.path(), "--workers", "0", "--drain-delay-s=-1", "--log", "=="]);
+    let found = faults(&["--config", file.path(), "--workers", "0", "--drain-delay-s=-1", "--log", "=="]);
     for expected in [
         "`queue_size` in the file is no setting",
         "`max_streams` is \"0\" (from the file), must be a whole number, at least 1",
@@ -89,23 +89,23 @@ fn all_faults_are_told_at_once() {
         "`drain_delay_s` is \"-1\" (from --drain-delay-s), must be a number of seconds",
         "`log` is \"==\" (from --log), must be a log filter",
     ] {
-        assert!(told.iter().any(|fault| fault.starts_with(expected)), "{expected} in {told:#?}");
+        assert!(found.iter().any(|fault| fault.starts_with(expected)), "{expected} in {found:#?}");
     }
-    assert_eq!(told.len(), 7, "{told:#?}");
+    assert_eq!(found.len(), 7, "{found:#?}");
 }
 
 #[test]
-fn file_that_is_no_toml_is_told_with_its_line() {
+fn file_that_is_no_toml_is_found_with_its_line() {
     let file = TemporaryFile::new("syntax", "http = \n");
-    let told = faults(&["--config", file.path()]);
-    assert!(told[0].contains("line 1"), "{told:?}");
+    let found = faults(&["--config", file.path()]);
+    assert!(found[0].contains("line 1"), "{found:?}");
     assert!(faults(&["--config", "/nonexistent"])[0].contains("/nonexistent cannot be read"));
 }
 
 #[test]
-fn settings_that_contradict_each_other_are_told() {
-    let told = faults(&["--http", "127.0.0.1:9", "--grpc", "127.0.0.1:9", "--idle-timeout-s", "0"]);
-    assert_eq!(told, ["`http` and `grpc` are both 127.0.0.1:9, must differ", "`idle_timeout_s` is 0, must be > 0 s"]);
+fn settings_that_contradict_each_other_are_found() {
+    let found = faults(&["--http", "127.0.0.1:9", "--grpc", "127.0.0.1:9", "--idle-timeout-s", "0"]);
+    assert_eq!(found, ["`http` and `grpc` are both 127.0.0.1:9, must differ", "`idle_timeout_s` is 0, must be > 0 s"]);
     assert!(config(&["--http", "127.0.0.1:9", "--grpc", "127.0.0.1:9", "--one-port"]).is_ok());
     assert!(config(&["--http", "127.0.0.1:0", "--admin", "127.0.0.1:0"]).is_ok(), "two free ports differ");
 }
@@ -128,8 +128,8 @@ fn every_setting_has_a_flag_and_a_variable() {
 #[test]
 fn public_server_without_keys_is_refused() {
     for flags in [["--http", "0.0.0.0:0"], ["--grpc", "[::]:0"], ["--http", "192.0.2.1:80"]] {
-        let told = faults(&flags);
-        assert!(told[0].contains(&flags[0][2..]) && told[0].contains("SLIPDRIVE_API_KEYS"), "{told:?}");
+        let found = faults(&flags);
+        assert!(found[0].contains(&flags[0][2..]) && found[0].contains("SLIPDRIVE_API_KEYS"), "{found:?}");
         assert!(config(&[flags[0], flags[1], "--allow-unauthenticated"]).is_ok());
     }
     assert!(config(&["--grpc", "0.0.0.0:0", "--one-port"]).is_ok(), "it is not bound");
@@ -156,8 +156,8 @@ fn configured_keys_that_are_none_are_refused() {
 fn origins_are_whole_origins() {
     let given = config(&["--cors-origins", "https://a.example,http://b.example:8000"]).unwrap();
     assert_eq!(given.settings.cors_origins.0, ["https://a.example", "http://b.example:8000"]);
-    for odd in ["*", "a.example", "https://", "https://a.example/", "https://a b"] {
-        assert!(faults(&["--cors-origins", odd])[0].starts_with("`cors_origins`"), "{odd}");
+    for invalid in ["*", "a.example", "https://", "https://a.example/", "https://a b"] {
+        assert!(faults(&["--cors-origins", invalid])[0].starts_with("`cors_origins`"), "{invalid}");
     }
 }
 
@@ -169,11 +169,11 @@ fn half_an_identity_is_refused() {
 
 #[test]
 fn unusable_identity_is_refused_and_never_ignored() {
-    let told = faults(&["--tls-certificate", "/nonexistent/a", "--tls-key", "/nonexistent/b"]).join("\n");
+    let found = faults(&["--tls-certificate", "/nonexistent/a", "--tls-key", "/nonexistent/b"]).join("\n");
     if cfg!(feature = "tls") {
-        assert!(told.contains("/nonexistent/a") && told.contains("/nonexistent/b"), "all faults at once: {told}");
+        assert!(found.contains("/nonexistent/a") && found.contains("/nonexistent/b"), "all faults at once: {found}");
     } else {
-        assert!(told.contains("built without TLS"), "{told}");
+        assert!(found.contains("built without TLS"), "{found}");
     }
 }
 

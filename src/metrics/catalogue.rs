@@ -1,4 +1,4 @@
-//! Every family of metrics that a server tells: name, kind, labels, help.
+//! The families of metrics of the service and its transports: name, kind, labels, help. Kinds of jobs declare their own.
 
 /// A family of metrics.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +38,7 @@ impl Kind {
 }
 
 /// From a solve from one good start to the longest time limit.
-const SOLVE_BUCKETS: &[f64] = &[0.005, 0.01, 0.025, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.5, 5.0, 10.0, 20.0, 30.0, 60.0];
+pub const JOB_BUCKETS: &[f64] = &[0.005, 0.01, 0.025, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.5, 5.0, 10.0, 20.0, 30.0, 60.0];
 /// From an answer without work to the longest time limit with a wait before it.
 const REQUEST_BUCKETS: &[f64] =
     &[0.001, 0.002, 0.005, 0.01, 0.025, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 120.0];
@@ -48,15 +48,18 @@ const REJECTION_BUCKETS: &[f64] = &[
     0.05, 0.1, 0.5, 1.0, 10.0, 60.0,
 ];
 
-const fn gauge(name: &'static str, labels: &'static [&'static str], help: &'static str) -> Family {
+/// A family of gauges.
+pub const fn gauge(name: &'static str, labels: &'static [&'static str], help: &'static str) -> Family {
     Family { name, kind: Kind::Gauge, labels, help, buckets: &[] }
 }
 
-const fn counter(name: &'static str, labels: &'static [&'static str], help: &'static str) -> Family {
+/// A family of counters.
+pub const fn counter(name: &'static str, labels: &'static [&'static str], help: &'static str) -> Family {
     Family { name, kind: Kind::Counter, labels, help, buckets: &[] }
 }
 
-const fn histogram(
+/// A family of histograms.
+pub const fn histogram(
     name: &'static str,
     labels: &'static [&'static str],
     buckets: &'static [f64],
@@ -71,17 +74,11 @@ pub(super) const QUEUE_CAPACITY: Family =
 pub(super) const QUEUE_COST: Family =
     gauge("slipdrive_queue_cost_seconds", &[], "Worker time that the jobs in flight are still expected to take.");
 pub(super) const QUEUE_WAIT: Family =
-    histogram("slipdrive_queue_wait_seconds", &[], SOLVE_BUCKETS, "How long jobs waited for a worker.");
-pub(super) const SOLVE_DURATION: Family = histogram(
-    "slipdrive_solve_duration_seconds",
-    &["method", "status"],
-    SOLVE_BUCKETS,
-    "How long solves ran on their worker, by optimiser and outcome.",
-);
-pub(super) const SOLVES: Family = counter(
-    "slipdrive_solves_total",
-    &["method", "status", "stop_reason"],
-    "Solves that ended with an answer, by optimiser, outcome and why the search ended.",
+    histogram("slipdrive_queue_wait_seconds", &[], JOB_BUCKETS, "How long jobs waited for a worker.");
+pub(super) const JOBS: Family = counter(
+    "slipdrive_jobs_total",
+    &["job", "outcome"],
+    "Jobs that ended, by kind and how: with an answer, or why not.",
 );
 pub(super) const REJECTED: Family = counter(
     "slipdrive_rejected_total",
@@ -103,8 +100,6 @@ pub(super) const WORKERS: Family = gauge(
 );
 pub(super) const SOLVER_PANICS: Family =
     counter("slipdrive_solver_panics_total", &[], "Jobs in which the solver panicked.");
-pub(super) const ROLLOUTS: Family =
-    counter("slipdrive_rollouts_total", &[], "Simulations of a whole maneuver that finished solves took.");
 pub(super) const HTTP_DURATION: Family = histogram(
     "slipdrive_http_request_duration_seconds",
     &["route", "code"],
@@ -118,22 +113,21 @@ pub(super) const GRPC_DURATION: Family = histogram(
     "Duration of gRPC calls from their head to the end of their answer, by method and status.",
 );
 pub(super) const BUILD_INFO: Family =
-    gauge("slipdrive_build_info", &["version", "features"], "Always 1; the labels tell what runs.");
+    gauge("slipdrive_build_info", &["version", "features"], "Always 1; the labels say what runs.");
 
-/// All families of a server's own; figures of the process (`process_...`) come beside them.
+/// All families of this module; those of the kinds of jobs and the figures of the process (`process_...`) come beside
+/// them.
 pub const ALL: &[Family] = &[
     QUEUE_DEPTH,
     QUEUE_CAPACITY,
     QUEUE_COST,
     QUEUE_WAIT,
-    SOLVE_DURATION,
-    SOLVES,
+    JOBS,
     REJECTED,
     REJECTION_DURATION,
     CANCELLED,
     WORKERS,
     SOLVER_PANICS,
-    ROLLOUTS,
     HTTP_DURATION,
     GRPC_DURATION,
     BUILD_INFO,

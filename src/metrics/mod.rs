@@ -1,8 +1,8 @@
 //! What the process counts about itself, in the Prometheus text format 0.0.4.
 //!
 //! One registry per server, so that servers in one process (tests) count apart. All labels come from closed sets:
-//! names of the contract, routes and status codes, never words of a caller. The names are listed in [`catalogue`],
-//! which `docs/operations.md` repeats.
+//! names of the contract, routes and status codes, never words of a caller. The names are listed in [`catalogue`] and by
+//! each kind of job; `docs/operations.md` repeats them.
 
 pub mod catalogue;
 mod registration;
@@ -12,7 +12,7 @@ use std::time::Duration;
 use prometheus::{Encoder as _, Gauge, Histogram, HistogramVec, IntCounter, IntCounterVec, IntGaugeVec, TextEncoder};
 use prometheus::{IntGauge, Registry};
 
-use registration::Registration;
+pub use registration::Registration;
 
 /// The content type of [`Metrics::render`].
 pub const CONTENT_TYPE: &str = prometheus::TEXT_FORMAT;
@@ -24,14 +24,12 @@ pub struct Metrics {
     queue_capacity: IntGauge,
     queue_cost: Gauge,
     queue_wait: Histogram,
-    solve_duration: HistogramVec,
-    solves: IntCounterVec,
+    jobs: IntCounterVec,
     rejected: IntCounterVec,
     rejection_duration: HistogramVec,
     cancelled: IntCounterVec,
     workers: IntGaugeVec,
     solver_panics: IntCounter,
-    rollouts: IntCounter,
     http_duration: HistogramVec,
     grpc_duration: HistogramVec,
 }
@@ -47,7 +45,7 @@ pub struct QueueLevels {
     pub cost_s: f64,
     /// Workers that run a job.
     pub busy_workers: usize,
-    /// Workers that do not heed the stop flag of their job.
+    /// Workers that do not obey the stop flag of their job.
     pub stuck_workers: usize,
     /// Workers that help with the job of another.
     pub helping_workers: usize,
@@ -55,42 +53,35 @@ pub struct QueueLevels {
     pub idle_workers: usize,
 }
 
-/// One solve that ended with an answer.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SolveRecord {
-    /// The optimiser, as callers name it.
-    pub method: &'static str,
-    /// What was found, as callers read it.
-    pub status: &'static str,
-    /// Why the search ended, as callers read it.
-    pub stop_reason: &'static str,
-    /// How long it ran on its worker.
-    pub duration: Duration,
-    /// Rollouts that it took.
-    pub rollouts: u64,
-}
-
-/// Why a job has no answer for its caller.
+/// How a job ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CancelCause {
+pub enum JobEnd {
+    /// With an answer.
+    Finished,
+    /// The deadline passed before there was an answer.
+    Deadline,
     /// The caller left.
     CallerGone,
-    /// The deadline passed before a worker was free.
-    Deadline,
     /// The process ends.
     Shutdown,
+    /// The work panicked.
+    Panicked,
 }
 
-impl CancelCause {
-    /// All causes.
-    pub const ALL: [Self; 3] = [Self::CallerGone, Self::Deadline, Self::Shutdown];
+impl JobEnd {
+    /// All ends.
+    pub const ALL: [Self; 5] = [Self::Finished, Self::Deadline, Self::CallerGone, Self::Shutdown, Self::Panicked];
+    /// Those for which nobody in the server is to blame.
+    const CANCELLED: [Self; 3] = [Self::Deadline, Self::CallerGone, Self::Shutdown];
 
     /// The label.
     pub const fn as_str(self) -> &'static str {
         match self {
-            Self::CallerGone => "caller_gone",
+            Self::Finished => "finished",
             Self::Deadline => "deadline",
+            Self::CallerGone => "caller_gone",
             Self::Shutdown => "shutdown",
+            Self::Panicked => "panicked",
         }
     }
 }
@@ -101,7 +92,7 @@ pub enum Answered<'a> {
     /// Over HTTP: the route and the status.
     Http {
         /// A route of the server, never the caller's path.
-        route: &'static str,
+        route: &'a str,
         /// Such as `200`.
         status: &'a str,
     },
@@ -120,34 +111,46 @@ impl Metrics {
     /// # Panics
     /// When two families have the same name, which `catalogue` rules out.
     pub fn new() -> Self {
-        let mut registration = Registration::new();
+        let registry = Registry::new();
+        let registration = Registration::of(&registry);
+        registration.process();
         let metrics = Self {
             queue_depth: registration.gauge(&catalogue::QUEUE_DEPTH),
             queue_capacity: registration.gauge(&catalogue::QUEUE_CAPACITY),
             queue_cost: registration.float_gauge(&catalogue::QUEUE_COST),
             queue_wait: registration.histogram(&catalogue::QUEUE_WAIT),
-            solve_duration: registration.histograms(&catalogue::SOLVE_DURATION),
-            solves: registration.counters(&catalogue::SOLVES),
+            jobs: registration.counters(&catalogue::JOBS),
             rejected: registration.counters(&catalogue::REJECTED),
             rejection_duration: registration.histograms(&catalogue::REJECTION_DURATION),
             cancelled: registration.counters(&catalogue::CANCELLED),
             workers: registration.gauges(&catalogue::WORKERS),
             solver_panics: registration.counter(&catalogue::SOLVER_PANICS),
-            rollouts: registration.counter(&catalogue::ROLLOUTS),
             http_duration: registration.histograms(&catalogue::HTTP_DURATION),
             grpc_duration: registration.histograms(&catalogue::GRPC_DURATION),
-            registry: registration.finish(),
+            registry,
         };
-        for cause in CancelCause::ALL {
-            metrics.cancelled.with_label_values(&[cause.as_str()]);
+        for end in JobEnd::CANCELLED {
+            metrics.cancelled.with_label_values(&[end.as_str()]);
         }
         metrics
     }
 
-    /// Tells these codes as 0 until they come: a rate over a counter that appears with its first event misses it.
+    /// Reports these codes as 0 until they come: a rate over a counter that appears with its first event misses it.
     pub fn expect_rejections(&self, codes: impl IntoIterator<Item = &'static str>) {
         for code in codes {
             self.rejected.with_label_values(&[code]);
+        }
+    }
+
+    /// Where kinds of jobs register families of their own.
+    pub fn registration(&self) -> Registration<'_> {
+        Registration::of(&self.registry)
+    }
+
+    /// Reports a kind of job as 0 until it comes.
+    pub fn expect_jobs(&self, kind: &'static str) {
+        for end in JobEnd::ALL {
+            self.jobs.with_label_values(&[kind, end.as_str()]);
         }
     }
 
@@ -156,17 +159,12 @@ impl Metrics {
         self.queue_wait.observe(wait.as_secs_f64());
     }
 
-    /// Counts a solve that ended.
-    pub fn solved(&self, record: &SolveRecord) {
-        let SolveRecord { method, status, stop_reason, duration, rollouts } = *record;
-        self.solve_duration.with_label_values(&[method, status]).observe(duration.as_secs_f64());
-        self.solves.with_label_values(&[method, status, stop_reason]).inc();
-        self.rollouts.inc_by(rollouts);
-    }
-
-    /// Counts a job that ended without an answer.
-    pub fn cancelled(&self, cause: CancelCause) {
-        self.cancelled.with_label_values(&[cause.as_str()]).inc();
+    /// Counts the end of a job.
+    pub fn job_ended(&self, kind: &'static str, end: JobEnd) {
+        self.jobs.with_label_values(&[kind, end.as_str()]).inc();
+        if JobEnd::CANCELLED.contains(&end) {
+            self.cancelled.with_label_values(&[end.as_str()]).inc();
+        }
     }
 
     /// Counts a panic of the solver.
@@ -235,15 +233,9 @@ mod tests {
     fn filled() -> Metrics {
         let metrics = Metrics::new();
         metrics.waited(Duration::from_millis(30));
-        metrics.solved(&SolveRecord {
-            method: "sequential_linear",
-            status: "converged",
-            stop_reason: "finished",
-            duration: Duration::from_millis(200),
-            rollouts: 1000,
-        });
         metrics.rejected_after("queue_full", Duration::from_micros(1200));
-        metrics.cancelled(CancelCause::CallerGone);
+        metrics.job_ended("solve", JobEnd::CallerGone);
+        metrics.job_ended("solve", JobEnd::Finished);
         metrics.answered(Answered::Http { route: "/solve", status: "200" }, Duration::from_millis(230));
         metrics.answered(Answered::Grpc { method: "Solve", code: "OK" }, Duration::from_millis(230));
         metrics
@@ -289,13 +281,15 @@ mod tests {
     }
 
     #[test]
-    fn levels_and_counts_are_told_as_they_are() {
+    fn levels_and_counts_are_reported_as_they_are() {
         let text = text(&filled());
         for line in [
             "slipdrive_queue_depth 3",
             "slipdrive_queue_cost_seconds 1.5",
             "slipdrive_workers{state=\"busy\"} 1",
-            "slipdrive_rollouts_total 1000",
+            "slipdrive_jobs_total{job=\"solve\",outcome=\"finished\"} 1",
+            "slipdrive_jobs_total{job=\"solve\",outcome=\"caller_gone\"} 1",
+            "slipdrive_cancelled_total{cause=\"caller_gone\"} 1",
             "slipdrive_cancelled_total{cause=\"deadline\"} 0",
             "slipdrive_rejected_total{code=\"queue_full\"} 1",
             "slipdrive_solver_panics_total 0",

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use super::contact_kinematics::{BodyVector, TangentJacobian};
 use super::normal_force::NormalForceProjection;
 use super::parameters::RobotParameters;
-use crate::violation::Violations;
+use crate::rules::Violations;
 
 /// A validated robot with all constant matrices of its equations of motion.
 #[derive(Debug, Clone)]

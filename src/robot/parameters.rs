@@ -2,12 +2,14 @@
 
 use nalgebra::Vector2;
 
-use crate::violation::{Checks, Violations};
+use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
 
 /// Largest accepted product of friction coefficient and relative height of the centre of mass.
 ///
 /// Near 1 sliding friction can lift its own contact (Painleve's paradox) and the one-step problem may lose uniqueness.
 const PARADOX_LIMIT: f64 = 0.9;
+const PARADOX_RULE: &str = "friction coefficient times height is at most 0.9 of half the track width and 0.9 of the \
+                            distance from axle to front support: beyond, the motion may not be unique";
 
 /// Parameters of the robot; [`Default`] is the reference robot of `docs/model.md`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,53 +79,55 @@ impl RobotParameters {
     pub fn validate(&self) -> Result<(), Violations> {
         let mut checks = Checks::new();
         checks.within("robot", |checks| self.check(checks));
-        checks.into_result(())
+        checks.finish()
     }
 
     /// Adds the violated rules to `checks`, under field names relative to the robot.
-    pub fn check(&self, checks: &mut Checks) {
+    pub(crate) fn check(&self, checks: &mut Checks) {
         let before = checks.count();
-        self.check_ranges(checks);
-        // Statics and the paradox guard divide by lengths: judge them only when the lengths are sound.
+        for (field, value, rule) in Self::RULES {
+            checks.bounds(field, value(self), &rule);
+        }
+        // Statics and the paradox guard divide by lengths: judge them only when the lengths are valid.
         if checks.count() == before {
             self.check_statics(checks);
             self.check_paradox_guard(checks);
         }
     }
 
-    /// The accepted range of every parameter: contract field, value, lowest, highest, unit.
+    /// The rule of every parameter, by its field in the contract.
     ///
     /// The bounds span from toys to trucks; they keep every product of the model far from overflow and underflow.
-    pub fn ranges(&self) -> [(&'static str, f64, (f64, f64), &'static str); 16] {
-        [
-            ("chassis_mass_kg", self.chassis_mass, (1e-3, 1e5), "kg"),
-            ("wheel_mass_kg", self.wheel_mass, (1e-4, 1e4), "kg"),
-            ("chassis_yaw_inertia_kg_m2", self.chassis_yaw_inertia, (1e-7, 1e6), "kg m2"),
-            ("wheel_diametral_inertia_kg_m2", self.wheel_diametral_inertia, (1e-9, 1e4), "kg m2"),
-            ("wheel_spin_inertia_kg_m2", self.wheel_spin_inertia, (1e-9, 1e4), "kg m2"),
-            ("wheel_radius_m", self.wheel_radius, (1e-3, 10.0), "m"),
-            ("track_width_m", self.track_width, (1e-2, 100.0), "m"),
-            ("axle_to_front_support_m", self.axle_to_front_support, (1e-2, 100.0), "m"),
-            ("front_support_right_m", self.front_support_right, (-100.0, 100.0), "m"),
-            ("center_of_mass_right_m", self.center_of_mass_right, (-100.0, 100.0), "m"),
-            ("center_of_mass_forward_m", self.center_of_mass_forward, (-100.0, 100.0), "m"),
-            ("center_of_mass_height_m", self.center_of_mass_height, (0.0, 100.0), "m"),
-            ("wheel_friction_coefficient", self.wheel_friction_coefficient, (0.0, 10.0), ""),
-            ("front_friction_coefficient", self.front_friction_coefficient, (0.0, 10.0), ""),
-            ("tangential_restitution", self.tangential_restitution, (0.0, 1.0), ""),
-            ("gravity_m_s2", self.gravity, (1e-2, 1e3), "m/s2"),
-        ]
-    }
+    const RULES: [BoundedField<Self>; 16] = [
+        ("chassis_mass_kg", |robot| robot.chassis_mass, Rule::between(1e-3, 1e5, "kg")),
+        ("wheel_mass_kg", |robot| robot.wheel_mass, Rule::between(1e-4, 1e4, "kg")),
+        ("chassis_yaw_inertia_kg_m2", |robot| robot.chassis_yaw_inertia, Rule::between(1e-7, 1e6, "kg m2")),
+        ("wheel_diametral_inertia_kg_m2", |robot| robot.wheel_diametral_inertia, Rule::between(1e-9, 1e4, "kg m2")),
+        ("wheel_spin_inertia_kg_m2", |robot| robot.wheel_spin_inertia, Rule::between(1e-9, 1e4, "kg m2")),
+        ("wheel_radius_m", |robot| robot.wheel_radius, Rule::between(1e-3, 10.0, "m")),
+        ("track_width_m", |robot| robot.track_width, Rule::between(1e-2, 100.0, "m")),
+        ("axle_to_front_support_m", |robot| robot.axle_to_front_support, Rule::between(1e-2, 100.0, "m")),
+        ("front_support_right_m", |robot| robot.front_support_right, Rule::between(-100.0, 100.0, "m")),
+        ("center_of_mass_right_m", |robot| robot.center_of_mass_right, Rule::between(-100.0, 100.0, "m")),
+        ("center_of_mass_forward_m", |robot| robot.center_of_mass_forward, Rule::between(-100.0, 100.0, "m")),
+        ("center_of_mass_height_m", |robot| robot.center_of_mass_height, Rule::between(0.0, 100.0, "m")),
+        ("wheel_friction_coefficient", |robot| robot.wheel_friction_coefficient, Rule::between(0.0, 10.0, "")),
+        ("front_friction_coefficient", |robot| robot.front_friction_coefficient, Rule::between(0.0, 10.0, "")),
+        ("tangential_restitution", |robot| robot.tangential_restitution, Rule::between(0.0, 1.0, "")),
+        ("gravity_m_s2", |robot| robot.gravity, Rule::between(1e-2, 1e3, "m/s2")),
+    ];
 
-    fn check_ranges(&self, checks: &mut Checks) {
-        for (field, value, range, unit) in self.ranges() {
-            // A sign error deserves the shorter rule.
-            if range.0 > 0.0 && (value <= 0.0 || value.is_nan()) {
-                checks.positive(field, value, unit);
-            } else {
-                checks.between(field, value, range, unit);
-            }
-        }
+    /// The rules of all parameters.
+    pub fn rules() -> RuleSet {
+        let lengths = ["center_of_mass_height_m", "track_width_m", "axle_to_front_support_m"];
+        let with_lengths = |field| [&[field][..], &lengths].concat();
+        RuleSet::of(Self::RULES.map(|(field, _, rule)| (field, rule)))
+            .across(
+                &["center_of_mass_right_m", "center_of_mass_forward_m"],
+                "no contact has a negative normal force at rest",
+            )
+            .across(&with_lengths("wheel_friction_coefficient"), PARADOX_RULE)
+            .across(&with_lengths("front_friction_coefficient"), PARADOX_RULE)
     }
 
     fn check_statics(&self, checks: &mut Checks) {

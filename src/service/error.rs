@@ -6,7 +6,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ServiceError {
     /// All places of the queue are taken.
-    #[error("all {capacity} places are taken, try again in {} s", .retry_after.as_secs())]
+    #[error("the queue is full: {capacity} jobs run or wait, try again in {} s", .retry_after.as_secs())]
     QueueFull {
         /// When it is worth trying again.
         retry_after: Duration,
@@ -35,8 +35,8 @@ pub enum ServiceError {
     /// The caller left; nobody reads this answer.
     #[error("the caller left before the answer")]
     Cancelled,
-    /// The solver panicked or broke its promise; the log holds the cause.
-    #[error("the solver gave no answer; the log of the server holds the cause")]
+    /// The solver panicked or broke its promise; the log has the cause.
+    #[error("the solver gave no answer; the log of the server has the cause")]
     SolverPanic,
 }
 

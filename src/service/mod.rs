@@ -1,18 +1,15 @@
-//! Solve and simulate behind the bounded queue: what every transport and the command line share.
+//! Jobs behind the bounded queue: what every transport and the command line share. It knows no kind of job.
 //!
-//! The life of a request: [`Service::reserve`] gives a [`Place`] or refuses at once; the transport then parses and
-//! validates its request into a domain input; [`Place::solve`] queues it and answers when a worker has run it, while
-//! [`Place::start_solve`] tells of its progress too. The solver sits behind [`ManeuverSolver`], so that tests and
-//! benches can put another one there.
+//! The life of a job: [`Service::reserve`] gives a [`Permit`] or refuses at once; the transport then parses and validates
+//! its request; [`Permit::submit`] queues it and gives the [`Running`] job, a future of its outcome or a stream of its
+//! events.
 
-pub mod domain;
 mod error;
-mod finishing;
-pub mod limits;
+mod job;
 mod observation;
 mod pace;
-mod place;
-mod solver;
+mod permit;
+mod running;
 
 use std::io;
 use std::num::NonZeroUsize;
@@ -21,18 +18,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 pub use error::ServiceError;
-use finishing::FinishingPace;
-pub use limits::{DEFAULT_TIME_LIMIT_S, Limits};
+pub use job::{Done, Job, JobControl, Stopped};
+pub use pace::Cost;
 use pace::Pace;
-pub use place::{Place, RunningSolve, Simulated, SolveClocks, SolveEvent, Solved, StopReason};
-pub use solver::{InProcessSolver, ManeuverSolver};
+pub use permit::Permit;
+pub use running::{Event, Running};
 use tokio::sync::watch;
 
 use crate::metrics::{Metrics, QueueLevels};
-use crate::queue::{self, Capacity, Queue, Refusal, StopCause};
+pub use crate::queue::StopCause;
+use crate::queue::{self, Capacity, Queue, Refusal};
 
 /// How much expected work per worker may be in flight unless configured: the longest time limit. Who would wait longer
-/// is better told to come back.
+/// had better come back.
 pub const DEFAULT_QUEUE_WORK: Duration = Duration::from_secs(60);
 /// How long after its stop flag a worker counts as stuck: a rollout of the largest grid takes some ms, the certificate
 /// of a plan on that grid some seconds.
@@ -47,35 +45,27 @@ pub struct ServiceSettings {
     pub queue_length: usize,
     /// What the jobs in flight may be expected to take, per worker, before more are refused.
     pub queue_work: Duration,
-    /// What is accepted at most.
-    pub limits: Limits,
     /// How long after its stop flag a worker counts as stuck.
     pub stuck_after: Duration,
 }
 
 impl Default for ServiceSettings {
     fn default() -> Self {
-        Self {
-            workers: NonZeroUsize::MIN,
-            queue_length: 64,
-            queue_work: DEFAULT_QUEUE_WORK,
-            limits: Limits::default(),
-            stuck_after: STUCK_AFTER,
-        }
+        Self { workers: NonZeroUsize::MIN, queue_length: 64, queue_work: DEFAULT_QUEUE_WORK, stuck_after: STUCK_AFTER }
     }
 }
 
 impl ServiceSettings {
     /// What may run and wait at once.
-    fn room(&self) -> Capacity {
+    fn capacity(&self) -> Capacity {
         let (workers, queue_length) = (self.workers.get(), self.queue_length);
         let work = self.queue_work.saturating_mul(u32::try_from(workers).unwrap_or(u32::MAX));
         Capacity { permits: workers.saturating_add(queue_length), work }
     }
 
-    /// The room of batches: the last quarter of the queue is left to single callers.
-    fn room_of_batches(&self) -> Capacity {
-        let Capacity { permits, work } = self.room();
+    /// The capacity for batches: the last quarter of the queue is left to single callers.
+    fn capacity_for_batches(&self) -> Capacity {
+        let Capacity { permits, work } = self.capacity();
         Capacity { permits: permits - self.queue_length.div_ceil(4), work: work.mul_f64(0.75) }
     }
 }
@@ -83,11 +73,9 @@ impl ServiceSettings {
 /// The service with its queue and worker threads.
 pub struct Service {
     queue: Queue,
-    solver: Arc<dyn ManeuverSolver>,
     settings: ServiceSettings,
     pace: Arc<Pace>,
     metrics: Arc<Metrics>,
-    finishing: Arc<FinishingPace>,
     /// Whether the end was announced: probes turn away, work is still taken.
     draining: AtomicBool,
     /// Whether the queue was closed, for those who wait for it.
@@ -99,16 +87,11 @@ impl Service {
     ///
     /// # Errors
     /// When the operating system refuses a thread.
-    pub fn start(settings: ServiceSettings, solver: Arc<dyn ManeuverSolver>) -> io::Result<Self> {
-        let queue = Queue::start(settings.workers, settings.room())?;
-        let (pace, finishing, metrics) = (Arc::default(), Arc::default(), Arc::default());
+    pub fn start(settings: ServiceSettings) -> io::Result<Self> {
+        let queue = Queue::start(settings.workers, settings.capacity())?;
+        let (pace, metrics) = (Arc::default(), Arc::default());
         let (draining, closed) = (AtomicBool::new(false), watch::Sender::new(false));
-        Ok(Self { queue, solver, settings, pace, metrics, finishing, draining, closed })
-    }
-
-    /// What is accepted at most.
-    pub fn limits(&self) -> &Limits {
-        &self.settings.limits
+        Ok(Self { queue, settings, pace, metrics, draining, closed })
     }
 
     /// The size of the service.
@@ -149,7 +132,7 @@ impl Service {
         self.stuck_workers() < self.settings.workers.get()
     }
 
-    /// Workers that do not heed the stop flag of their job.
+    /// Workers that do not obey the stop flag of their job.
     pub fn stuck_workers(&self) -> usize {
         self.queue.stuck_workers(self.settings.stuck_after)
     }
@@ -187,21 +170,21 @@ impl Service {
         if self.is_ready() { Ok(()) } else { Err(self.unavailable()) }
     }
 
-    /// Reserves a place in the queue, to be given before the request is parsed.
+    /// Reserves a permit, before the request is parsed.
     ///
     /// # Errors
     /// When the queue is full or closed.
-    pub fn reserve(&self) -> Result<Place, ServiceError> {
-        self.queue.reserve().map(|place| self.place(place)).map_err(|refusal| self.refused(refusal))
+    pub fn reserve(&self) -> Result<Permit, ServiceError> {
+        self.queue.reserve().map(|reserved| self.permit(reserved)).map_err(|refusal| self.refused(refusal))
     }
 
-    /// Waits for a place as one item of a batch does: the last quarter of the queue is left to single callers.
+    /// Waits for a permit as one item of a batch does: the last quarter of the queue is left to single callers.
     ///
     /// # Errors
     /// Only when the queue is closed.
-    pub async fn reserve_for_batch(&self) -> Result<Place, ServiceError> {
-        let place = self.queue.wait_for_permit(self.settings.room_of_batches()).await;
-        place.map(|place| self.place(place)).map_err(|refusal| self.refused(refusal))
+    pub async fn reserve_for_batch(&self) -> Result<Permit, ServiceError> {
+        let reserved = self.queue.wait_for_permit(self.settings.capacity_for_batches()).await;
+        reserved.map(|reserved| self.permit(reserved)).map_err(|refusal| self.refused(refusal))
     }
 
     /// Announces the end: the service is not ready any more, but still takes work from those who have not heard.
@@ -233,17 +216,17 @@ impl Service {
         self.queue.join();
     }
 
-    fn place(&self, reserved: queue::Permit) -> Place {
-        let (solver, pace, metrics) = (Arc::clone(&self.solver), Arc::clone(&self.pace), Arc::clone(&self.metrics));
-        let finishing = Arc::clone(&self.finishing);
-        Place { reserved, solver, pace, metrics, finishing, settings: self.settings }
+    fn permit(&self, reserved: queue::Permit) -> Permit {
+        let (pace, metrics) = (Arc::clone(&self.pace), Arc::clone(&self.metrics));
+        Permit { reserved, pace, metrics, settings: self.settings }
     }
 
     fn refused(&self, refusal: Refusal) -> ServiceError {
         match refusal {
-            Refusal::Full => {
-                ServiceError::QueueFull { retry_after: self.pace.retry_after(), capacity: self.settings.room().permits }
-            }
+            Refusal::Full => ServiceError::QueueFull {
+                retry_after: self.pace.retry_after(),
+                capacity: self.settings.capacity().permits,
+            },
             Refusal::Closed => self.unavailable(),
         }
     }

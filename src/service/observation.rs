@@ -1,36 +1,26 @@
-//! What is counted and traced of a job, from the line to its end.
+//! What is counted and traced of a job, from the queue to its end.
 //!
-//! Spans: `queue_wait` and `solve` (or `simulate`) under the span of the request that queued the job; under `solve` one
-//! span per phase of the search.
+//! Spans: `queue_wait` and one named after the kind of job under the span of the request that queued it; a kind may add
+//! spans of its phases.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use tokio::sync::watch;
 use tracing::Span;
 use tracing::span::EnteredSpan;
 
-use super::finishing::SearchEnd;
-use super::{ServiceError, Solved};
-use crate::metrics::{CancelCause, Metrics, SolveRecord};
-use crate::solver::{Phase, ProgressObserver, SolveProgress};
+use super::ServiceError;
+use crate::metrics::{JobEnd, Metrics};
 
-/// What a job does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    Solve,
-    Simulate,
-}
-
-/// A job in the line.
+/// A job in the queue.
 pub(super) struct Queued {
     metrics: Arc<Metrics>,
     job_id: u64,
     since: Instant,
     /// The span of the request.
     request: Span,
-    /// Ends with the wait, also when the job is taken out of the line.
+    /// Ends with the wait, also when the job is taken out of the queue.
     waiting: Span,
 }
 
@@ -42,47 +32,38 @@ impl Queued {
     }
 
     /// The job starts on the calling thread.
-    pub(super) fn started(self, kind: Kind) -> Running {
+    pub(super) fn started(self, kind: &'static str) -> Started {
         let Self { metrics, job_id, since, request, waiting } = self;
         let queue_wait = since.elapsed();
         metrics.waited(queue_wait);
         drop(waiting);
-        let span = match kind {
-            Kind::Solve => tracing::info_span!(parent: &request, "solve", job.id = job_id),
-            Kind::Simulate => tracing::info_span!(parent: &request, "simulate", job.id = job_id),
-        };
-        Running { metrics, queue_wait, span: span.entered() }
+        // The name of a span is fixed when it is compiled; exporters take that of `otel.name`.
+        let span = tracing::info_span!(parent: &request, "job", otel.name = kind, job.kind = kind, job.id = job_id);
+        Started { metrics, queue_wait, span: span.entered() }
     }
 }
 
 /// A job on its worker.
-pub(super) struct Running {
+pub(super) struct Started {
     metrics: Arc<Metrics>,
     queue_wait: Duration,
     /// Lines of the log bear the request of the job while this lives.
     span: EnteredSpan,
 }
 
-impl Running {
+impl Started {
     /// How long the job waited.
     pub(super) fn queue_wait(&self) -> Duration {
         self.queue_wait
     }
 
-    /// Counts the answer.
-    pub(super) fn solved(&self, solved: &Solved) {
-        let report = &solved.solution.report;
-        self.metrics.solved(&SolveRecord {
-            method: report.method.as_str(),
-            status: solved.solution.status.as_str(),
-            stop_reason: solved.stop_reason.as_str(),
-            duration: solved.solve_time,
-            rollouts: report.rollouts,
-        });
+    /// The span of the job.
+    pub(super) fn span(&self) -> &Span {
+        &self.span
     }
 }
 
-impl Drop for Running {
+impl Drop for Started {
     fn drop(&mut self) {
         if thread::panicking() {
             self.metrics.panicked();
@@ -90,85 +71,36 @@ impl Drop for Running {
     }
 }
 
-/// A job that its caller waits for; dropped before its end, the caller has left.
+/// A job that its caller waits for; counts its end once. Dropped before its end, the caller has left.
 pub(super) struct Awaited {
     metrics: Arc<Metrics>,
-    is_answered: bool,
+    kind: &'static str,
+    end: JobEnd,
 }
 
 impl Awaited {
-    pub(super) fn new(metrics: Arc<Metrics>) -> Self {
-        Self { metrics, is_answered: false }
+    pub(super) fn new(metrics: Arc<Metrics>, kind: &'static str) -> Self {
+        Self { metrics, kind, end: JobEnd::CallerGone }
     }
 
-    /// Passes the end on, and counts it when it is no answer because the job was stopped.
-    pub(super) fn answered<T>(mut self, outcome: Result<T, ServiceError>) -> Result<T, ServiceError> {
-        self.is_answered = true;
-        let cause = match outcome {
-            Err(ServiceError::DeadlineExceeded) => Some(CancelCause::Deadline),
-            Err(ServiceError::Unavailable { .. }) => Some(CancelCause::Shutdown),
-            Err(ServiceError::Cancelled) => Some(CancelCause::CallerGone),
+    /// Passes the outcome on.
+    pub(super) fn ended<T>(mut self, outcome: Result<T, ServiceError>) -> Result<T, ServiceError> {
+        self.end = match outcome {
+            Ok(_) => JobEnd::Finished,
+            Err(ServiceError::DeadlineExceeded) => JobEnd::Deadline,
+            Err(ServiceError::Unavailable { .. }) => JobEnd::Shutdown,
+            Err(ServiceError::SolverPanic) => JobEnd::Panicked,
+            // The other two refuse a job before it is queued.
             Err(
-                ServiceError::QueueFull { .. } | ServiceError::DeadlineUnreachable { .. } | ServiceError::SolverPanic,
-            )
-            | Ok(_) => None,
+                ServiceError::Cancelled | ServiceError::QueueFull { .. } | ServiceError::DeadlineUnreachable { .. },
+            ) => JobEnd::CallerGone,
         };
-        if let Some(cause) = cause {
-            self.metrics.cancelled(cause);
-        }
         outcome
     }
 }
 
 impl Drop for Awaited {
     fn drop(&mut self) {
-        if !self.is_answered {
-            self.metrics.cancelled(CancelCause::CallerGone);
-        }
-    }
-}
-
-/// Keeps the latest progress for whoever asks, when the search ended, and a span per running phase.
-pub(super) struct SolveObserver {
-    /// Nothing waits and nothing fails when nobody asks.
-    tell: watch::Sender<Option<SolveProgress>>,
-    pub(super) search_end: SearchEnd,
-    solve: Span,
-    phases: Mutex<Vec<(Phase, Span)>>,
-}
-
-impl SolveObserver {
-    pub(super) fn new(tell: watch::Sender<Option<SolveProgress>>, running: &Running) -> Self {
-        Self { tell, search_end: SearchEnd::default(), solve: Span::clone(&running.span), phases: Mutex::default() }
-    }
-
-    fn span_of(&self, phase: Phase) -> Span {
-        match phase {
-            Phase::Start { number } => tracing::info_span!(parent: &self.solve, "start", start.number = number),
-            Phase::Polish => tracing::info_span!(parent: &self.solve, "polish"),
-            Phase::Refinement => tracing::info_span!(parent: &self.solve, "refinement"),
-            Phase::Certificate => tracing::info_span!(parent: &self.solve, "certificate"),
-        }
-    }
-}
-
-impl ProgressObserver for SolveObserver {
-    fn progress(&self, progress: &SolveProgress) {
-        self.tell.send_replace(Some(*progress));
-    }
-
-    fn begins(&self, phase: Phase) {
-        if phase == Phase::Certificate {
-            self.search_end.mark();
-        }
-        let span = self.span_of(phase);
-        self.phases.lock().unwrap_or_else(PoisonError::into_inner).push((phase, span));
-    }
-
-    fn ends(&self, phase: Phase) {
-        let mut phases = self.phases.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(position) = phases.iter().position(|(running, _)| *running == phase) {
-            phases.swap_remove(position);
-        }
+        self.metrics.job_ended(self.kind, self.end);
     }
 }

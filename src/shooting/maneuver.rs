@@ -3,7 +3,7 @@
 use nalgebra::{SVector, Vector2};
 
 use crate::robot::{PerWheel, RobotParameters, State};
-use crate::violation::Checks;
+use crate::rules::{Checks, Rule, RuleSet};
 
 /// Largest accepted coordinate, m: beyond it a millimetre is near the rounding of the rollout.
 const POSITION_LIMIT: f64 = 1e4;
@@ -99,13 +99,14 @@ impl StateComponent {
         }
     }
 
-    fn limit(self) -> (f64, &'static str) {
+    /// The bounds of its value.
+    const fn rule(self) -> Rule {
         match self {
-            Self::X | Self::Y => (POSITION_LIMIT, "m"),
-            Self::Heading | Self::WheelAngleLeft | Self::WheelAngleRight => (ANGLE_LIMIT, "rad"),
-            Self::VelocityX | Self::VelocityY => (SPEED_LIMIT, "m/s"),
-            Self::YawRate => (YAW_RATE_LIMIT, "rad/s"),
-            Self::WheelRateLeft | Self::WheelRateRight => (WHEEL_RATE_LIMIT, "rad/s"),
+            Self::X | Self::Y => Rule::within_magnitude(POSITION_LIMIT, "m"),
+            Self::Heading | Self::WheelAngleLeft | Self::WheelAngleRight => Rule::within_magnitude(ANGLE_LIMIT, "rad"),
+            Self::VelocityX | Self::VelocityY => Rule::within_magnitude(SPEED_LIMIT, "m/s"),
+            Self::YawRate => Rule::within_magnitude(YAW_RATE_LIMIT, "rad/s"),
+            Self::WheelRateLeft | Self::WheelRateRight => Rule::within_magnitude(WHEEL_RATE_LIMIT, "rad/s"),
         }
     }
 }
@@ -151,6 +152,18 @@ pub struct Maneuver {
 }
 
 impl Maneuver {
+    /// The bounds of the torque limit of a wheel.
+    const TORQUE_RULE: Rule = Rule::between(0.0, TORQUE_LIMIT, "N m");
+
+    /// The rules of all fields.
+    pub fn rules() -> RuleSet {
+        let torque_limits = ["torque_limit_left_n_m", "torque_limit_right_n_m"].map(|field| (field, Self::TORQUE_RULE));
+        let goal = rules_of_state()
+            .across(&["free"], "names fields of the goal, each once, and none that has a value")
+            .across(&["free"], "leaves at least one field of the goal constrained");
+        RuleSet::of(torque_limits).with("start", rules_of_state()).with("goal", goal)
+    }
+
     /// The paper's case: 5 m forward from rest to rest with 1 N m per wheel.
     pub fn forward_drive() -> Self {
         Self {
@@ -162,12 +175,11 @@ impl Maneuver {
     }
 
     /// Adds the violated rules to `checks`, under field names relative to the maneuver.
-    pub fn check(&self, checks: &mut Checks) {
+    pub(crate) fn check(&self, checks: &mut Checks) {
         checks.within("start", |checks| check_state(&self.start, checks));
         checks.within("goal", |checks| {
             for (component, value) in self.goal.constrained() {
-                let (limit, unit) = component.limit();
-                checks.within_magnitude(component.field(), value, limit, unit);
+                checks.bounds(component.field(), value, &component.rule());
             }
             let constrained = self.goal.constrained().count();
             checks.require("free", "every field", constrained > 0, "such that at least one field is constrained", None);
@@ -175,11 +187,7 @@ impl Maneuver {
         for (field, limit) in
             [("torque_limit_left_n_m", self.torque_limit.left), ("torque_limit_right_n_m", self.torque_limit.right)]
         {
-            if limit >= 0.0 {
-                checks.within_magnitude(field, limit, TORQUE_LIMIT, "N m");
-            } else {
-                checks.non_negative(field, limit, "N m");
-            }
+            checks.bounds(field, limit, &Self::TORQUE_RULE);
         }
     }
 
@@ -207,12 +215,16 @@ impl Maneuver {
     }
 }
 
+/// The rules of the components of a state.
+pub(crate) fn rules_of_state() -> RuleSet {
+    RuleSet::of(StateComponent::ALL.map(|component| (component.field(), component.rule())))
+}
+
 /// Adds the violated rules of a start state to `checks`.
-pub fn check_state(state: &State, checks: &mut Checks) {
+pub(crate) fn check_state(state: &State, checks: &mut Checks) {
     let values = state.to_vector();
     for component in StateComponent::ALL {
-        let (limit, unit) = component.limit();
-        checks.within_magnitude(component.field(), values[component.index()], limit, unit);
+        checks.bounds(component.field(), values[component.index()], &component.rule());
     }
 }
 

@@ -2,7 +2,6 @@
 
 mod candidate;
 mod certificate;
-pub mod domain;
 mod goal_miss;
 mod grid_problem;
 mod helpers;
@@ -25,9 +24,8 @@ mod strategies;
 
 pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};
-pub(crate) use schedule_check::violations_of_schedule;
-pub use settings::{Method, Refinement, SolveInput, SolverSettings};
-pub use simulate::{SimulateInput, Simulation, simulate};
+pub use settings::{Method, Refinement, SolveInput, SolveParameters, SolverSettings};
+pub use simulate::{SimulateInput, SimulateParameters, Simulation, simulate};
 pub use solution::{
     DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
 };

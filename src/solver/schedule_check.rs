@@ -1,25 +1,35 @@
 //! Rules for torque schedules that callers send.
 
 use crate::robot::PerWheel;
+use crate::rules::{Checks, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
-use crate::violation::Checks;
 
+/// The length of a schedule or of one of its intervals.
+pub(super) const TIME_RULE: Rule = Rule::positive("s");
+const LENGTH_RULE: Rule = Rule::at_least(1.0, Rule::ITEMS);
 /// Rounding that a schedule may carry above a limit when it is sent back: a few units in the last place.
 const LIMIT_SLACK: f64 = 1e-12;
 
-/// Adds the violated rules of a schedule under the given names of its left and right arrays.
-pub(crate) fn violations_of_schedule(
+/// The rules of a schedule with the given names of its time and of its left and right arrays.
+pub(super) fn rules(time_field: &str, (left_field, right_field): (&str, &str)) -> RuleSet {
+    RuleSet::of([(time_field, TIME_RULE), (left_field, LENGTH_RULE), (right_field, LENGTH_RULE)])
+        .across(&[left_field, right_field], "both wheels have the same number of torques")
+}
+
+/// Adds the violated rules of a schedule under the given names of its left and right arrays; `limit` is that of the
+/// torques per wheel, if any.
+pub(super) fn check_schedule(
     schedule: &TorqueSchedule,
     (left_field, right_field): (&str, &str),
     limit: Option<PerWheel<f64>>,
     checks: &mut Checks,
 ) {
-    let count = schedule.left.len();
-    checks.require(left_field, "empty", count > 0, "at least one torque long", Some(1.0));
-    let rule = format!("{count} torques long, as {left_field} is");
-    let right_count = schedule.right.len();
-    let right_length = format_args!("{right_count} torques long").to_string();
-    checks.require(right_field, right_length, right_count == count, &rule, Some(count as f64));
+    let (left_count, right_count) = (schedule.left.len(), schedule.right.len());
+    checks.length(left_field, left_count, &LENGTH_RULE);
+    checks.length(right_field, right_count, &LENGTH_RULE);
+    let rule = format!("{left_count} items long, as {left_field} is");
+    let right_length = format!("{right_count} items long");
+    checks.require(right_field, right_length, right_count == left_count, &rule, Some(left_count as f64));
     let sides =
         [(left_field, &schedule.left, limit.map(|l| l.left)), (right_field, &schedule.right, limit.map(|l| l.right))];
     for (field, torques, limit) in sides {

@@ -1,10 +1,10 @@
 //! How a maneuver is to be solved, and the validated input of a solve.
 
-use super::violations_of_schedule;
+use super::schedule_check::{self, check_schedule};
 use crate::robot::{Robot, RobotParameters};
+use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
 use crate::shooting::Maneuver;
 use crate::simulation::TorqueSchedule;
-use crate::violation::{Checks, Violations};
 
 /// The optimiser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -64,6 +64,29 @@ pub struct SolverSettings {
 }
 
 impl SolverSettings {
+    const RULES: [BoundedField<Self>; 7] = [
+        ("grid.steps", |settings| settings.step_count as f64, Rule::at_least(1.0, "")),
+        ("grid.control_intervals", |settings| settings.control_count as f64, Rule::at_least(1.0, "")),
+        ("solver.starts", |settings| settings.start_count as f64, Rule::at_least(1.0, "")),
+        ("solver.rollout_limit", |settings| settings.rollout_limit as f64, Rule::at_least(1.0, "")),
+        // Tightest goal tolerance: a rollout of thousands of steps rounds to about 1e-12.
+        ("solver.goal_tolerance", |settings| settings.goal_tolerance, Rule::between(1e-9, 1.0, "")),
+        ("solver.replay_tolerance_m", |settings| settings.replay_tolerance_position, Rule::between(1e-9, 100.0, "m")),
+        (
+            "solver.replay_tolerance_rad",
+            |settings| settings.replay_tolerance_heading,
+            Rule::between(1e-9, 100.0, "rad"),
+        ),
+    ];
+
+    /// The rules of all settings, by their paths in the contract.
+    pub fn rules() -> RuleSet {
+        RuleSet::of(Self::RULES.map(|(field, _, rule)| (field, rule))).across(
+            &["grid.control_intervals", "grid.steps"],
+            "no more control intervals than steps: an interval without a step has no effect",
+        )
+    }
+
     /// The paper's number of steps.
     pub const PAPER_STEP_COUNT: usize = 200;
     /// Most steps of automatic grids, unless a caller says otherwise.
@@ -93,10 +116,57 @@ impl Default for SolverSettings {
     }
 }
 
-/// Tightest goal tolerance: a rollout of thousands of steps rounds to about 1e-12.
-const GOAL_TOLERANCE_RANGE: (f64, f64) = (1e-9, 1.0);
-const REPLAY_TOLERANCE_RANGE: (f64, f64) = (1e-9, 100.0);
-const ROLLOUT_LIMIT_RANGE: (f64, f64) = (1.0, 1e9);
+/// A solve before it is validated; [`Default`] is the paper's forward drive by the default search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SolveParameters {
+    /// The robot.
+    pub robot: RobotParameters,
+    /// The maneuver.
+    pub maneuver: Maneuver,
+    /// Grid, effort, tolerances.
+    pub settings: SolverSettings,
+    /// The caller's own start of the search, tried first.
+    pub initial_guess: Option<TorqueSchedule>,
+}
+
+impl Default for SolveParameters {
+    fn default() -> Self {
+        Self {
+            robot: RobotParameters::default(),
+            maneuver: Maneuver::forward_drive(),
+            settings: SolverSettings::default(),
+            initial_guess: None,
+        }
+    }
+}
+
+impl SolveParameters {
+    /// The paper's forward drive on the paper's grid, from the straight start alone, which leads to the paper's family of
+    /// plans. The default search finds faster ones that drift.
+    pub fn forward_drive() -> Self {
+        let settings = SolverSettings { start_count: 1, refinement: Refinement::Fixed, ..SolverSettings::default() };
+        Self { settings, ..Self::default() }
+    }
+
+    /// The rules of all fields, by their paths in the contract.
+    pub fn rules() -> RuleSet {
+        let guess = schedule_check::rules("final_time_s", GUESS_ARRAYS)
+            .across(&[GUESS_ARRAYS.0, GUESS_ARRAYS.1], "no torque exceeds the torque limit of its wheel");
+        SolverSettings::rules()
+            .with("robot", RobotParameters::rules())
+            .with("maneuver", Maneuver::rules())
+            .with("initial_guess", guess)
+    }
+
+    fn check(&self, checks: &mut Checks) {
+        checks.within("robot", |checks| self.robot.check(checks));
+        checks.within("maneuver", |checks| self.maneuver.check(checks));
+        check_settings(&self.settings, checks);
+        if let Some(guess) = &self.initial_guess {
+            checks.within("initial_guess", |checks| check_guess(guess, &self.maneuver, checks));
+        }
+    }
+}
 
 /// A validated solve: everything that the answer depends on, wall time aside.
 #[derive(Debug, Clone)]
@@ -112,61 +182,40 @@ pub struct SolveInput {
 }
 
 impl SolveInput {
-    /// Validates a solve; `checks` may hold violations found before.
+    /// Validates a solve.
     ///
     /// # Errors
-    /// All violated rules, those in `checks` included.
-    pub fn new(
-        mut checks: Checks,
-        robot: RobotParameters,
-        maneuver: Maneuver,
-        settings: SolverSettings,
-        initial_guess: Option<TorqueSchedule>,
-    ) -> Result<Self, Violations> {
-        checks.within("robot", |checks| robot.check(checks));
-        checks.within("maneuver", |checks| maneuver.check(checks));
-        check_settings(&settings, &mut checks);
-        if let Some(guess) = &initial_guess {
-            checks.within("initial_guess", |checks| check_guess(guess, &maneuver, checks));
-        }
-        checks.into_result(())?;
+    /// All violated rules, with field names of the public contract.
+    pub fn new(parameters: SolveParameters) -> Result<Self, Violations> {
+        let mut checks = Checks::new();
+        parameters.check(&mut checks);
+        checks.finish()?;
+        let SolveParameters { robot, maneuver, settings, initial_guess } = parameters;
         Ok(Self { robot: Robot::new(robot)?, maneuver, settings, initial_guess })
     }
 
-    /// The paper's forward drive on the reference robot and the paper's grid: from the straight start alone, which leads to the paper's family
-    /// of plans. The default search finds faster ones that drift.
+    /// [`SolveParameters::forward_drive`], validated.
     ///
     /// # Panics
     /// Never: the case is valid.
     pub fn forward_drive() -> Self {
-        let robot = Robot::new(RobotParameters::default()).expect("the reference robot is valid");
-        let settings = SolverSettings { start_count: 1, refinement: Refinement::Fixed, ..SolverSettings::default() };
-        Self { robot, maneuver: Maneuver::forward_drive(), settings, initial_guess: None }
+        Self::new(SolveParameters::forward_drive()).expect("the paper's case is valid")
     }
 }
 
-fn check_settings(settings: &SolverSettings, checks: &mut Checks) {
-    checks.within("grid", |checks| {
-        check_count("steps", settings.step_count, checks);
-        check_count("control_intervals", settings.control_count, checks);
-        let (steps, controls) = (settings.step_count, settings.control_count);
-        let rule = format!("at most grid.steps ({steps}): an interval without a step has no effect");
-        checks.require("control_intervals", controls, controls <= steps, &rule, Some(steps as f64));
-    });
-    checks.within("solver", |checks| {
-        check_count("starts", settings.start_count, checks);
-        checks.between("rollout_limit", settings.rollout_limit as f64, ROLLOUT_LIMIT_RANGE, "");
-        checks.between("goal_tolerance", settings.goal_tolerance, GOAL_TOLERANCE_RANGE, "");
-        checks.between("replay_tolerance_m", settings.replay_tolerance_position, REPLAY_TOLERANCE_RANGE, "m");
-        checks.between("replay_tolerance_rad", settings.replay_tolerance_heading, REPLAY_TOLERANCE_RANGE, "rad");
-    });
-}
+/// Arrays of an initial guess, left and right.
+const GUESS_ARRAYS: (&str, &str) = ("torque_left_n_m", "torque_right_n_m");
 
-fn check_count(field: &str, count: usize, checks: &mut Checks) {
-    checks.require(field, count, count >= 1, ">= 1", Some(1.0));
+fn check_settings(settings: &SolverSettings, checks: &mut Checks) {
+    for (field, value, rule) in SolverSettings::RULES {
+        checks.bounds(field, value(settings), &rule);
+    }
+    let (steps, controls) = (settings.step_count, settings.control_count);
+    let rule = format!("at most grid.steps ({steps}): an interval without a step has no effect");
+    checks.require("grid.control_intervals", controls, controls <= steps, &rule, Some(steps as f64));
 }
 
 fn check_guess(guess: &TorqueSchedule, maneuver: &Maneuver, checks: &mut Checks) {
-    checks.positive("final_time_s", guess.final_time, "s");
-    violations_of_schedule(guess, ("torque_left_n_m", "torque_right_n_m"), Some(maneuver.torque_limit), checks);
+    checks.bounds("final_time_s", guess.final_time, &schedule_check::TIME_RULE);
+    check_schedule(guess, GUESS_ARRAYS, Some(maneuver.torque_limit), checks);
 }

@@ -1,10 +1,15 @@
 //! One rollout of a given torque schedule.
 
-use super::violations_of_schedule;
+use super::SolverSettings;
+use super::schedule_check::{self, check_schedule};
 use crate::robot::{Robot, RobotParameters, State};
-use crate::shooting::{ReferencePoint, check_state};
+use crate::rules::{Checks, Rule, RuleSet, Violations};
+use crate::shooting::{ReferencePoint, check_state, rules_of_state};
 use crate::simulation::{ContactMethod, ContactModeSpan, Rollout, Separation, Simulator, TorqueSchedule, Trajectory};
-use crate::violation::{Checks, Violations};
+
+const STEP_RULE: Rule = Rule::at_least(1.0, "");
+/// Arrays of a torque schedule, left and right.
+const SCHEDULE_ARRAYS: (&str, &str) = ("left_n_m", "right_n_m");
 
 /// A validated simulation.
 #[derive(Debug, Clone)]
@@ -23,30 +28,72 @@ pub struct SimulateInput {
     pub contact_method: ContactMethod,
 }
 
-impl SimulateInput {
-    /// Validates a simulation on the given robot; `checks` may hold violations found before.
-    ///
-    /// # Errors
-    /// All violated rules, those in `checks` included.
-    pub fn new(
-        mut checks: Checks,
-        robot: RobotParameters,
-        (reference_point, start): (ReferencePoint, State),
-        schedule: TorqueSchedule,
-        (step_count, contact_method): (usize, ContactMethod),
-    ) -> Result<Self, Violations> {
-        checks.within("robot", |checks| robot.check(checks));
-        checks.within("start", |checks| check_state(&start, checks));
+/// A simulation before it is validated; [`Default`] is the reference robot at rest, without torques.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimulateParameters {
+    /// The robot.
+    pub robot: RobotParameters,
+    /// The point that the start and the answer speak of.
+    pub reference_point: ReferencePoint,
+    /// Start state at the reference point.
+    pub start: State,
+    /// The torques; at least one interval is required.
+    pub schedule: TorqueSchedule,
+    /// Number of time steps.
+    pub step_count: usize,
+    /// The solver of the one-step friction problem.
+    pub contact_method: ContactMethod,
+}
+
+impl Default for SimulateParameters {
+    fn default() -> Self {
+        Self {
+            robot: RobotParameters::default(),
+            reference_point: ReferencePoint::default(),
+            start: State::default(),
+            schedule: TorqueSchedule::empty(),
+            step_count: SolverSettings::PAPER_STEP_COUNT,
+            contact_method: ContactMethod::default(),
+        }
+    }
+}
+
+impl SimulateParameters {
+    /// The rules of all fields, by their paths in the contract.
+    pub fn rules() -> RuleSet {
+        RuleSet::of([("grid.steps", STEP_RULE)])
+            .across(&["grid.steps", "torque_schedule.left_n_m"], "at least as many steps as torques per wheel")
+            .with("robot", RobotParameters::rules())
+            .with("start", rules_of_state())
+            .with("torque_schedule", schedule_check::rules("interval_s", SCHEDULE_ARRAYS))
+    }
+
+    fn check(&self, checks: &mut Checks) {
+        checks.within("robot", |checks| self.robot.check(checks));
+        checks.within("start", |checks| check_state(&self.start, checks));
         checks.within("torque_schedule", |checks| {
-            checks.positive("interval_s", schedule.interval(), "s");
-            violations_of_schedule(&schedule, ("left_n_m", "right_n_m"), None, checks);
+            checks.bounds("interval_s", self.schedule.interval(), &schedule_check::TIME_RULE);
+            check_schedule(&self.schedule, SCHEDULE_ARRAYS, None, checks);
         });
         checks.within("grid", |checks| {
-            let intervals = schedule.control_count();
-            let rule = format!("at least the number of control intervals ({intervals})");
-            checks.require("steps", step_count, step_count >= intervals.max(1), &rule, Some(intervals as f64));
+            checks.bounds("steps", self.step_count as f64, &STEP_RULE);
+            let intervals = self.schedule.control_count();
+            let rule = format!("at least the number of torques per wheel ({intervals})");
+            checks.require("steps", self.step_count, self.step_count >= intervals, &rule, Some(intervals as f64));
         });
-        checks.into_result(())?;
+    }
+}
+
+impl SimulateInput {
+    /// Validates a simulation.
+    ///
+    /// # Errors
+    /// All violated rules, with field names of the public contract.
+    pub fn new(parameters: SimulateParameters) -> Result<Self, Violations> {
+        let mut checks = Checks::new();
+        parameters.check(&mut checks);
+        checks.finish()?;
+        let SimulateParameters { robot, reference_point, start, schedule, step_count, contact_method } = parameters;
         Ok(Self { robot: Robot::new(robot)?, reference_point, start, schedule, step_count, contact_method })
     }
 }

@@ -4,8 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::robot::{PerWheel, RobotParameters, State};
 use slipdrive::shooting::{Goal, Maneuver, StateComponent};
-use slipdrive::solver::{Method, RunControl, Solution, SolveInput, SolverSettings, solve};
-use slipdrive::violation::Checks;
+use slipdrive::solver::{Method, RunControl, Solution, SolveInput, SolveParameters, SolverSettings, solve};
 
 fn random_parameters(rng: &mut Xoshiro256PlusPlus) -> RobotParameters {
     let mut spread = |value: f64, decades: f64| value * 10.0_f64.powf(rng.random_range(-decades..decades));
@@ -83,7 +82,10 @@ fn extreme_input_is_answered_with_finite_numbers() {
             ..SolverSettings::default()
         };
         let (parameters, maneuver) = (random_parameters(&mut rng), random_maneuver(&mut rng));
-        let Ok(input) = SolveInput::new(Checks::new(), parameters, maneuver, settings, None) else { continue };
+        let Ok(input) = SolveInput::new(SolveParameters { robot: parameters, maneuver, settings, initial_guess: None })
+        else {
+            continue;
+        };
         accepted += 1;
         assert_finite(seed, &solve(&input, &RunControl::unattended()));
     }

@@ -7,10 +7,9 @@ use std::thread;
 use slipdrive::robot::RobotParameters;
 use slipdrive::shooting::{Goal, Maneuver};
 use slipdrive::solver::{
-    Helpers, NoProgress, ProgressObserver, Refinement, RunControl, SharedWork, Solution, SolveInput, SolveProgress,
-    SolverSettings, StopReason, solve,
+    Helpers, NoProgress, ProgressObserver, Refinement, RunControl, SharedWork, Solution, SolveInput, SolveParameters,
+    SolveProgress, SolverSettings, StopReason, solve,
 };
-use slipdrive::violation::Checks;
 
 use crate::random::RandomCases;
 
@@ -68,7 +67,10 @@ fn inputs() -> Vec<SolveInput> {
         let goal = Goal::at_rest(cases.between(-2.0, 2.0), cases.between(-2.0, 4.0), cases.between(-3.0, 3.0));
         let maneuver = Maneuver { goal, ..Maneuver::forward_drive() };
         let robot = if number == 0 { RobotParameters::default() } else { *cases.robot().parameters() };
-        inputs.push(SolveInput::new(Checks::new(), robot, maneuver, small_settings(), None).unwrap());
+        inputs.push(
+            SolveInput::new(SolveParameters { robot, maneuver, settings: small_settings(), initial_guess: None })
+                .unwrap(),
+        );
     }
     inputs
 }

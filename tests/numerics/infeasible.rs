@@ -5,8 +5,9 @@ use slipdrive::shooting::StateComponent::{
     self, Heading, VelocityY, WheelAngleLeft, WheelRateLeft, WheelRateRight, X, Y, YawRate,
 };
 use slipdrive::shooting::{Goal, LONGEST_FINAL_TIME, Maneuver};
-use slipdrive::solver::{Method, RunControl, Solution, SolveInput, SolverSettings, Status, StopReason, solve};
-use slipdrive::violation::Checks;
+use slipdrive::solver::{
+    Method, RunControl, Solution, SolveInput, SolveParameters, SolverSettings, Status, StopReason, solve,
+};
 
 /// A request and the reason that its answer must name.
 #[derive(Clone)]
@@ -202,7 +203,12 @@ fn unmet() -> Vec<Case> {
 }
 
 fn solved(case: &Case) -> Solution {
-    let input = SolveInput::new(Checks::new(), case.robot, case.maneuver, case.settings, None);
+    let input = SolveInput::new(SolveParameters {
+        robot: case.robot,
+        maneuver: case.maneuver,
+        settings: case.settings,
+        initial_guess: None,
+    });
     solve(&input.unwrap_or_else(|violations| panic!("{}: {violations}", case.kind)), &RunControl::unattended())
 }
 

@@ -4,8 +4,7 @@ use rand::{Rng, RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::robot::{PerWheel, RobotParameters};
 use slipdrive::shooting::{Goal, Maneuver, StateComponent};
-use slipdrive::solver::{RunControl, SolveInput, SolverSettings, Status, solve};
-use slipdrive::violation::Checks;
+use slipdrive::solver::{RunControl, SolveInput, SolveParameters, SolverSettings, Status, solve};
 
 /// Heavy wheels put the whole robot's centre of mass far from the chassis's: the scheme errs the most.
 fn random_robot(random: &mut impl Rng) -> RobotParameters {
@@ -43,7 +42,9 @@ fn optimised_coarse_plans_stay_above_the_bound() {
         let settings =
             SolverSettings { step_count, control_count: step_count, start_count: 2, ..SolverSettings::default() };
         let (robot, maneuver) = (random_robot(&mut random), random_maneuver(&mut random));
-        let Ok(input) = SolveInput::new(Checks::new(), robot, maneuver, settings, None) else { continue };
+        let Ok(input) = SolveInput::new(SolveParameters { robot, maneuver, settings, initial_guess: None }) else {
+            continue;
+        };
         let solution = solve(&input, &RunControl::unattended());
         if solution.status == Status::NotConverged || !solution.report.separations.is_empty() {
             continue;

@@ -14,3 +14,4 @@ mod one_step_contact;
 mod physics;
 mod random;
 mod reference_rollouts;
+mod value_digests;

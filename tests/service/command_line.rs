@@ -29,10 +29,13 @@ fn refused(arguments: &[&str], input: &[u8]) -> String {
 }
 
 #[test]
-fn bad_values_are_told_with_the_words_of_the_service() {
+fn bad_values_are_refused_with_the_words_of_the_service() {
     let body = br#"{"robot": {"wheel_radius_m": 0}, "solver": {"starts": 65}}"#;
     let message = refused(&["solve", "-"], body);
-    assert!(message.contains("#/robot/wheel_radius_m: `robot.wheel_radius_m` is 0, must be > 0 m"), "{message}");
+    assert!(
+        message.contains("#/robot/wheel_radius_m: `robot.wheel_radius_m` is 0, must be between 0.001 and 10 m"),
+        "{message}"
+    );
     assert!(message.contains("`solver.starts` is 65, must be at most 64"), "{message}");
 }
 

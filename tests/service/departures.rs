@@ -7,7 +7,9 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::json;
 use slipdrive::api::grpc::pb;
-use slipdrive::service::domain::{SolveInput, StateComponent, TorqueSchedule};
+use slipdrive::shooting::StateComponent;
+use slipdrive::simulation::TorqueSchedule;
+use slipdrive::solver::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
@@ -77,7 +79,7 @@ async fn a_thousand_solves_of_sixty_four_callers_reach_their_own_caller() {
     let solver = FakeSolver(|input: &SolveInput, _: &RunControl<'_>| {
         let final_time = input.maneuver.goal.value(StateComponent::Y).unwrap();
         let schedule = TorqueSchedule { final_time, left: vec![0.0], right: vec![0.0] };
-        slipdrive::service::domain::Solution { schedule, ..small_solution(StopReason::Finished) }
+        slipdrive::solver::Solution { schedule, ..small_solution(StopReason::Finished) }
     });
     let server = Arc::new(TestServer::start(64, Arc::new(solver)).await);
     let mut callers = JoinSet::new();

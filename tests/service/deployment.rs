@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
+use slipdrive::jobs::Jobs;
 use slipdrive::metrics::catalogue;
 use yaml_rust2::{Yaml, YamlLoader};
 
@@ -240,7 +241,7 @@ fn metrics_in(text: &str) -> BTreeSet<String> {
     own.map(|word| {
         let ends = ["_bucket", "_count", "_sum"];
         let is_histogram = |name: &str| {
-            catalogue::ALL.iter().any(|family| family.name == name && family.kind == catalogue::Kind::Histogram)
+            Jobs::families().iter().any(|family| family.name == name && family.kind == catalogue::Kind::Histogram)
         };
         let stem = ends.iter().find_map(|end| word.strip_suffix(end).filter(|stem| is_histogram(stem)));
         stem.unwrap_or(word).to_owned()
@@ -250,7 +251,7 @@ fn metrics_in(text: &str) -> BTreeSet<String> {
 
 #[test]
 fn dashboard_rules_and_adapter_ask_for_metrics_that_exist() {
-    let known: BTreeSet<_> = catalogue::ALL.iter().map(|family| family.name.to_owned()).collect();
+    let known: BTreeSet<_> = Jobs::families().iter().map(|family| family.name.to_owned()).collect();
     let dashboard: Value =
         serde_json::from_str(&fs::read_to_string(deploy("grafana/dashboards/slipdrive.json")).unwrap()).unwrap();
     let panels = dashboard["panels"].as_array().unwrap();
@@ -278,7 +279,7 @@ fn dashboard_rules_and_adapter_ask_for_metrics_that_exist() {
 #[test]
 fn documented_metrics_and_alerts_are_those_that_exist() {
     let document = fs::read_to_string(deploy("../docs/operations.md")).unwrap();
-    let rows: Vec<_> = catalogue::ALL
+    let rows: Vec<_> = Jobs::families()
         .iter()
         .map(|family| {
             let labels: Vec<_> = family.labels.iter().map(|label| format!("`{label}`")).collect();

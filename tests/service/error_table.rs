@@ -6,10 +6,10 @@ use std::time::Duration;
 use serde_json::Value;
 use slipdrive::api::ApiSettings;
 use slipdrive::api::auth::ApiKeys;
-use slipdrive::api::error_table::ErrorCode;
 use slipdrive::api::grpc::pb;
 use slipdrive::api::server::ServerSettings;
-use slipdrive::service::domain::SolveInput;
+use slipdrive::contract::ErrorCode;
+use slipdrive::solver::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
@@ -241,7 +241,11 @@ async fn every_row_is_met_on_both_transports() {
         let problem = rest.problem();
         assert_eq!(problem["code"], entry.code, "{problem}");
         assert_eq!((rest.status, &problem["retryable"]), (entry.http_status, &Value::from(entry.retryable)));
-        assert_eq!((code_of(&grpc).as_str(), grpc.code()), (entry.code, entry.grpc_code), "{grpc:?}");
+        assert_eq!(
+            (code_of(&grpc).as_str(), grpc.code()),
+            (entry.code, Code::from(entry.grpc_code as i32)),
+            "{grpc:?}"
+        );
         let has_retry_after = rest.header("retry-after").parse::<u64>().is_ok_and(|seconds| seconds >= 1);
         assert_eq!(has_retry_after, matches!(entry.http_status, 429 | 503), "{}", entry.code);
         assert!(!rest.text().contains("secret") && !grpc.message().contains("secret"), "no internals");

@@ -5,18 +5,48 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
-use slipdrive::api::rest::{read_solve, solve_answer};
-use slipdrive::service::domain::SolveInput;
-use slipdrive::service::{ManeuverSolver, Service, ServiceError, ServiceSettings, SolveClocks, SolveEvent};
-use slipdrive::solver::{RunControl, SharedWork, StopReason};
+use futures_util::StreamExt as _;
+use slipdrive::contract::json;
+use slipdrive::jobs::solve::{AcceptedSolve, Solve, Solved};
+use slipdrive::jobs::{Jobs, Kind as _, Limits, ManeuverSolver};
+use slipdrive::service::{Done, Event, Running, Service, ServiceError, ServiceSettings};
+use slipdrive::solver::{RunControl, SharedWork, SolveInput, SolveProgress, StopReason};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 
 use crate::support::{FakeSolver, HANG_BOUND, real_solver, small_solution};
 
-fn service(workers: usize, solver: Arc<dyn ManeuverSolver>) -> Service {
-    let workers = NonZeroUsize::new(workers).unwrap();
-    Service::start(ServiceSettings { workers, ..ServiceSettings::default() }, solver).unwrap()
+/// A service and its jobs, without transports.
+struct Workers {
+    service: Service,
+    jobs: Jobs,
+}
+
+impl Workers {
+    fn start(workers: usize, solver: Arc<dyn ManeuverSolver>) -> Self {
+        let workers = NonZeroUsize::new(workers).unwrap();
+        let service = Service::start(ServiceSettings { workers, ..ServiceSettings::default() }).unwrap();
+        let jobs = Jobs::new(Limits::default(), solver, service.metrics());
+        Self { service, jobs }
+    }
+
+    /// A solve under way; what comes out is made by `answer`.
+    fn solve<T: Send + 'static>(
+        &self,
+        body: &str,
+        answer: fn(&AcceptedSolve, &Done<Solved>) -> T,
+    ) -> Running<T, SolveProgress> {
+        let accepted = Solve::read(body.as_bytes(), self.jobs.limits()).unwrap();
+        self.service.reserve().unwrap().submit(Arc::clone(&self.jobs.solve), accepted, None, answer).unwrap()
+    }
+
+    /// The bytes of the answer, with a solve time of zero.
+    async fn answer(&self, body: &str) -> Vec<u8> {
+        let running = self.solve(body, |accepted, done| {
+            json::write(&Solve::answer(accepted, &Done { duration: Duration::ZERO, ..done.clone() }))
+        });
+        timeout(HANG_BOUND, running.outcome()).await.expect("nothing hangs").unwrap()
+    }
 }
 
 fn body(number: usize, rollout_limit: u64) -> String {
@@ -27,62 +57,51 @@ fn body(number: usize, rollout_limit: u64) -> String {
     )
 }
 
-/// The bytes of the answer, with a solve time of zero.
-async fn answer(service: &Service, body: &str) -> Vec<u8> {
-    let accepted = read_solve(body.as_bytes(), service.limits()).unwrap();
-    let clocks = SolveClocks { time_limit: Duration::from_secs(60), deadline: None };
-    let solving = service.reserve().unwrap().solve(accepted.input.clone(), clocks, |solved| solved);
-    let mut solved = timeout(HANG_BOUND, solving).await.expect("nothing hangs").unwrap();
-    solved.solve_time = Duration::ZERO;
-    solve_answer(&accepted, &solved)
-}
-
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn callers_of_any_number_of_workers_get_the_same_bytes() {
     let bodies: Vec<_> = (0..3).flat_map(|number| [2_000_000, 500].map(|limit| body(number, limit))).collect();
-    let one = service(1, real_solver());
+    let one = Workers::start(1, real_solver());
     let mut expected = Vec::new();
     for body in &bodies {
-        expected.push(answer(&one, body).await);
+        expected.push(one.answer(body).await);
     }
     for workers in [2, 3, 8] {
-        let service = Arc::new(service(workers, real_solver()));
+        let helped = Arc::new(Workers::start(workers, real_solver()));
         // One by one: all other workers help. Then all at once: they come and go.
         for (body, expected) in bodies.iter().zip(&expected) {
-            assert!(answer(&service, body).await == *expected, "{workers} workers: {body}");
+            assert!(helped.answer(body).await == *expected, "{workers} workers: {body}");
         }
         let mut callers = JoinSet::new();
         for (body, expected) in bodies.iter().cloned().zip(expected.clone()) {
-            let service = Arc::clone(&service);
-            callers.spawn(async move { assert!(answer(&service, &body).await == expected, "{body}") });
+            let helped = Arc::clone(&helped);
+            callers.spawn(async move { assert!(helped.answer(&body).await == expected, "{body}") });
         }
         while callers.join_next().await.transpose().unwrap().is_some() {}
-        assert_eq!(service.jobs_in_flight(), 0);
+        assert_eq!(helped.service.jobs_in_flight(), 0);
     }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn second_caller_does_not_wait_for_the_helped_search_of_the_first() {
-    let service = service(2, real_solver());
+    let two = Workers::start(2, real_solver());
     let long = r#"{"maneuver": {"goal": {"y_m": 5}}, "grid": {"steps": 5000, "control_intervals": 40}, "solver": {"starts": 64, "time_limit_s": 60}}"#;
-    let accepted = read_solve(long.as_bytes(), service.limits()).unwrap();
-    let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: None };
-    let mut first = service.reserve().unwrap().start_solve(accepted.input, clocks, drop).unwrap();
+    let mut first = Box::pin(two.solve(long, |_, _| ()).events());
+    let mut next_event = async || timeout(HANG_BOUND, first.next()).await.expect("nothing hangs");
     // It runs, and has had time to find the other worker idle.
-    let event = timeout(HANG_BOUND, first.next_event()).await.expect("nothing hangs");
-    assert!(matches!(event, SolveEvent::Progress(_)), "{event:?}");
+    let events = [next_event().await, next_event().await];
+    assert!(matches!(events, [Some(Event::Queued(0)), Some(Event::Progress(_))]), "{events:?}");
     for number in 0..3 {
-        answer(&service, &body(number, 300)).await;
-        assert_eq!(service.jobs_in_flight(), 1, "the first still runs");
+        two.answer(&body(number, 300)).await;
+        assert_eq!(two.service.jobs_in_flight(), 1, "the first still runs");
     }
     drop(first);
     let empty = async {
-        while service.jobs_in_flight() > 0 {
+        while two.service.jobs_in_flight() > 0 {
             tokio::task::yield_now().await;
         }
     };
     timeout(HANG_BOUND, empty).await.expect("whoever helped is free again");
-    answer(&service, &body(0, 300)).await;
+    two.answer(&body(0, 300)).await;
 }
 
 /// Two parts that wait for each other; the second to come panics.
@@ -118,11 +137,8 @@ async fn panic_of_a_helper_is_a_solver_panic_and_the_workers_go_on() {
         }
         small_solution(StopReason::Finished)
     });
-    let service = service(2, Arc::new(solver));
-    let solve = || {
-        let clocks = SolveClocks { time_limit: Duration::from_secs(60), deadline: None };
-        service.reserve().unwrap().solve(SolveInput::forward_drive(), clocks, drop)
-    };
+    let two = Workers::start(2, Arc::new(solver));
+    let solve = || two.solve("{}", |_, _| ()).outcome();
     for _ in 0..3 {
         assert_eq!(timeout(HANG_BOUND, solve()).await.expect("nothing hangs"), Err(ServiceError::SolverPanic));
     }

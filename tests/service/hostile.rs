@@ -10,8 +10,10 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::api::ApiSettings;
 use slipdrive::api::grpc::pb;
 use slipdrive::api::server::ServerSettings;
-use slipdrive::service::ManeuverSolver;
-use slipdrive::service::domain::{SolveInput, State, Trajectory};
+use slipdrive::jobs::ManeuverSolver;
+use slipdrive::robot::State;
+use slipdrive::simulation::Trajectory;
+use slipdrive::solver::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
@@ -80,7 +82,7 @@ async fn caller_who_does_not_read_is_dropped() {
     let solver = FakeSolver(|_: &SolveInput, _: &RunControl<'_>| {
         let state = vec![State::default(); 200_000];
         let trajectory = Trajectory { time: vec![0.1; state.len()], state, ..Trajectory::default() };
-        slipdrive::service::domain::Solution { trajectory, ..small_solution(StopReason::Finished) }
+        slipdrive::solver::Solution { trajectory, ..small_solution(StopReason::Finished) }
     });
     let settings = ServerSettings { write_timeout: Duration::from_millis(100), ..ServerSettings::default() };
     let server = TestServer::start_with(4, Arc::new(solver), ApiSettings::default(), settings).await;

@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 use slipdrive::api::ApiSettings;
 use slipdrive::api::auth::ApiKeys;
 use slipdrive::api::server::ServerSettings;
-use slipdrive::service::domain::{Goal, SolveInput, StateComponent};
+use slipdrive::shooting::{Goal, StateComponent};
+use slipdrive::solver::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 
 use crate::support::{Answer, FakeSolver, TestServer, instant_solver, real_solver, small_solution};

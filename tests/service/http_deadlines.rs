@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use slipdrive::service::domain::SolveInput;
+use slipdrive::solver::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::sync::mpsc::unbounded_channel;
 

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use serde_json::Value;
-use slipdrive::service::domain::{SolveInput, SolveProgress};
 use slipdrive::solver::{RunControl, StopReason};
+use slipdrive::solver::{SolveInput, SolveProgress};
 use tokio::sync::mpsc::unbounded_channel;
 use tokio::time::timeout;
 

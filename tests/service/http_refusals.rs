@@ -1,6 +1,7 @@
 //! Bad input over real HTTP: each fault is refused as a problem that names field, value and rule.
 
 use serde_json::{Value, json};
+use slipdrive::jobs::Limits;
 
 use crate::support::{Answer, TestServer, instant_solver};
 
@@ -73,8 +74,18 @@ fn field_faults() -> Vec<Fault> {
 
 fn value_faults() -> Vec<Fault> {
     vec![
-        fault(r#"{"robot": {"chassis_mass_kg": -1}}"#, VALUE, "#/robot/chassis_mass_kg", &["is -1, must be > 0 kg"]),
-        fault(r#"{"robot": {"wheel_radius_m": 0}}"#, VALUE, "#/robot/wheel_radius_m", &["is 0, must be > 0 m"]),
+        fault(
+            r#"{"robot": {"chassis_mass_kg": -1}}"#,
+            VALUE,
+            "#/robot/chassis_mass_kg",
+            &["is -1, must be between 0.001 and 100000 kg"],
+        ),
+        fault(
+            r#"{"robot": {"wheel_radius_m": 0}}"#,
+            VALUE,
+            "#/robot/wheel_radius_m",
+            &["is 0, must be between 0.001 and 10 m"],
+        ),
         fault(
             r#"{"robot": {"tangential_restitution": 2}}"#,
             VALUE,
@@ -85,10 +96,15 @@ fn value_faults() -> Vec<Fault> {
             r#"{"maneuver": {"torque_limit_left_n_m": -1}}"#,
             VALUE,
             "#/maneuver/torque_limit_left_n_m",
-            &["is -1, must be >= 0 N m"],
+            &["is -1, must be between 0 and 1000000 N m"],
         ),
         fault(r#"{"maneuver": {"goal": {"free": ["speed"]}}}"#, VALUE, "#/maneuver/goal/free", &["\"speed\""]),
-        fault(r#"{"maneuver": {"goal": {"y_m": 1, "free": ["y_m"]}}}"#, VALUE, "#/maneuver/goal/free", &["given too"]),
+        fault(
+            r#"{"maneuver": {"goal": {"y_m": 1, "free": ["y_m"]}}}"#,
+            VALUE,
+            "#/maneuver/goal/free",
+            &["a field without a value"],
+        ),
         fault(r#"{"maneuver": {"goal": {"free": ["y_m", "y_m"]}}}"#, VALUE, "#/maneuver/goal/free", &["named once"]),
         fault(r#"{"grid": {"steps": 0}}"#, VALUE, "#/grid/steps", &["is 0, must be >= 1"]),
         fault(r#"{"solver": {"time_limit_s": 0}}"#, VALUE, "#/solver/time_limit_s", &["is 0, must be > 0 s"]),
@@ -140,7 +156,7 @@ async fn wrong_values_are_named_with_pointer_and_rule() {
 }
 
 #[tokio::test]
-async fn limits_are_told_as_numbers() {
+async fn limits_are_reported_as_numbers() {
     let problem = server().await.post("/solve", r#"{"grid": {"steps": 1000000000}}"#).await.problem();
     assert_eq!(problem["errors"][0]["limit"], 10_000.0);
 }
@@ -207,7 +223,7 @@ async fn malformed_json_is_refused_with_line_and_column() {
 #[tokio::test]
 async fn body_above_the_limit_is_refused_whole_or_in_chunks() {
     let server = server().await;
-    let limit = server.service.limits().max_body_bytes;
+    let limit = Limits::default().max_body_bytes;
     let largest = format!("{{}}{}", " ".repeat(limit - 2));
     assert_eq!(server.post("/validate", largest.clone()).await.status, 200);
     let declared = server.post("/validate", format!("{largest} ")).await;
@@ -270,7 +286,7 @@ async fn simulate_refuses_as_solve_does() {
     let faults = [
         fault("{}", FIELD, "#/torque_schedule", &["missing field"]),
         fault(schedule(json!(-1), json!([1]), json!([1])), VALUE, "#/torque_schedule/interval_s", &["-1", "> 0 s"]),
-        fault(schedule(json!(1), json!([1]), json!([1, 2])), VALUE, "#/torque_schedule/right_n_m", &["2 torques"]),
+        fault(schedule(json!(1), json!([1]), json!([1, 2])), VALUE, "#/torque_schedule/right_n_m", &["2 items long"]),
         fault(with_steps, VALUE, "#/grid/steps", &["is 1, must be at least"]),
         fault(
             schedule(json!(1), json!(vec![0; 1001]), json!([0])),

@@ -19,6 +19,7 @@ mod http_forward_drive;
 mod http_refusals;
 #[cfg(unix)]
 mod life_cycle;
+mod limits;
 mod metrics;
 mod mutations;
 mod openapi;

@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use slipdrive::api::grpc::pb;
 use slipdrive::api::server::{self, ServerSettings};
 use slipdrive::api::{ApiSettings, Probes, rest};
-use slipdrive::metrics::catalogue;
-use slipdrive::service::domain::SolveInput;
+use slipdrive::jobs::Jobs;
+use slipdrive::solver::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::net::TcpListener;
 use tokio::sync::mpsc::unbounded_channel;
@@ -133,17 +133,17 @@ async fn labels_hold_no_words_of_callers() {
     let text = metrics(&server).await;
     assert!(!text.contains("secret") && !text.contains("17\""), "{text}");
     let own: BTreeSet<_> = text.lines().filter_map(|line| line.strip_prefix("# TYPE slipdrive_")).collect();
-    let known: BTreeSet<_> = catalogue::ALL.iter().map(|family| family.name).collect();
+    let known: BTreeSet<_> = Jobs::families().iter().map(|family| family.name).collect();
     assert!(own.iter().all(|line| known.contains(format!("slipdrive_{}", line.split(' ').next().unwrap()).as_str())));
 }
 
 #[tokio::test]
 async fn probes_of_their_own_port_are_not_beside_the_api() {
     let api = ApiSettings { probes: Probes::Apart, ..ApiSettings::default() };
-    let server = TestServer::start_with(4, instant_solver(), api.clone(), ServerSettings::default()).await;
+    let server = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let admin = listener.local_addr().unwrap();
-    let router = rest::admin_router(Arc::clone(&server.service), api);
+    let router = rest::admin_router(&server.state);
     let task = tokio::spawn(server::serve(listener, router, ServerSettings::default(), std::future::pending()));
     for path in ["/livez", "/readyz", "/metrics"] {
         assert_eq!(server.get(path).await.status, 404, "{path}");

@@ -6,7 +6,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::json;
 use slipdrive::api::ApiSettings;
 use slipdrive::api::server::ServerSettings;
-use slipdrive::service::{Limits, ServiceSettings};
+use slipdrive::jobs::Limits;
+use slipdrive::service::ServiceSettings;
 use tokio::io::AsyncWriteExt as _;
 use tokio::net::TcpStream;
 use tokio::time::timeout;
@@ -23,8 +24,8 @@ const MAX_GROWTH_BYTES: u64 = 64 << 20;
 /// A server whose solves are short whatever a mutation asks for.
 async fn server() -> TestServer {
     let limits = Limits { max_rollout_limit: 20, max_time_limit_s: 1.0, max_steps: 1000, ..Limits::default() };
-    let settings = ServiceSettings { queue_length: 4, limits, ..ServiceSettings::default() };
-    TestServer::start_sized(settings, real_solver(), ApiSettings::default(), ServerSettings::default()).await
+    let settings = ServiceSettings { queue_length: 4, ..ServiceSettings::default() };
+    TestServer::start_limited(limits, settings, real_solver(), ApiSettings::default(), ServerSettings::default()).await
 }
 
 async fn sound_body(server: &TestServer) -> Vec<u8> {

@@ -46,15 +46,16 @@ fn collect(value: &Value, references: &mut Vec<String>) {
 }
 
 #[tokio::test]
-async fn requests_have_rules_defaults_and_no_further_fields() {
+async fn requests_have_rules_and_no_further_fields() {
     let document = TestServer::start(4, instant_solver()).await.get("/openapi.json").await.json();
     let robot = &document["components"]["schemas"]["Robot"];
     assert_eq!(robot["additionalProperties"], false);
-    assert_eq!(robot["properties"]["wheel_radius_m"]["default"], 0.06);
-    assert_eq!(robot["properties"]["wheel_radius_m"]["exclusiveMinimum"], 0.0);
+    let radius = &robot["properties"]["wheel_radius_m"];
+    assert_eq!((&radius["minimum"], &radius["maximum"]), (&1e-3.into(), &10.0.into()));
+    assert!(radius["description"].as_str().unwrap().contains("default 0.06"), "{radius}");
     assert!(robot["required"].as_array().is_none_or(Vec::is_empty), "all fields have defaults");
     let grid = &document["components"]["schemas"]["SolveGrid"]["properties"]["steps"];
-    assert_eq!((&grid["minimum"], &grid["maximum"]), (&1.0.into(), &10_000.into()));
+    assert_eq!((&grid["minimum"], &grid["maximum"]), (&1.into(), &10_000.into()));
 }
 
 #[tokio::test]
@@ -63,4 +64,31 @@ async fn page_of_the_documentation_loads_nothing_from_elsewhere() {
     assert_eq!((page.status, page.header("content-type")), (200, "text/html; charset=utf-8"));
     assert!(!page.text().contains("http://") && !page.text().contains("https://"));
     assert!(page.header("content-security-policy").starts_with("default-src 'none'"));
+}
+
+#[tokio::test]
+async fn every_field_has_a_meaning_and_none_a_default() {
+    let document = TestServer::start(4, instant_solver()).await.get("/openapi.json").await.json();
+    let schemas = document["components"]["schemas"].as_object().unwrap();
+    for (name, schema) in schemas {
+        assert!(!schema["description"].as_str().unwrap_or_default().is_empty(), "{name} has no meaning");
+        for (field, property) in schema["properties"].as_object().into_iter().flatten() {
+            // Of what may be null, beside the reference.
+            let meaning = property["description"].as_str().or_else(|| property["oneOf"][0]["description"].as_str());
+            assert!(meaning.is_some_and(|text| !text.is_empty()), "{name}.{field} has no meaning: {property}");
+            // Generators turn it into a field that callers must send.
+            assert!(property.get("default").is_none(), "{name}.{field} has a default: {property}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn keys_are_asked_for_where_they_are_checked() {
+    let document = TestServer::start(4, instant_solver()).await.get("/openapi.json").await.json();
+    for (path, operations) in document["paths"].as_object().unwrap() {
+        for operation in operations.as_object().unwrap().values() {
+            let is_probe = ["/livez", "/readyz", "/metrics"].contains(&path.as_str());
+            assert_eq!(operation["responses"].get("401").is_none(), is_probe, "{path}");
+        }
+    }
 }

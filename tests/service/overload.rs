@@ -10,7 +10,7 @@ use std::time::Duration;
 use slipdrive::api::ApiSettings;
 use slipdrive::api::server::ServerSettings;
 use slipdrive::service::ServiceSettings;
-use slipdrive::service::domain::SolveInput;
+use slipdrive::solver::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::time::timeout;

@@ -9,7 +9,6 @@ use slipdrive::api::grpc::pb::{
 use tonic::transport::{Channel, Endpoint};
 
 use super::requests::{COASTING_S, COASTING_STEPS, Request};
-use crate::protobuf::solve_request;
 use crate::values::digest;
 
 /// Asks over gRPC.
@@ -24,7 +23,7 @@ impl GrpcCaller {
     /// Asks for a plan and for the motion under its torques: the digests of both.
     pub(super) async fn ask(&self, request: &Request) -> Result<[String; 2]> {
         let mut client = self.0.clone();
-        let asked = solve_request(&request.body);
+        let asked: SolveRequest = serde_json::from_value(request.body.clone())?;
         let plan = client.solve(asked.clone()).await?.into_inner();
         let motion = client.simulate(motion_of(request, asked, &plan)?).await?.into_inner();
         Ok([digest(comparable(plan)?.encode_to_vec()), digest(motion.encode_to_vec())])

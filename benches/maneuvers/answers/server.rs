@@ -1,4 +1,4 @@
-//! A server of the crate with both doors on loopback sockets.
+//! A server of the crate with both transports on loopback sockets.
 
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -6,17 +6,18 @@ use std::sync::Arc;
 use anyhow::Result;
 use axum::Router;
 use slipdrive::api::server::{ServerSettings, serve};
-use slipdrive::api::{ApiSettings, grpc, rest};
-use slipdrive::service::{InProcessSolver, Service, ServiceSettings};
+use slipdrive::api::{ApiSettings, ApiState, grpc, rest};
+use slipdrive::jobs::{InProcessSolver, Jobs, Limits};
+use slipdrive::service::{Service, ServiceSettings};
 use tokio::net::TcpListener;
 
 use super::grpc::GrpcCaller;
 use super::rest::RestCaller;
 
-/// One for each door.
+/// One for each transport.
 const WORKERS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
 
-/// A caller at each door of a running server.
+/// A caller over each transport of a running server.
 pub(super) struct Server {
     pub(super) rest: RestCaller,
     pub(super) grpc: GrpcCaller,
@@ -26,10 +27,12 @@ impl Server {
     /// Starts a server, which runs as long as the runtime.
     pub(super) async fn start() -> Result<Self> {
         let settings = ServiceSettings { workers: WORKERS, ..ServiceSettings::default() };
-        let service = Arc::new(Service::start(settings, Arc::new(InProcessSolver))?);
-        let (router, _health) = grpc::router(Arc::clone(&service), ApiSettings::default()).await;
+        let service = Arc::new(Service::start(settings)?);
+        let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
+        let state = ApiState::new(service, jobs, ApiSettings::default());
+        let (router, _health) = grpc::router(&state).await;
         let grpc = GrpcCaller::connect(listen(router).await?).await?;
-        let rest = RestCaller::new(listen(rest::router(service, ApiSettings::default())).await?)?;
+        let rest = RestCaller::new(listen(rest::router(&state)).await?)?;
         Ok(Self { rest, grpc })
     }
 }

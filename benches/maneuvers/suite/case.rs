@@ -9,9 +9,12 @@ use std::fs;
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
-use slipdrive::api::rest::{AcceptedSolve, Problem, read_simulate, read_solve};
-use slipdrive::service::Limits;
-use slipdrive::service::domain::{State, TorqueSchedule};
+use slipdrive::contract::Problem;
+use slipdrive::jobs::simulate::Simulate;
+use slipdrive::jobs::solve::{AcceptedSolve, Solve};
+use slipdrive::jobs::{Kind as _, Limits};
+use slipdrive::robot::State;
+use slipdrive::simulation::TorqueSchedule;
 use slipdrive::solver::{Simulation, simulate};
 
 use super::{CONTROL_COUNT, STEP_COUNT, path_of};
@@ -72,7 +75,7 @@ impl Case {
     /// # Errors
     /// What the service would answer to a bad request.
     pub(crate) fn new(name: String, body: Value) -> Result<Self> {
-        let accepted = read_solve(&serde_json::to_vec(&body)?, &Limits::default()).map_err(|e| refusal(&name, &e))?;
+        let accepted = Solve::read(&serde_json::to_vec(&body)?, &Limits::default()).map_err(|e| refusal(&name, &e))?;
         Ok(Self { name, body, accepted })
     }
 
@@ -82,7 +85,7 @@ impl Case {
     /// What the service would answer to a bad request.
     pub(crate) fn simulated_over_the_wire(&self, torque_schedule: &Value, step_count: usize) -> Result<Simulation> {
         let body = simulate_body(&self.body, torque_schedule, step_count as u64);
-        let input = read_simulate(&serde_json::to_vec(&body)?, &Limits::default());
+        let input = Simulate::read(&serde_json::to_vec(&body)?, &Limits::default());
         Ok(simulate(&input.map_err(|problem| refusal(&self.name, &problem))?))
     }
 

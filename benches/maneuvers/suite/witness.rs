@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, ensure};
 use serde::{Deserialize, Serialize};
-use slipdrive::service::domain::TorqueSchedule;
+use slipdrive::simulation::TorqueSchedule;
 
 use super::{CONTROL_COUNT, Case, GOAL_TOLERANCE, path_of, reading};
 

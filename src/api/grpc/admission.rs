@@ -1,7 +1,7 @@
 //! The checks before a call is read, in the order of the contract: key, path, readiness, type and size, queue room.
 //!
 //! The message of a unary call is received here, within the limit and in time, so that a full queue refuses before
-//! anything is parsed and a slow sender holds no place in the queue.
+//! anything is parsed and a slow sender holds no permit.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -12,11 +12,11 @@ use axum::http::{HeaderMap, Method, header};
 use http_body_util::{BodyExt as _, LengthLimitError, Limited};
 use tokio::time::timeout;
 
-use crate::api::Door;
 use crate::api::access::{Notes, RequestContext};
-use crate::api::error_table::ErrorCode;
-use crate::api::problem::Problem;
-use crate::service::Place;
+use crate::api::{ApiState, CAUSE_IS_LOGGED};
+use crate::contract::{ErrorCode, Problem};
+use crate::jobs::{Jobs, Kind, Visitor};
+use crate::service::Permit;
 
 const MANEUVER_SERVICE: &str = "/slipdrive.v1.ManeuverService/";
 const HEALTH_SERVICE: &str = "/grpc.health.v1.Health/";
@@ -29,27 +29,27 @@ const FRAME_HEAD_BYTES: usize = 5;
 pub(super) struct Call {
     /// The id for errors and logs.
     pub(super) request_id: String,
-    /// What its line in the log tells of its jobs.
+    /// What its line in the log says of its jobs.
     pub(super) notes: Notes,
     /// When the caller needs the answer.
     pub(super) deadline: Option<Instant>,
-    /// The place in the queue, until it is taken.
-    place: Arc<Mutex<Option<Place>>>,
+    /// The permit to queue its job, until it is taken.
+    permit: Arc<Mutex<Option<Permit>>>,
 }
 
 impl Call {
-    /// The reserved place; given once.
-    pub(super) fn take_place(&self) -> Result<Place, Problem> {
-        let place = self.place.lock().unwrap_or_else(PoisonError::into_inner).take();
-        place.ok_or_else(|| Problem::new(ErrorCode::Internal, "the log holds the cause"))
+    /// The reserved permit; given once.
+    pub(super) fn take_permit(&self) -> Result<Permit, Problem> {
+        let permit = self.permit.lock().unwrap_or_else(PoisonError::into_inner).take();
+        permit.ok_or_else(|| Problem::new(ErrorCode::Internal, CAUSE_IS_LOGGED))
     }
 }
 
 /// What a method needs before it is called.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Needs {
-    /// One message and a place in the queue.
-    MessageAndPlace,
+pub(super) enum Needs {
+    /// One message and a permit to queue a job.
+    MessageAndPermit,
     /// One message.
     Message,
     /// One message, also while the server ends.
@@ -58,31 +58,44 @@ enum Needs {
     Stream,
 }
 
-/// The method for the counts: a word of this server, whatever the caller asks.
-pub(super) fn method_of(path: &str) -> &'static str {
-    const METHODS: [&str; 6] = ["Solve", "SolveStream", "SolveBatch", "Simulate", "Validate", "GetLimits"];
-    let method = path.strip_prefix(MANEUVER_SERVICE).unwrap_or_default();
-    match METHODS.iter().find(|known| **known == method) {
-        Some(known) => known,
-        None if path.starts_with(HEALTH_SERVICE) => "health",
-        None if path.starts_with(REFLECTION_SERVICE) => "reflection",
-        None => "other",
+/// What each method needs: those of jobs, and those that wait for no worker.
+#[derive(Default)]
+pub(super) struct Methods(Vec<(&'static str, Needs)>);
+
+impl Visitor for Methods {
+    fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
+        self.0.extend(K::METHODS.iter().map(|method| (*method, Needs::MessageAndPermit)));
     }
 }
 
-fn needs_of(path: &str) -> Option<Needs> {
-    match path.strip_prefix(MANEUVER_SERVICE)? {
-        "Solve" | "SolveStream" | "Simulate" => Some(Needs::MessageAndPlace),
-        "Validate" => Some(Needs::Message),
-        "GetLimits" => Some(Needs::MessageAtAnyTime),
-        "SolveBatch" => Some(Needs::Stream),
-        _ => None,
+impl Methods {
+    pub(super) fn of(jobs: &Jobs) -> Self {
+        let [validate, limits] = [("Validate", Needs::Message), ("GetLimits", Needs::MessageAtAnyTime)];
+        let streams = ["SolveBatch", "Batch"].map(|method| (method, Needs::Stream));
+        let mut methods = Self([validate, limits].into_iter().chain(streams).collect());
+        jobs.each(&mut methods);
+        methods
     }
-}
 
-/// Whether the path is a method of the service.
-pub(super) fn is_call(path: &str) -> bool {
-    needs_of(path).is_some()
+    fn find(&self, path: &str) -> Option<(&'static str, Needs)> {
+        let method = path.strip_prefix(MANEUVER_SERVICE)?;
+        self.0.iter().find(|(known, _)| *known == method).copied()
+    }
+
+    /// Whether the path is a method of the service.
+    pub(super) fn has(&self, path: &str) -> bool {
+        self.find(path).is_some()
+    }
+
+    /// The method for the counts: a word of this server, whatever the caller asks.
+    pub(super) fn label(&self, path: &str) -> &'static str {
+        match self.find(path) {
+            Some((known, _)) => known,
+            None if path.starts_with(HEALTH_SERVICE) => "health",
+            None if path.starts_with(REFLECTION_SERVICE) => "reflection",
+            None => "other",
+        }
+    }
 }
 
 /// Whether the path belongs to another service, which speaks for itself.
@@ -94,32 +107,37 @@ pub(super) fn is_foreign(path: &str) -> bool {
 ///
 /// # Errors
 /// The first check that it does not pass.
-pub(super) async fn admit(door: &Door, request: Request, context: &RequestContext) -> Result<Request, Problem> {
+pub(super) async fn admit(
+    state: &ApiState,
+    methods: &Methods,
+    request: Request,
+    context: &RequestContext,
+) -> Result<Request, Problem> {
     let path = request.uri().path();
-    if !path.starts_with(HEALTH_SERVICE) && !door.settings.keys.admit(request.headers()) {
+    if !path.starts_with(HEALTH_SERVICE) && !state.settings.keys.admit(request.headers()) {
         let detail = "the API key is missing or wrong: send the metadata `authorization: Bearer KEY`";
         return Err(Problem::new(ErrorCode::Unauthenticated, detail));
     }
-    let Some(needs) = needs_of(path) else { return Ok(request) };
+    let Some((_, needs)) = methods.find(path) else { return Ok(request) };
     if request.method() != Method::POST {
         let detail = format!("`{path}` does not take {}, allowed: POST", request.method());
         return Err(Problem::new(ErrorCode::MethodNotAllowed, detail));
     }
     if needs != Needs::MessageAtAnyTime {
-        door.service.check_open()?;
+        state.service.check_open()?;
     }
     check_media_type(request.headers())?;
     let deadline = deadline(request.headers(), context.arrival)?;
     let (mut head, body) = request.into_parts();
     let body = match needs {
         Needs::Stream => body,
-        Needs::MessageAndPlace | Needs::Message | Needs::MessageAtAnyTime => {
-            receive(body, door.service.limits().max_body_bytes, door.settings.body_timeout).await?
+        Needs::MessageAndPermit | Needs::Message | Needs::MessageAtAnyTime => {
+            receive(body, state.jobs.limits().max_body_bytes, state.settings.body_timeout).await?
         }
     };
-    let place = if needs == Needs::MessageAndPlace { Some(door.service.reserve()?) } else { None };
+    let permit = if needs == Needs::MessageAndPermit { Some(state.service.reserve()?) } else { None };
     let (request_id, notes) = (context.request_id.clone(), context.notes.clone());
-    head.extensions.insert(Call { request_id, notes, deadline, place: Arc::new(Mutex::new(place)) });
+    head.extensions.insert(Call { request_id, notes, deadline, permit: Arc::new(Mutex::new(permit)) });
     Ok(Request::from_parts(head, body))
 }
 
@@ -141,15 +159,17 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
     }
 }
 
-async fn receive(body: Body, limit: usize, patience: Duration) -> Result<Body, Problem> {
-    let collected = timeout(patience, Limited::new(body, limit + FRAME_HEAD_BYTES).collect()).await;
+async fn receive(body: Body, limit: usize, body_timeout: Duration) -> Result<Body, Problem> {
+    let collected = timeout(body_timeout, Limited::new(body, limit + FRAME_HEAD_BYTES).collect()).await;
     match collected {
         Ok(Ok(collected)) => Ok(Body::from(collected.to_bytes())),
         Ok(Err(error)) if error.is::<LengthLimitError>() => Err(Problem::body_too_large(limit)),
         Ok(Err(error)) => {
             Err(Problem::new(ErrorCode::MalformedBody, format!("the message ended before it was complete: {error}")))
         }
-        Err(_) => Err(Problem::new(ErrorCode::BodyTimeout, format!("the message was not complete after {patience:?}"))),
+        Err(_) => {
+            Err(Problem::new(ErrorCode::BodyTimeout, format!("the message was not complete after {body_timeout:?}")))
+        }
     }
 }
 
@@ -184,23 +204,26 @@ fn parse_timeout(text: &str) -> Option<Duration> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::jobs::{InProcessSolver, Limits};
+    use crate::metrics::Metrics;
 
     #[test]
     fn every_call_counts_under_its_own_name() {
-        for method in ["Solve", "SolveStream", "SolveBatch", "Simulate", "Validate", "GetLimits"] {
+        let methods = Methods::of(&Jobs::new(Limits::default(), Arc::new(InProcessSolver), &Metrics::new()));
+        for method in ["Solve", "SolveStream", "SolveBatch", "Batch", "Simulate", "Validate", "GetLimits"] {
             let path = format!("{MANEUVER_SERVICE}{method}");
-            assert!(is_call(&path) && method_of(&path) == method, "{method}");
+            assert!(methods.has(&path) && methods.label(&path) == method, "{method}");
         }
-        assert_eq!(method_of("/grpc.health.v1.Health/Check"), "health");
-        assert_eq!(method_of("/slipdrive.v1.ManeuverService/Nothing"), "other");
+        assert_eq!(methods.label("/grpc.health.v1.Health/Check"), "health");
+        assert_eq!(methods.label("/slipdrive.v1.ManeuverService/Nothing"), "other");
     }
 
     #[test]
     fn timeouts_have_digits_and_a_unit() {
         assert_eq!(parse_timeout("250m"), Some(Duration::from_millis(250)));
         assert_eq!(parse_timeout("99999999H"), Some(Duration::from_secs(99_999_999 * 3600)));
-        for odd in ["", "m", "1", "-1S", "123456789S", "1s", "1é"] {
-            assert_eq!(parse_timeout(odd), None, "{odd}");
+        for invalid in ["", "m", "1", "-1S", "123456789S", "1s", "1é"] {
+            assert_eq!(parse_timeout(invalid), None, "{invalid}");
         }
     }
 }

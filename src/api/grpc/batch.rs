@@ -1,41 +1,45 @@
-//! A batch: many solves over one stream, each answered as it ends.
+//! A batch: many jobs over one stream, each answered as it ends.
 //!
 //! The state lives in the answer stream and moves only when the transport asks for the next answer. So a caller who does
 //! not read is not read from either, at most `batch_window` items are held, and a caller who leaves drops them all.
 
 use std::collections::HashSet;
 use std::future::pending;
-use std::pin::Pin;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use futures_util::stream::{FuturesUnordered, Stream, StreamExt as _, unfold};
-use tokio::time::{sleep_until, timeout_at};
+use futures_util::future::BoxFuture;
+use futures_util::stream::{BoxStream, FuturesUnordered, Stream, StreamExt as _, TryStreamExt as _, unfold};
+use tokio::time::sleep_until;
 use tonic::{Status, Streaming};
 use tracing::{Instrument as _, Span};
 
 use super::admission::Call;
-use super::handlers::start;
-use super::pb::solve_batch_response::Answer;
-use super::{border, convert_request, pb, status};
-use crate::api::Door;
-use crate::api::error_table::ErrorCode;
-use crate::api::problem::Problem;
+use super::pb::batch_request::Request;
+use super::pb::batch_response::Answer;
+use super::{middleware, pb, status};
+use crate::api::ApiState;
+use crate::contract::convert::required;
+use crate::contract::{ErrorCode, Problem};
+use crate::rules::{Checks, Rule};
 use crate::service::ServiceError;
 
-/// Longest id of an item, bytes.
-const MAX_REQUEST_ID: usize = 128;
+/// Length of the id of an item, bytes.
+const REQUEST_ID_RULE: Rule = Rule::between(1.0, 128.0, "bytes long");
+const TIMEOUT_RULE: Rule = Rule::at_least(1.0, "ms");
 
-type Running = Pin<Box<dyn Future<Output = pb::SolveBatchResponse> + Send>>;
+/// Gives the answer to one item, by its kind.
+pub(super) type Dispatch = for<'a> fn(&'a ApiState, Request, &'a Call) -> BoxFuture<'a, Result<Answer, Problem>>;
 
 /// One batch under way.
 pub(super) struct Batch {
-    door: Door,
+    state: ApiState,
     call: Call,
+    dispatch: Dispatch,
     /// The span of the call, for the spans of its items.
     span: Span,
     /// None once nothing more is read.
-    inbound: Option<Streaming<pb::SolveBatchRequest>>,
-    running: FuturesUnordered<Running>,
+    inbound: Option<BoxStream<'static, Result<pb::BatchRequest, Status>>>,
+    running: FuturesUnordered<BoxFuture<'static, pb::BatchResponse>>,
     /// Ids of the unanswered items.
     unanswered: HashSet<String>,
     /// What the stream ends with once all items are answered; none for success.
@@ -43,13 +47,20 @@ pub(super) struct Batch {
 }
 
 impl Batch {
-    pub(super) fn new(door: Door, call: Call, inbound: Streaming<pb::SolveBatchRequest>) -> Self {
+    /// A batch of these items, which may be those of an older call.
+    pub(super) fn new<T: Into<pb::BatchRequest> + Send + 'static>(
+        state: ApiState,
+        call: Call,
+        inbound: Streaming<T>,
+        dispatch: Dispatch,
+    ) -> Self {
         let (running, unanswered) = (FuturesUnordered::new(), HashSet::new());
-        Self { door, call, span: Span::current(), inbound: Some(inbound), running, unanswered, end: None }
+        let inbound = Some(inbound.map_ok(Into::into).boxed());
+        Self { state, call, dispatch, span: Span::current(), inbound, running, unanswered, end: None }
     }
 
     /// All answers; the last is an error if the batch was ended before its caller ended it.
-    pub(super) fn into_answers(self) -> impl Stream<Item = Result<pb::SolveBatchResponse, Status>> + Send {
+    pub(super) fn into_answers(self) -> impl Stream<Item = Result<pb::BatchResponse, Status>> + Send {
         unfold(Some(self), |batch| async move {
             let mut batch = batch?;
             if let Some(answer) = batch.next_answer().await {
@@ -61,16 +72,16 @@ impl Batch {
     }
 
     /// The next answer; none when nothing more is read and all items are answered.
-    async fn next_answer(&mut self) -> Option<pb::SolveBatchResponse> {
+    async fn next_answer(&mut self) -> Option<pb::BatchResponse> {
         loop {
-            let has_room = self.running.len() < self.door.settings.batch_window.get();
-            let (service, deadline) = (&self.door.service, self.call.deadline);
+            let may_read = self.running.len() < self.state.settings.batch_window.get();
+            let (service, deadline) = (&self.state.service, self.call.deadline);
             tokio::select! {
                 Some(answer) = self.running.next(), if !self.running.is_empty() => {
                     self.unanswered.remove(&answer.request_id);
                     return Some(answer);
                 }
-                item = next_item(&mut self.inbound), if has_room && self.inbound.is_some() => match item {
+                item = next_item(&mut self.inbound), if may_read && self.inbound.is_some() => match item {
                     Ok(Some(item)) => {
                         if let Some(refused) = self.take(item) {
                             return Some(refused);
@@ -78,12 +89,12 @@ impl Batch {
                     }
                     Ok(None) => self.inbound = None,
                     Err(status) => {
-                        let limit = self.door.service.limits().max_body_bytes;
-                        self.end_with(border::of_framework(&status, "", limit));
+                        let limit = self.state.jobs.limits().max_body_bytes;
+                        self.end_with(middleware::of_framework(&status, false, "", limit));
                     }
                 },
                 () = service.closed(), if self.inbound.is_some() => {
-                    let unavailable = self.door.service.check_open().err();
+                    let unavailable = self.state.service.check_open().err();
                     self.end_with(unavailable.map_or_else(|| Problem::new(ErrorCode::Unavailable, ""), Problem::from));
                 }
                 () = passed(deadline), if self.inbound.is_some() => {
@@ -100,40 +111,45 @@ impl Batch {
     }
 
     /// Starts an item, or answers it at once.
-    fn take(&mut self, item: pb::SolveBatchRequest) -> Option<pb::SolveBatchResponse> {
-        let (request_id, message) = convert_request::batch_item(item);
-        if let Err(problem) = self.check_id(&request_id) {
-            return Some(refused(&self.door, request_id, &problem));
-        }
+    fn take(&mut self, item: pb::BatchRequest) -> Option<pb::BatchResponse> {
+        let pb::BatchRequest { request_id, timeout_ms, request } = item;
+        let checked = self.check(&request_id, timeout_ms).and_then(|()| required(request, "request"));
+        let request = match checked {
+            Ok(request) => request,
+            Err(problem) => return Some(refused(&self.state, request_id, &problem)),
+        };
         self.unanswered.insert(request_id.clone());
-        let (door, call) = (self.door.clone(), self.call.clone());
+        let (state, mut call, dispatch) = (self.state.clone(), self.call.clone(), self.dispatch);
+        let item_deadline =
+            timeout_ms.and_then(|timeout| Instant::now().checked_add(Duration::from_millis(timeout.into())));
+        call.deadline = item_deadline.into_iter().chain(call.deadline).min();
         let answered = async move {
-            match solve(&door, message, &call).await {
-                Ok(solution) => pb::SolveBatchResponse { request_id, answer: Some(Answer::Solution(solution)) },
-                Err(problem) => refused(&door, request_id, &problem),
+            match dispatch(&state, request, &call).await {
+                Ok(answer) => pb::BatchResponse { request_id, answer: Some(answer) },
+                Err(problem) => refused(&state, request_id, &problem),
             }
         };
         self.running.push(Box::pin(answered.instrument(self.span.clone())));
         None
     }
 
-    fn check_id(&self, request_id: &str) -> Result<(), Problem> {
-        let rule = if !(1..=MAX_REQUEST_ID).contains(&request_id.len()) {
-            format!("`request_id` is {} bytes long, must be 1 to {MAX_REQUEST_ID}", request_id.len())
-        } else if self.unanswered.contains(request_id) {
-            format!("`request_id` is \"{request_id}\", must be unique among the unanswered items")
-        } else {
-            return Ok(());
-        };
-        Err(Problem::at_field(ErrorCode::InvalidValue, "#/request_id".to_owned(), rule))
+    fn check(&self, request_id: &str, timeout_ms: Option<u32>) -> Result<(), Problem> {
+        let mut checks = Checks::new();
+        checks.bounds("request_id", request_id.len() as f64, &REQUEST_ID_RULE);
+        let is_new = !self.unanswered.contains(request_id);
+        checks.require("request_id", format!("\"{request_id}\""), is_new, "unique among the unanswered items", None);
+        if let Some(timeout) = timeout_ms {
+            checks.bounds("timeout_ms", timeout.into(), &TIMEOUT_RULE);
+        }
+        Ok(checks.finish()?)
     }
 }
 
 async fn next_item(
-    inbound: &mut Option<Streaming<pb::SolveBatchRequest>>,
-) -> Result<Option<pb::SolveBatchRequest>, Status> {
+    inbound: &mut Option<BoxStream<'static, Result<pb::BatchRequest, Status>>>,
+) -> Result<Option<pb::BatchRequest>, Status> {
     match inbound {
-        Some(inbound) => inbound.message().await,
+        Some(inbound) => inbound.try_next().await,
         None => Ok(None),
     }
 }
@@ -145,21 +161,31 @@ async fn passed(deadline: Option<Instant>) {
     }
 }
 
-/// Waits for a place, where single callers would be refused; the last quarter of the queue stays theirs.
-async fn solve(door: &Door, message: pb::SolveRequest, call: &Call) -> Result<pb::Solution, Problem> {
-    let accepted = door.accept(message)?;
-    let place = match call.deadline {
-        Some(deadline) => timeout_at(deadline.into(), door.service.reserve_for_batch())
-            .await
-            .unwrap_or(Err(ServiceError::DeadlineExceeded))?,
-        None => door.service.reserve_for_batch().await?,
-    };
-    Ok(start(place, accepted, call)?.outcome().await?)
+/// The answer to an item without a plan: the status that a single call would get.
+fn refused(state: &ApiState, request_id: String, problem: &Problem) -> pb::BatchResponse {
+    state.service.metrics().rejected(problem.code().entry().code);
+    let error = status::as_message(&status::of_problem(problem, &request_id));
+    pb::BatchResponse { request_id, answer: Some(Answer::Error(error)) }
 }
 
-/// The answer to an item without a plan: the status that a single call would get.
-fn refused(door: &Door, request_id: String, problem: &Problem) -> pb::SolveBatchResponse {
-    door.service.metrics().rejected(problem.code().entry().code);
-    let error = status::as_message(&status::of_problem(problem, &request_id));
-    pb::SolveBatchResponse { request_id, answer: Some(Answer::Error(error)) }
+impl From<pb::SolveBatchRequest> for pb::BatchRequest {
+    fn from(item: pb::SolveBatchRequest) -> Self {
+        let pb::SolveBatchRequest { robot, maneuver, grid, solver, initial_guess, view, request_id } = item;
+        let solve = pb::SolveRequest { robot, maneuver, grid, solver, initial_guess, view };
+        Self { request_id, timeout_ms: None, request: Some(Request::Solve(solve)) }
+    }
+}
+
+impl From<pb::BatchResponse> for pb::SolveBatchResponse {
+    fn from(answer: pb::BatchResponse) -> Self {
+        use pb::solve_batch_response::Answer as OfSolve;
+        let pb::BatchResponse { request_id, answer } = answer;
+        let answer = match answer {
+            Some(Answer::Solve(solution)) => Some(OfSolve::Solution(solution)),
+            Some(Answer::Error(error)) => Some(OfSolve::Error(error)),
+            // Items of this call are solves.
+            Some(_) | None => None,
+        };
+        Self { request_id, answer }
+    }
 }

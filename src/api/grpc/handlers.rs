@@ -2,153 +2,132 @@
 //!
 //! What comes before the message is read is decided in [`super::admission`]; here come syntax, values and deadline.
 
-use std::pin::Pin;
+use std::sync::Arc;
 
-use futures_util::stream::{Stream, unfold};
+use futures_util::future::{BoxFuture, FutureExt as _};
+use futures_util::stream::{BoxStream, StreamExt as _, TryStreamExt as _};
 use tonic::{Request, Response, Status, Streaming};
 
 use super::admission::Call;
 use super::batch::Batch;
+use super::calls::{answer_of, start};
+use super::pb::batch_request::Request as Item;
+use super::pb::batch_response::Answer as ItemAnswer;
 use super::pb::maneuver_service_server::ManeuverService;
-use super::pb::solve_stream_response::Event;
-use super::{convert_request, convert_response, pb, status};
-use crate::api::Door;
-use crate::api::error_table::ErrorCode;
-use crate::api::message::accept::{AcceptedSolve, accept_simulate, accept_solve};
-use crate::api::message::answer::{simulate_message, solve_message};
-use crate::api::message::limits::LimitsMessage;
-use crate::api::message::response::ProgressEvent;
-use crate::api::problem::Problem;
-use crate::service::{Place, RunningSolve, Simulated, SolveClocks, SolveEvent};
+use super::pb::solve_stream_response::Event as SolveEvent;
+use super::{pb, status};
+use crate::api::{ApiState, CAUSE_IS_LOGGED};
+use crate::contract::convert::count;
+use crate::contract::{ErrorCode, Problem};
+use crate::jobs::solve::{Solve, validated};
+use crate::jobs::{Kind, limits_message};
+use crate::service::{Event, Job, Running};
 
-/// The calls over one service.
-pub(super) struct Handlers(pub(super) Door);
+/// The calls of one server.
+pub(super) struct Handlers(pub(super) ApiState);
 
-impl Door {
-    /// The message, completed and checked.
-    pub(super) fn accept(&self, message: pb::SolveRequest) -> Result<AcceptedSolve, Problem> {
-        accept_solve(convert_request::solve(message)?, self.service.limits())
-    }
-}
-
-/// Queues an accepted solve; its answer is written on the worker.
-pub(super) fn start(place: Place, accepted: AcceptedSolve, call: &Call) -> Result<RunningSolve<pb::Solution>, Problem> {
-    let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: call.deadline };
-    let notes = call.notes.clone();
-    let running = place.start_solve(accepted.input.clone(), clocks, move |solved| {
-        notes.job(solved.queue_wait, solved.solve_time);
-        convert_response::solution(solve_message(&accepted, &solved))
-    });
-    Ok(running?)
-}
-
-/// The call's id, deadline and place, as its admission left them.
-fn call_of<T>(request: &Request<T>) -> Result<Call, Status> {
-    let call = request.extensions().get::<Call>().cloned();
-    call.ok_or_else(|| status::of_problem(&Problem::new(ErrorCode::Internal, "the log holds the cause"), ""))
-}
+type Answers<T> = BoxStream<'static, Result<T, Status>>;
 
 #[tonic::async_trait]
 impl ManeuverService for Handlers {
-    /// When the caller leaves, the server drops this future, which stops the solve.
+    type BatchStream = Answers<pb::BatchResponse>;
+    type SolveBatchStream = Answers<pb::SolveBatchResponse>;
+    type SolveStreamStream = Answers<pb::SolveStreamResponse>;
+
     async fn solve(&self, request: Request<pb::SolveRequest>) -> Result<Response<pb::SolveResponse>, Status> {
-        let call = call_of(&request)?;
-        let solution = async {
-            let accepted = self.0.accept(request.into_inner())?;
-            Ok(start(call.take_place()?, accepted, &call)?.outcome().await?)
-        };
-        let solution = solution.await.map_err(|problem| status::of_problem(&problem, &call.request_id))?;
-        Ok(Response::new(pb::SolveResponse { solution: Some(solution) }))
+        let solution = Some(self.unary(&self.0.jobs.solve, request).await?);
+        Ok(Response::new(pb::SolveResponse { solution }))
     }
 
-    type SolveStreamStream = Pin<Box<dyn Stream<Item = Result<pb::SolveStreamResponse, Status>> + Send>>;
-
-    /// When the caller leaves, the server drops the stream, which stops the solve.
     async fn solve_stream(
         &self,
-        request: Request<pb::SolveStreamRequest>,
+        request: Request<pb::SolveRequest>,
     ) -> Result<Response<Self::SolveStreamStream>, Status> {
-        let call = call_of(&request)?;
-        let started = || {
-            let accepted = self.0.accept(request.into_inner().into())?;
-            start(call.take_place()?, accepted, &call)
-        };
-        let running = started().map_err(|problem| status::of_problem(&problem, &call.request_id))?;
-        Ok(Response::new(Box::pin(events_of(running, call.request_id))))
+        let (running, call) = self.started(&self.0.jobs.solve, request)?;
+        // When the caller leaves, the server drops the stream, which stops the job.
+        let events = running.events().map(move |event| {
+            let event = match event {
+                Event::Queued(position) => SolveEvent::Queued(pb::Queued { position: count(position) }),
+                Event::Progress(progress) => SolveEvent::Progress(progress.into()),
+                Event::Ended(Ok(solution)) => SolveEvent::Solution(solution),
+                Event::Ended(Err(error)) => return Err(status::of_problem(&error.into(), &call.request_id)),
+            };
+            Ok(pb::SolveStreamResponse { event: Some(event) })
+        });
+        Ok(Response::new(events.boxed()))
     }
-
-    type SolveBatchStream = Pin<Box<dyn Stream<Item = Result<pb::SolveBatchResponse, Status>> + Send>>;
 
     async fn solve_batch(
         &self,
         request: Request<Streaming<pb::SolveBatchRequest>>,
     ) -> Result<Response<Self::SolveBatchStream>, Status> {
-        let call = call_of(&request)?;
-        let batch = Batch::new(self.0.clone(), call, request.into_inner());
-        Ok(Response::new(Box::pin(batch.into_answers())))
+        let batch = Batch::new(self.0.clone(), call_of(&request)?, request.into_inner(), answer_to);
+        Ok(Response::new(batch.into_answers().map_ok(Into::into).boxed()))
+    }
+
+    async fn batch(
+        &self,
+        request: Request<Streaming<pb::BatchRequest>>,
+    ) -> Result<Response<Self::BatchStream>, Status> {
+        let batch = Batch::new(self.0.clone(), call_of(&request)?, request.into_inner(), answer_to);
+        Ok(Response::new(batch.into_answers().boxed()))
     }
 
     async fn simulate(&self, request: Request<pb::SimulateRequest>) -> Result<Response<pb::SimulateResponse>, Status> {
-        let call = call_of(&request)?;
-        let simulation = async {
-            let input = accept_simulate(convert_request::simulate(request.into_inner())?, self.0.service.limits())?;
-            let notes = call.notes.clone();
-            let write = move |simulated: Simulated| {
-                notes.job(simulated.queue_wait, simulated.duration);
-                convert_response::simulation(simulate_message(&simulated))
-            };
-            Ok(call.take_place()?.simulate(input, call.deadline, write).await?)
-        };
-        let simulation: Result<_, Problem> = simulation.await;
-        simulation.map(Response::new).map_err(|problem| status::of_problem(&problem, &call.request_id))
+        self.unary(&self.0.jobs.simulate, request).await.map(Response::new)
     }
 
-    async fn validate(&self, request: Request<pb::ValidateRequest>) -> Result<Response<pb::ValidateResponse>, Status> {
+    async fn validate(&self, request: Request<pb::SolveRequest>) -> Result<Response<pb::ValidateResponse>, Status> {
         let call = call_of(&request)?;
-        let accepted = self.0.accept(request.into_inner().into());
+        let accepted = Solve::accept(request.into_inner(), self.0.jobs.limits());
         let accepted = accepted.map_err(|problem| status::of_problem(&problem, &call.request_id))?;
-        Ok(Response::new(convert_response::validated(accepted)))
+        Ok(Response::new(validated(accepted)))
     }
 
     async fn get_limits(
         &self,
         _request: Request<pb::GetLimitsRequest>,
     ) -> Result<Response<pb::GetLimitsResponse>, Status> {
-        let Door { service, settings } = &self.0;
-        let message = LimitsMessage::new(service.settings(), settings.batch_window.get());
-        Ok(Response::new(convert_response::limits(message)))
+        let ApiState { service, jobs, settings, .. } = &self.0;
+        Ok(Response::new(limits_message(jobs, service.settings(), settings.batch_window.get())))
     }
 }
 
-/// What is to be told next of a streamed solve.
-enum Stage {
-    Queued(RunningSolve<pb::Solution>),
-    Running(RunningSolve<pb::Solution>),
-    Ended,
+/// The answer to one item of a batch, by its kind.
+fn answer_to<'a>(state: &'a ApiState, item: Item, call: &'a Call) -> BoxFuture<'a, Result<ItemAnswer, Problem>> {
+    let jobs = &state.jobs;
+    let answer = async move {
+        match item {
+            Item::Solve(request) => answer_of(&jobs.solve, state, request, call).await.map(ItemAnswer::Solve),
+            Item::Simulate(request) => answer_of(&jobs.simulate, state, request, call).await.map(ItemAnswer::Simulate),
+        }
+    };
+    answer.boxed()
 }
 
-fn events_of(
-    running: RunningSolve<pb::Solution>,
-    request_id: String,
-) -> impl Stream<Item = Result<pb::SolveStreamResponse, Status>> + Send {
-    unfold((Stage::Queued(running), request_id), |(stage, request_id)| async move {
-        let (event, stage) = match stage {
-            Stage::Queued(running) => {
-                (Ok(Event::Queued(convert_response::queued(running.position()))), Stage::Running(running))
-            }
-            Stage::Running(mut running) => match running.next_event().await {
-                SolveEvent::Progress(progress) => {
-                    let progress = convert_response::progress(&ProgressEvent::from(progress));
-                    (Ok(Event::Progress(progress)), Stage::Running(running))
-                }
-                SolveEvent::Ended(Ok(solution)) => (Ok(Event::Solution(solution)), Stage::Ended),
-                SolveEvent::Ended(Err(error)) => {
-                    (Err(status::of_problem(&Problem::from(error), &request_id)), Stage::Ended)
-                }
-            },
-            Stage::Ended => return None,
-        };
-        let response = event.map(|event| pb::SolveStreamResponse { event: Some(event) });
-        Some((response, (stage, request_id)))
-    })
+/// A job that was queued, and its call.
+type Started<K> = (Running<<K as Kind>::Answer, <K as Job>::Progress>, Call);
+
+impl Handlers {
+    fn started<K: Kind>(&self, kind: &Arc<K>, request: Request<K::Request>) -> Result<Started<K>, Status> {
+        let call = call_of(&request)?;
+        let accepted = K::accept(request.into_inner(), self.0.jobs.limits());
+        let running = accepted.and_then(|input| start(kind, call.take_permit()?, input, &call));
+        match running {
+            Ok(running) => Ok((running, call)),
+            Err(problem) => Err(status::of_problem(&problem, &call.request_id)),
+        }
+    }
+
+    /// When the caller leaves, the server drops this future, which stops the job.
+    async fn unary<K: Kind>(&self, kind: &Arc<K>, request: Request<K::Request>) -> Result<K::Answer, Status> {
+        let (running, call) = self.started(kind, request)?;
+        running.outcome().await.map_err(|error| status::of_problem(&error.into(), &call.request_id))
+    }
+}
+
+/// The call's id, deadline and permit, as its admission left them.
+fn call_of<T>(request: &Request<T>) -> Result<Call, Status> {
+    let call = request.extensions().get::<Call>().cloned();
+    call.ok_or_else(|| status::of_problem(&Problem::new(ErrorCode::Internal, CAUSE_IS_LOGGED), ""))
 }

@@ -1,4 +1,4 @@
-//! What gRPC probes are told.
+//! What gRPC probes are answered.
 
 use std::sync::{Arc, Weak};
 use std::time::Duration;
@@ -14,16 +14,16 @@ use crate::service::Service;
 /// How often the workers are looked after: probes come no more often.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The health that probes are told, for the whole server and for the service.
+/// The health that is reported to probes, for the whole server and for the service.
 #[derive(Clone)]
 pub struct Health {
     reporter: HealthReporter,
-    /// Held while a status is told: after the end nothing else is.
+    /// Held while a status is reported: after the end nothing else is.
     has_ended: Arc<Mutex<bool>>,
 }
 
 impl Health {
-    /// Tells probes that the service serves as long as it has workers.
+    /// Reports to probes that the service serves as long as it has workers.
     pub(super) async fn begin(reporter: HealthReporter, service: &Arc<Service>) -> Self {
         let health = Self { reporter, has_ended: Arc::default() };
         health.report(ServingStatus::Serving).await;
@@ -31,14 +31,14 @@ impl Health {
         health
     }
 
-    /// Tells probes to send nobody here any more.
+    /// Asks probes to send nobody here any more.
     pub async fn announce_end(&self) {
         let mut has_ended = self.has_ended.lock().await;
         *has_ended = true;
         self.report(ServingStatus::NotServing).await;
     }
 
-    /// Tells when the service loses its workers, and when it has them again, until it ends.
+    /// Reports when the service loses its workers, and when it has them again, until it ends.
     async fn follow(self, service: Weak<Service>) {
         let mut was_alive = true;
         loop {

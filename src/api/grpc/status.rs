@@ -7,12 +7,11 @@ use tonic::Status;
 use tonic::metadata::{MetadataMap, MetadataValue};
 use tonic_types::{ErrorDetails, FieldViolation, StatusExt as _};
 
-use crate::api::error_table::ErrorCode;
-use crate::api::problem::Problem;
+use crate::contract::{ErrorCode, Problem};
 
 /// Who speaks in the error details.
 const DOMAIN: &str = "slipdrive";
-/// Tells retrying clients when to come back; -1: not at all.
+/// Says to retrying clients when to come back; -1: not at all.
 const PUSHBACK: &str = "grpc-retry-pushback-ms";
 
 /// The status that the caller of this request gets.
@@ -34,7 +33,12 @@ pub(super) fn of_problem(problem: &Problem, request_id: &str) -> Status {
     if let Some(wait) = problem.retry_after() {
         details.set_retry_info(Some(wait));
     }
-    Status::with_error_details_and_metadata(entry.grpc_code, problem.detail(), details, trailers(problem))
+    Status::with_error_details_and_metadata(
+        tonic::Code::from(entry.grpc_code as i32),
+        problem.detail(),
+        details,
+        trailers(problem),
+    )
 }
 
 /// The code in the details of a status that [`of_problem`] made.
@@ -54,7 +58,7 @@ fn trailers(problem: &Problem) -> MetadataMap {
     let pushback = match problem.retry_after() {
         Some(wait) => wait.as_millis().to_string(),
         None if problem.code().entry().retryable => return trailers,
-        // Retry policies go by the status alone: this tells that the same request fails again.
+        // Retry policies go by the status alone: this says that the same request fails again.
         None => "-1".to_owned(),
     };
     if let Ok(value) = MetadataValue::try_from(pushback) {

@@ -1,4 +1,4 @@
-//! Server-sent events of a solve: `queued`, `progress` as it comes, and last either `result` or `problem`.
+//! Server-sent events of a job: `queued`, `progress` as it comes, and last either `result` or `problem`.
 
 use std::convert::Infallible;
 use std::time::Duration;
@@ -6,17 +6,20 @@ use std::time::Duration;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
-use futures_util::stream::{Stream, unfold};
+use futures_util::StreamExt as _;
 
 use super::problem_json;
 use crate::api::access::RequestContext;
-use crate::api::message::response::{ProgressEvent, QueuedEvent};
-use crate::api::problem::Problem;
-use crate::service::{RunningSolve, SolveEvent};
+use crate::contract::Problem;
+use crate::contract::convert::count;
+use crate::contract::json::write;
+use crate::contract::message::Queued;
+use crate::jobs::Kind;
+use crate::service::{Event as JobEvent, Running};
 
 /// A comment this often keeps proxies from closing a quiet stream.
 const HEARTBEAT: Duration = Duration::from_secs(15);
-/// Tells nginx to pass events on at once.
+/// Makes nginx pass events on at once.
 const ACCEL_BUFFERING: HeaderName = HeaderName::from_static("x-accel-buffering");
 
 /// Whether the caller asks for events.
@@ -26,45 +29,24 @@ pub(super) fn are_accepted(headers: &HeaderMap) -> bool {
     media_types.any(|media_type| media_type.trim().eq_ignore_ascii_case("text/event-stream"))
 }
 
-/// The events of a solve whose result is JSON. A caller who leaves drops the stream, which stops the solve.
-pub(super) fn respond(running: RunningSolve<Vec<u8>>, context: RequestContext) -> Response {
-    let events = Sse::new(events_of(running, context)).keep_alive(KeepAlive::new().interval(HEARTBEAT));
-    ([(ACCEL_BUFFERING, HeaderValue::from_static("no"))], events).into_response()
+/// The events of a job whose result is JSON. A caller who leaves drops the stream, which stops the job.
+pub(super) fn respond<K: Kind>(running: Running<Vec<u8>, K::Progress>, context: RequestContext) -> Response {
+    let events = running.events().map(move |event| Ok::<_, Infallible>(written::<K>(event, &context)));
+    let stream = Sse::new(events).keep_alive(KeepAlive::new().interval(HEARTBEAT));
+    ([(ACCEL_BUFFERING, HeaderValue::from_static("no"))], stream).into_response()
 }
 
-/// What is to be told next.
-enum Stage {
-    Queued(RunningSolve<Vec<u8>>),
-    Running(RunningSolve<Vec<u8>>),
-    Ended,
-}
-
-fn events_of(
-    running: RunningSolve<Vec<u8>>,
-    context: RequestContext,
-) -> impl Stream<Item = Result<Event, Infallible>> + Send {
-    unfold((Stage::Queued(running), context), |(stage, context)| async move {
-        let (event, stage) = match stage {
-            Stage::Queued(running) => {
-                let queued = QueuedEvent { position: running.position() };
-                (named("queued", json(&queued)), Stage::Running(running))
-            }
-            Stage::Running(mut running) => match running.next_event().await {
-                SolveEvent::Progress(progress) => {
-                    (named("progress", json(&ProgressEvent::from(progress))), Stage::Running(running))
-                }
-                SolveEvent::Ended(Ok(answer)) => (named("result", answer), Stage::Ended),
-                SolveEvent::Ended(Err(error)) => {
-                    let problem = Problem::from(error);
-                    context.notes.problem(problem.code());
-                    let body = problem_json::body(&problem, &context.path, &context.request_id);
-                    (named("problem", body), Stage::Ended)
-                }
-            },
-            Stage::Ended => return None,
-        };
-        Some((Ok(event), (stage, context)))
-    })
+fn written<K: Kind>(event: JobEvent<Vec<u8>, K::Progress>, context: &RequestContext) -> Event {
+    match event {
+        JobEvent::Queued(position) => named("queued", write(&Queued { position: count(position) })),
+        JobEvent::Progress(progress) => named("progress", write(&K::Report::from(progress))),
+        JobEvent::Ended(Ok(answer)) => named("result", answer),
+        JobEvent::Ended(Err(error)) => {
+            let problem = Problem::from(error);
+            context.notes.problem(problem.code());
+            named("problem", problem_json::body(&problem, &context.path, &context.request_id))
+        }
+    }
 }
 
 fn named(name: &'static str, json: Vec<u8>) -> Event {
@@ -72,45 +54,43 @@ fn named(name: &'static str, json: Vec<u8>) -> Event {
     Event::default().event(name).data(String::from_utf8(json).unwrap_or_default())
 }
 
-fn json<T: serde::Serialize>(message: &T) -> Vec<u8> {
-    serde_json::to_vec(message).expect("an event of numbers is valid JSON")
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::mpsc::{Receiver, channel};
     use std::sync::{Arc, Mutex};
 
-    use futures_util::StreamExt as _;
-
     use super::*;
-    use crate::service::domain::{SimulateInput, Simulation, Solution, SolveInput};
-    use crate::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings, SolveClocks};
-    use crate::solver::RunControl;
+    use crate::jobs::solve::Solve;
+    use crate::service::{Cost, Done, Job, JobControl, Service, ServiceSettings, Stopped};
 
-    /// Solves when the test says so.
-    struct HeldSolver(Mutex<Receiver<()>>);
+    /// Ends when the test says so.
+    struct Held(Mutex<Receiver<()>>);
 
-    impl ManeuverSolver for HeldSolver {
-        fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Solution {
-            let _ = self.0.lock().unwrap().recv();
-            InProcessSolver.solve(input, control)
+    impl Job for Held {
+        const NAME: &'static str = "held";
+        type Input = ();
+        type Output = ();
+        type Progress = <Solve as Job>::Progress;
+
+        fn cost(&self, (): &()) -> Cost {
+            Cost::of_steps(1.0)
         }
 
-        fn simulate(&self, input: &SimulateInput) -> Simulation {
-            InProcessSolver.simulate(input)
+        fn run(&self, (): &(), _control: &JobControl<'_, Self::Progress>) -> Result<(), Stopped> {
+            let _ = self.0.lock().unwrap().recv();
+            Ok(())
         }
     }
 
     #[tokio::test(start_paused = true)]
     async fn quiet_stream_has_a_heartbeat() {
         let (release, released) = channel();
-        let solver = Arc::new(HeldSolver(Mutex::new(released)));
-        let service = Service::start(ServiceSettings::default(), solver).unwrap();
-        let clocks = SolveClocks { time_limit: Duration::from_secs(60), deadline: None };
-        let running = service.reserve().unwrap().start_solve(SolveInput::forward_drive(), clocks, |_| b"{}".to_vec());
+        let service = Service::start(ServiceSettings::default()).unwrap();
+        let answer = |(): &(), _: &Done<()>| b"{}".to_vec();
+        let held = Arc::new(Held(Mutex::new(released)));
+        let running = service.reserve().unwrap().submit(held, (), None, answer).unwrap();
         let context = RequestContext::open("/solve", &HeaderMap::new()).0;
-        let mut body = respond(running.unwrap(), context).into_body().into_data_stream();
+        let mut body = respond::<Solve>(running, context).into_body().into_data_stream();
         // The clock jumps to the next timer whenever nothing else is to be done.
         let begin = tokio::time::Instant::now();
         let queued = body.next().await.unwrap().unwrap();

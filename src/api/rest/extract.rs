@@ -9,17 +9,15 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, header};
 use tokio::time::timeout;
 
-use crate::api::Door;
-use crate::api::error_table::ErrorCode;
-use crate::api::problem::Problem;
-use crate::service::Service;
+use crate::api::ApiState;
+use crate::contract::{ErrorCode, Problem};
 
 /// Refused bodies are read on for this long, and up to [`MAX_DISCARDED_BYTES`]: a connection closed with unread bytes
 /// is reset, and the caller never sees the refusal.
 const DISCARD_TIMEOUT: Duration = Duration::from_secs(1);
 const MAX_DISCARDED_BYTES: usize = 16 * 1024 * 1024;
 
-/// Tells how long the caller waits for the answer.
+/// How long the caller waits for the answer.
 pub(super) const REQUEST_TIMEOUT_MS: HeaderName = HeaderName::from_static("request-timeout-ms");
 
 /// When the caller needs the answer: `Request-Timeout-Ms` after arrival, if it is given.
@@ -41,12 +39,13 @@ pub(super) fn deadline(headers: &HeaderMap, arrival: Instant) -> Result<Option<I
 ///
 /// # Errors
 /// `unavailable`, `body_too_large`, `unsupported_media`, `body_timeout`, in the order of the contract.
-pub(super) async fn receive(door: &Door, head: &Parts, mut body: Body) -> Result<Vec<u8>, Problem> {
-    let (service, patience) = (&door.service, door.settings.body_timeout);
-    let limit = service.limits().max_body_bytes;
-    let admitted = admit(service, &head.headers, limit);
+pub(super) async fn receive(state: &ApiState, head: &Parts, mut body: Body) -> Result<Vec<u8>, Problem> {
+    let (body_timeout, limit) = (state.settings.body_timeout, state.jobs.limits().max_body_bytes);
+    let admitted = admit(state, &head.headers, limit);
     let received = match admitted {
-        Ok(()) => timeout(patience, read_within(&mut body, limit)).await.unwrap_or_else(|_| Err(too_slow(patience))),
+        Ok(()) => {
+            timeout(body_timeout, read_within(&mut body, limit)).await.unwrap_or_else(|_| Err(too_slow(body_timeout)))
+        }
         Err(problem) => Err(problem),
     };
     // A caller who waits for `100 Continue` has sent nothing that could be left unread.
@@ -57,8 +56,8 @@ pub(super) async fn receive(door: &Door, head: &Parts, mut body: Body) -> Result
     received
 }
 
-fn admit(service: &Service, headers: &HeaderMap, limit: usize) -> Result<(), Problem> {
-    service.check_open()?;
+fn admit(state: &ApiState, headers: &HeaderMap, limit: usize) -> Result<(), Problem> {
+    state.service.check_open()?;
     let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
     if declared.is_some_and(|length| length > limit as u64) {
         return Err(Problem::body_too_large(limit));
@@ -122,8 +121,8 @@ async fn next_chunk(body: &mut Body) -> Option<Result<axum::body::Bytes, axum::E
     Some(frame.map(|frame| frame.into_data().unwrap_or_default()))
 }
 
-fn too_slow(patience: Duration) -> Problem {
-    Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {patience:?}"))
+fn too_slow(timeout: Duration) -> Problem {
+    Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {timeout:?}"))
 }
 
 #[cfg(test)]

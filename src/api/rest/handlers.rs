@@ -1,6 +1,8 @@
 //! One handler per endpoint.
 //!
-//! The checks come in the order of the contract: readiness, size and type, queue room, syntax, values.
+//! The checks come in the order of the contract: readiness, size and type, a place in the queue, syntax, values.
+
+use std::sync::Arc;
 
 use axum::Extension;
 use axum::body::Bytes;
@@ -10,89 +12,59 @@ use axum::response::{IntoResponse, Response};
 
 use super::events;
 use super::extract::{deadline, receive};
-use crate::api::Door;
+use crate::api::ApiState;
 use crate::api::access::RequestContext;
-use crate::api::message::accept::{forward_drive_body, read_simulate, read_solve};
-use crate::api::message::answer::{limits_answer, simulate_answer, solve_answer, validate_answer};
-use crate::api::message::limits::LimitsMessage;
-use crate::api::problem::Problem;
+use crate::contract::{Problem, json};
+use crate::jobs::solve::{Solve, validated};
+use crate::jobs::{Kind, limits_message};
 use crate::metrics::CONTENT_TYPE;
-use crate::service::{SolveClocks, Solved};
 
-/// `POST /solve`. When the caller leaves, the server drops this future or the event stream, which stops the solve.
-pub(super) async fn solve(
-    State(door): State<Door>,
+/// How the outcome of a job is delivered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Delivery {
+    /// As server-sent events where the caller accepts them, else as one answer.
+    AsAccepted,
+    /// As server-sent events.
+    Events,
+}
+
+/// `POST` to the route of a kind of job. When the caller leaves, the server drops this future or the event stream, which
+/// stops the job.
+pub(super) async fn run<K: Kind>(
+    kind: Arc<K>,
+    delivery: Delivery,
+    State(state): State<ApiState>,
     Extension(context): Extension<RequestContext>,
     request: Request,
 ) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let body = receive(&door, &head, body).await?;
-    let place = door.service.reserve()?;
-    let accepted = read_solve(&body, door.service.limits())?;
-    let clocks = SolveClocks { time_limit: accepted.time_limit, deadline: deadline(&head.headers, context.arrival)? };
-    let notes = context.notes.clone();
-    let running = place.start_solve(accepted.input.clone(), clocks, move |solved| {
-        notes.job(solved.queue_wait, solved.solve_time);
-        log_solved(&solved);
-        solve_answer(&accepted, &solved)
-    })?;
-    if events::are_accepted(&head.headers) {
-        return Ok(events::respond(running, context));
-    }
-    Ok(json(running.outcome().await?))
-}
-
-fn log_solved(solved: &Solved) {
-    let (report, time) = (&solved.solution.report, solved.solve_time);
-    tracing::debug!(
-        solution.status = solved.solution.status.as_str(),
-        solve.stop_reason = solved.stop_reason.as_str(),
-        solve.rollouts = report.rollouts,
-        solve.duration_ms = time.as_secs_f64() * 1e3,
-        "solved"
-    );
-}
-
-/// `POST /simulate`.
-pub(super) async fn simulate(
-    State(door): State<Door>,
-    Extension(context): Extension<RequestContext>,
-    request: Request,
-) -> Result<Response, Problem> {
-    let (head, body) = request.into_parts();
-    let body = receive(&door, &head, body).await?;
-    let place = door.service.reserve()?;
-    let input = read_simulate(&body, door.service.limits())?;
+    let body = receive(&state, &head, body).await?;
+    let permit = state.service.reserve()?;
+    let input = K::read(&body, state.jobs.limits())?;
     let deadline = deadline(&head.headers, context.arrival)?;
-    let simulated = place.simulate(input, deadline, move |simulated| {
-        context.notes.job(simulated.queue_wait, simulated.duration);
-        simulate_answer(&simulated)
-    });
-    Ok(json(simulated.await?))
+    let notes = context.notes.clone();
+    let running = permit.submit(kind, input, deadline, move |input, done| {
+        notes.job(done.queue_wait, done.duration);
+        json::write(&K::answer(input, done))
+    })?;
+    if delivery == Delivery::Events || K::REPORTS_PROGRESS && events::are_accepted(&head.headers) {
+        return Ok(events::respond::<K>(running, context));
+    }
+    Ok(json_answer(running.outcome().await?))
 }
 
 /// `POST /validate`: nothing is queued.
-pub(super) async fn validate(State(door): State<Door>, request: Request) -> Result<Response, Problem> {
+pub(super) async fn validate(State(state): State<ApiState>, request: Request) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let body = receive(&door, &head, body).await?;
-    let accepted = read_solve(&body, door.service.limits())?;
-    Ok(json(validate_answer(&accepted)))
+    let body = receive(&state, &head, body).await?;
+    let accepted = Solve::read(&body, state.jobs.limits())?;
+    Ok(json_answer(json::write(&validated(accepted))))
 }
 
 /// `GET /limits`: what this server accepts at most.
-pub(super) async fn limits(State(door): State<Door>) -> Response {
-    let message = LimitsMessage::new(door.service.settings(), door.settings.batch_window.get());
-    json(limits_answer(&message))
-}
-
-/// `GET /examples/forward-drive`: a complete body for `/solve`.
-pub(super) async fn forward_drive() -> Response {
-    json(forward_drive_body())
-}
-
-/// `GET /openapi.json`: this API for machines.
-pub(super) fn openapi(document: Bytes) -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], document).into_response()
+pub(super) async fn limits(State(state): State<ApiState>) -> Response {
+    let limits = limits_message(&state.jobs, state.service.settings(), state.settings.batch_window.get());
+    json_answer(json::write(&limits))
 }
 
 /// `GET /docs`: this API for people. The page loads nothing but `/openapi.json`.
@@ -108,22 +80,22 @@ pub(super) async fn docs() -> Response {
 }
 
 /// `GET /livez`: the process answers, and a worker is there to end its job.
-pub(super) async fn livez(State(door): State<Door>) -> Result<Response, Problem> {
-    door.service.check_alive()?;
-    Ok(json(br#"{"status":"live"}"#.to_vec()))
+pub(super) async fn livez(State(state): State<ApiState>) -> Result<Response, Problem> {
+    state.service.check_alive()?;
+    Ok(json_answer(br#"{"status":"live"}"#.to_vec()))
 }
 
 /// `GET /readyz`: the service takes work; a full queue is ready too.
-pub(super) async fn readyz(State(door): State<Door>) -> Result<Response, Problem> {
-    door.service.check_ready()?;
-    Ok(json(br#"{"status":"ready"}"#.to_vec()))
+pub(super) async fn readyz(State(state): State<ApiState>) -> Result<Response, Problem> {
+    state.service.check_ready()?;
+    Ok(json_answer(br#"{"status":"ready"}"#.to_vec()))
 }
 
 /// `GET /metrics`: counts and levels in the text format of Prometheus.
-pub(super) async fn metrics(State(door): State<Door>) -> Response {
-    ([(header::CONTENT_TYPE, CONTENT_TYPE)], door.service.metrics_text()).into_response()
+pub(super) async fn metrics(State(state): State<ApiState>) -> Response {
+    ([(header::CONTENT_TYPE, CONTENT_TYPE)], state.service.metrics_text()).into_response()
 }
 
-fn json(body: Vec<u8>) -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], body).into_response()
+pub(super) fn json_answer(body: impl Into<Bytes>) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], body.into()).into_response()
 }

@@ -1,27 +1,47 @@
-//! The OpenAPI 3.1 document, made of the wire types, the error table, and the rules in the words of the checks.
+//! The OpenAPI 3.1 document, made of the endpoints, the messages with the comments of `proto/`, the rules of the jobs and
+//! the error table.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 use utoipa::openapi::{RefOr, Schema};
 
-use super::PROBES;
+use super::operation::{Access, Answer, Operation, Request};
 use super::problem_json::ProblemBody;
-use crate::api::Probes;
-use crate::api::error_table::ErrorCode;
-use crate::api::message::limits::{LimitsMessage, RuleMessage, rules};
-use crate::api::message::request::{SimulateRequest, SolveRequest};
-use crate::api::message::response::{ProgressEvent, QueuedEvent, SimulateAnswer, SolveAnswer, ValidateAnswer};
-use crate::service::Limits;
+use crate::api::ApiState;
+use crate::contract::ErrorCode;
+use crate::contract::message::{GetLimitsResponse, Queued, ValidateResponse};
+use crate::jobs::{Kind, Limits, Visitor};
+use crate::rules::Rule;
 
-/// The document of a server with these limits.
-pub(super) fn document(limits: &Limits, probes: Probes) -> Vec<u8> {
-    let mut schemas = schemas();
-    annotate(&mut schemas, &rules(limits));
-    set_maxima(&mut schemas, limits);
-    allow_null_in_answers(&mut schemas);
-    flatten_validate_answer(&mut schemas);
+/// What every request with a body may be refused with.
+const REFUSALS: [ErrorCode; 8] = [
+    ErrorCode::MalformedBody,
+    ErrorCode::BodyTimeout,
+    ErrorCode::BodyTooLarge,
+    ErrorCode::UnsupportedMedia,
+    ErrorCode::InvalidField,
+    ErrorCode::InvalidValue,
+    ErrorCode::ProblemTooLarge,
+    ErrorCode::Unavailable,
+];
+/// What a request that waits for a worker may end with as well.
+const FAILURES: [ErrorCode; 5] = [
+    ErrorCode::QueueFull,
+    ErrorCode::DeadlineUnreachable,
+    ErrorCode::DeadlineExceeded,
+    ErrorCode::SolverPanic,
+    ErrorCode::Internal,
+];
+
+/// The document of a server with these operations, by path.
+pub(super) fn document(state: &ApiState, operations: impl Iterator<Item = (String, Access, Operation)>) -> Vec<u8> {
+    let mut messages = Messages::new();
+    state.jobs.each(&mut messages);
+    let mut bounded = Bounded { limits: state.jobs.limits(), messages };
+    state.jobs.each(&mut bounded);
     let document = json!({
         "openapi": "3.1.0",
         "info": {
@@ -31,223 +51,172 @@ pub(super) fn document(limits: &Limits, probes: Probes) -> Vec<u8> {
             "license": {"name": env!("CARGO_PKG_LICENSE"), "identifier": env!("CARGO_PKG_LICENSE")},
         },
         "security": [{}, {"api_key": []}],
-        "paths": paths(probes),
+        "paths": paths(operations),
         "components": {
-            "schemas": schemas,
+            "schemas": bounded.messages.schemas,
             "securitySchemes": {"api_key": {"type": "http", "scheme": "bearer"}},
         },
     });
     serde_json::to_vec_pretty(&document).expect("a document of names and numbers is valid JSON")
 }
 
-fn schemas() -> BTreeMap<String, Value> {
-    let mut collected = Vec::new();
-    collect::<SolveRequest>(&mut collected);
-    collect::<SolveAnswer<'_>>(&mut collected);
-    collect::<SimulateRequest>(&mut collected);
-    collect::<SimulateAnswer>(&mut collected);
-    collect::<ValidateAnswer<'_>>(&mut collected);
-    collect::<LimitsMessage>(&mut collected);
-    collect::<QueuedEvent>(&mut collected);
-    collect::<ProgressEvent>(&mut collected);
-    collect::<ProblemBody<'_>>(&mut collected);
-    let to_value = |schema: &RefOr<Schema>| serde_json::to_value(schema).unwrap_or_default();
-    collected.iter().map(|(name, schema)| (name.clone(), to_value(schema))).collect()
+/// Schemas by name.
+struct Messages {
+    schemas: BTreeMap<String, Value>,
+    /// Names of those that answers of jobs hold.
+    in_answers: BTreeSet<String>,
 }
 
-fn collect<T: ToSchema>(collected: &mut Vec<(String, RefOr<Schema>)>) {
-    collected.push((T::name().into_owned(), T::schema()));
-    T::schemas(collected);
-}
+impl Messages {
+    fn new() -> Self {
+        let mut messages = Self { schemas: BTreeMap::new(), in_answers: BTreeSet::new() };
+        messages.add::<ValidateResponse>();
+        messages.add::<GetLimitsResponse>();
+        messages.add::<Queued>();
+        messages.add::<ProblemBody<'_>>();
+        messages
+    }
 
-/// Requests, by schema; the rules of their fields begin with this path.
-const REQUESTS: [(&str, &str); 10] = [
-    ("SolveRequest", ""),
-    ("Robot", "robot."),
-    ("Maneuver", "maneuver."),
-    ("State", "maneuver.start."),
-    ("Goal", "maneuver.goal."),
-    ("SolveGrid", "grid."),
-    ("Solver", "solver."),
-    ("InitialGuess", "initial_guess."),
-    ("SimulateRequest", ""),
-    ("SimulateGrid", "grid."),
-];
+    /// Adds a schema and those that it refers to; gives their names.
+    fn add<T: ToSchema>(&mut self) -> Vec<String> {
+        let mut collected: Vec<(String, RefOr<Schema>)> = vec![(T::name().into_owned(), T::schema())];
+        T::schemas(&mut collected);
+        let names = collected.iter().map(|(name, _)| name.clone()).collect();
+        let to_value = |(name, schema)| (name, serde_json::to_value(schema).unwrap_or_default());
+        self.schemas.extend(collected.into_iter().map(to_value));
+        names
+    }
 
-/// Adds rules to the properties of requests, and says that they are never null: an absent field is absent.
-fn annotate(schemas: &mut BTreeMap<String, Value>, rules: &[RuleMessage]) {
-    for (schema, path) in REQUESTS {
-        let Some(properties) = properties_of(schemas, schema) else { continue };
-        for (name, property) in properties {
-            let Some(property) = property.as_object_mut() else { continue };
-            without_null(property);
-            if let Some(rule) = rules.iter().find(|rule| rule.field == format!("{path}{name}")) {
-                property.insert("description".to_owned(), json!(format!("must be {}", rule.rule)));
-                property.extend(bounds(&rule.rule));
+    /// Where the bounds of the field at a dotted path below a schema are written: in the schema of its object, or, where
+    /// answers hold such objects too and need not keep them, beside the reference to it.
+    fn field(&mut self, root: &str, path: &str) -> Option<&mut Map<String, Value>> {
+        let (mut schema, mut rest) = (root.to_owned(), path);
+        while let Some((object, below)) = rest.split_once('.') {
+            let property = self.schemas.get(&schema)?.get("properties")?.get(object)?;
+            let target = property["$ref"].as_str()?.rsplit('/').next()?.to_owned();
+            if self.in_answers.contains(&target) {
+                let kind = self.schemas.get(&target)?.get("properties")?.get(below)?.get("type")?.clone();
+                let bounds = &mut self.schemas.get_mut(&schema)?["properties"][object]["properties"][below];
+                *bounds = json!({"type": kind});
+                return bounds.as_object_mut();
             }
+            (schema, rest) = (target, below);
+        }
+        self.schemas.get_mut(&schema)?.get_mut("properties")?.get_mut(rest)?.as_object_mut()
+    }
+}
+
+impl Visitor for Messages {
+    fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
+        self.add::<K::Request>();
+        let in_answer = self.add::<K::Answer>();
+        self.in_answers.extend(in_answer);
+        if K::REPORTS_PROGRESS {
+            self.add::<K::Report>();
         }
     }
 }
 
-fn without_null(property: &mut Map<String, Value>) {
-    if property.get("default").is_some_and(Value::is_null) {
-        property.remove("default");
-    }
-    if let Some([only, null]) = property.get("type").and_then(Value::as_array).map(Vec::as_slice)
-        && null == "null"
-    {
-        let only = only.clone();
-        property.insert("type".to_owned(), only);
-    }
-    let options = property.get("oneOf").and_then(Value::as_array).cloned().unwrap_or_default();
-    if let [one, null] = options.as_slice()
-        && null["type"] == "null"
-    {
-        let one = one.as_object().cloned().unwrap_or_default();
-        property.remove("oneOf");
-        property.extend(one);
-    }
+/// Writes the rules of all kinds into the schemas.
+struct Bounded<'a> {
+    limits: &'a Limits,
+    messages: Messages,
 }
 
-/// Numbers of answers that are not finite are written as null.
-fn allow_null_in_answers(schemas: &mut BTreeMap<String, Value>) {
-    let is_answer = |name: &str| name != "Limits" && !REQUESTS.iter().any(|(request, _)| *request == name);
-    for (_, schema) in schemas.iter_mut().filter(|(name, _)| is_answer(name)) {
-        let properties = schema.get_mut("properties").and_then(Value::as_object_mut);
-        for property in properties.into_iter().flat_map(Map::values_mut) {
-            let number = if property["items"].is_object() { &mut property["items"] } else { property };
-            if number["type"] == "number" {
-                number["type"] = json!(["number", "null"]);
-            }
+impl Visitor for Bounded<'_> {
+    fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
+        for (path, rule) in K::rules(self.limits).fields {
+            let field = self.messages.field(&K::Request::name(), &path);
+            bound(field.unwrap_or_else(|| panic!("`{path}` is no field of /{}", K::NAME)), &rule);
         }
     }
 }
 
-/// The completed request with its hash: as one object, since the request alone takes no further field.
-fn flatten_validate_answer(schemas: &mut BTreeMap<String, Value>) {
-    let mut answer = schemas.get("SolveRequest").cloned().unwrap_or_default();
-    answer["description"] = json!("The completed request, and the SHA-256 of it in hexadecimal.");
-    answer["properties"]["input_hash"] = json!({"type": "string"});
-    answer["required"] = json!(["robot", "maneuver", "grid", "solver", "view", "input_hash"]);
-    schemas.insert("ValidateAnswer".to_owned(), answer);
+fn bound(field: &mut Map<String, Value>, rule: &Rule) {
+    let is_length = rule.unit == Rule::ITEMS;
+    let is_integer = is_length || field.get("type").is_some_and(|kind| kind == "integer");
+    #[expect(clippy::cast_possible_truncation, reason = "bounds of counts are whole numbers far below 2^53")]
+    let number = |bound: f64| if is_integer { json!(bound as i64) } else { json!(bound) };
+    let names =
+        if is_length { ["minItems", "minItems", "maxItems"] } else { ["minimum", "exclusiveMinimum", "maximum"] };
+    let [minimum, exclusive_minimum, maximum] = names;
+    field.remove("minimum");
+    let lower = if rule.exclusive_minimum { exclusive_minimum } else { minimum };
+    field.insert(lower.to_owned(), number(rule.minimum));
+    if rule.maximum.is_finite() {
+        field.insert(maximum.to_owned(), number(rule.maximum));
+    }
 }
 
-/// The bounds in a rule such as `> 0 m` or `between -1 and 1 m`.
-fn bounds(rule: &str) -> Map<String, Value> {
-    let words: Vec<_> = rule.split(' ').collect();
-    let bounds = match words.as_slice() {
-        [">", bound, ..] => vec![("exclusiveMinimum", *bound)],
-        [">=", bound, ..] => vec![("minimum", *bound)],
-        ["between", lower, "and", upper, ..] => vec![("minimum", *lower), ("maximum", *upper)],
-        _ => Vec::new(),
+fn paths(operations: impl Iterator<Item = (String, Access, Operation)>) -> Map<String, Value> {
+    let path = |(path, access, operation): (String, Access, Operation)| {
+        let method = if operation.request.is_some() { "post" } else { "get" };
+        (path, json!({ method: written(&operation, access) }))
     };
-    let numbers =
-        bounds.into_iter().filter_map(|(name, bound)| Some((name.to_owned(), json!(bound.parse::<f64>().ok()?))));
-    numbers.collect()
+    operations.map(path).collect()
 }
 
-fn set_maxima(schemas: &mut BTreeMap<String, Value>, limits: &Limits) {
-    let maxima = [
-        ("SolveGrid", "steps", json!(limits.max_steps)),
-        ("SolveGrid", "control_intervals", json!(limits.max_control_intervals)),
-        ("Solver", "starts", json!(limits.max_starts)),
-        ("Solver", "rollout_limit", json!(limits.max_rollout_limit)),
-        ("Solver", "time_limit_s", json!(limits.max_time_limit_s)),
-    ];
-    for (schema, name, maximum) in maxima {
-        let property = properties_of(schemas, schema).and_then(|properties| properties.get_mut(name)?.as_object_mut());
-        if let Some(property) = property {
-            property.insert("maximum".to_owned(), maximum);
+fn written(operation: &Operation, access: Access) -> Value {
+    let mut errors = operation.errors.clone();
+    if access == Access::WithKey {
+        errors.push(ErrorCode::Unauthenticated);
+    }
+    let mut written = json!({"operationId": operation.id, "summary": operation.summary});
+    if operation.has_events {
+        let about = format!("With `Accept: text/event-stream` it answers as `/{}/events` does.", operation.id);
+        written["description"] = json!(about);
+    }
+    if let Some(request) = &operation.request {
+        errors.extend(REFUSALS);
+        let mut parameters = vec![request_id()];
+        let name = match request {
+            Request::Immediate(name) => name,
+            Request::Queued(name) => {
+                parameters.push(request_timeout());
+                // A stream begins with its status: what happens later is an event.
+                match operation.answer {
+                    Answer::Events { .. } => errors.extend([ErrorCode::QueueFull, ErrorCode::DeadlineUnreachable]),
+                    Answer::Json(_) | Answer::Object(_) | Answer::Text(_) => errors.extend(FAILURES),
+                }
+                name
+            }
+        };
+        written["parameters"] = json!(parameters);
+        written["requestBody"] = json!({"required": true, "content": {"application/json": schema(name)}});
+    }
+    if access == Access::Probe {
+        written["security"] = json!([]);
+    }
+    let mut responses = responses_of(&errors);
+    responses.insert("200".to_owned(), success(&operation.answer));
+    written["responses"] = json!(responses);
+    written
+}
+
+fn success(answer: &Answer) -> Value {
+    match answer {
+        Answer::Json(name) => json!({"description": "done", "content": {"application/json": schema(name)}}),
+        Answer::Object(meaning) => {
+            json!({"description": meaning, "content": {"application/json": {"schema": {"type": "object"}}}})
+        }
+        Answer::Text(meaning) => {
+            json!({"description": meaning, "content": {"text/plain": {"schema": {"type": "string"}}}})
+        }
+        Answer::Events { progress, result } => {
+            let about = "the events `queued`, then `progress` as it comes, and last either `result` or `problem`; the data \
+                         of each is one line of JSON, by the schemas in `x-events`";
+            let of = |name: &str| schema(name)["schema"].clone();
+            let events = json!({
+                "queued": of("Queued"), "progress": of(progress), "result": of(result), "problem": of("Problem"),
+            });
+            let content = json!({"schema": {"type": "string"}, "x-events": events});
+            json!({"description": about, "content": {"text/event-stream": content}})
         }
     }
-}
-
-fn properties_of<'a>(schemas: &'a mut BTreeMap<String, Value>, name: &str) -> Option<&'a mut Map<String, Value>> {
-    schemas.get_mut(name)?.get_mut("properties")?.as_object_mut()
-}
-
-fn paths(probes: Probes) -> Value {
-    let mut paths = all_paths();
-    if let (Probes::Apart, Some(paths)) = (probes, paths.as_object_mut()) {
-        for path in PROBES {
-            paths.remove(path);
-        }
-    }
-    paths
-}
-
-fn all_paths() -> Value {
-    let solve = json!({
-        "200": {
-            "description": "a plan, whatever its status; with `Accept: text/event-stream` the events `queued`, \
-                            `progress`, and last either `result` or `problem`",
-            "content": {
-                "application/json": schema("SolveAnswer"),
-                "text/event-stream": {"schema": {"type": "string"}},
-            },
-        },
-    });
-    json!({
-        "/solve": {"post": post("solve", "solves one maneuver", "SolveRequest", &solve, Kind::Queued)},
-        "/simulate": {"post": post("simulate", "integrates one torque schedule", "SimulateRequest", &ok("SimulateAnswer"), Kind::Queued)},
-        "/validate": {"post": post("validate", "checks and completes a maneuver", "SolveRequest", &ok("ValidateAnswer"), Kind::Immediate)},
-        "/limits": {"get": get("limits", "what this server accepts at most", &ok("Limits"))},
-        "/examples/forward-drive": {"get": get("forward_drive", "a complete body for `/solve`: the paper's case", &ok("SolveRequest"))},
-        "/livez": {"get": get("livez", "whether the process lives", &plain("it does"))},
-        "/readyz": {"get": get("readyz", "whether new callers are welcome", &plain("they are"))},
-        "/metrics": {"get": get("metrics", "counts and levels in the text format of Prometheus", &text("families with their samples"))},
-    })
-}
-
-/// Whether a request waits for a worker.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Queued,
-    Immediate,
-}
-
-fn post(id: &str, summary: &str, body: &str, answers: &Value, kind: Kind) -> Value {
-    let mut responses = errors_of(&REFUSALS);
-    responses.extend(answers.as_object().cloned().unwrap_or_default());
-    let about = "echoed where it is 1 to 128 printable characters of ASCII without spaces, else replaced";
-    let mut parameters = vec![parameter("X-Request-Id", &json!({"type": "string"}), about)];
-    if kind == Kind::Queued {
-        let about = "milliseconds from arrival, waiting included, until the answer is needed";
-        parameters.push(parameter("Request-Timeout-Ms", &json!({"type": "integer", "minimum": 1}), about));
-        responses.extend(errors_of(&[ErrorCode::QueueFull, ErrorCode::DeadlineUnreachable]));
-        responses.extend(errors_of(&[ErrorCode::DeadlineExceeded]));
-        responses.extend(errors_of(&[ErrorCode::SolverPanic, ErrorCode::Internal]));
-    }
-    json!({
-        "operationId": id,
-        "summary": summary,
-        "parameters": parameters,
-        "requestBody": {"required": true, "content": {"application/json": schema(body)}},
-        "responses": responses,
-    })
-}
-
-/// What every request with a body may be refused with.
-const REFUSALS: [ErrorCode; 9] = [
-    ErrorCode::MalformedBody,
-    ErrorCode::Unauthenticated,
-    ErrorCode::BodyTimeout,
-    ErrorCode::BodyTooLarge,
-    ErrorCode::UnsupportedMedia,
-    ErrorCode::InvalidField,
-    ErrorCode::InvalidValue,
-    ErrorCode::ProblemTooLarge,
-    ErrorCode::Unavailable,
-];
-
-fn get(id: &str, summary: &str, answers: &Value) -> Value {
-    let mut responses = errors_of(&[ErrorCode::Unauthenticated, ErrorCode::Unavailable]);
-    responses.extend(answers.as_object().cloned().unwrap_or_default());
-    json!({"operationId": id, "summary": summary, "responses": responses})
 }
 
 /// One response per status, which names its codes.
-fn errors_of(codes: &[ErrorCode]) -> Map<String, Value> {
+fn responses_of(codes: &[ErrorCode]) -> BTreeMap<String, Value> {
     let mut by_status: BTreeMap<u16, Vec<String>> = BTreeMap::new();
     for code in codes {
         let entry = code.entry();
@@ -260,20 +229,19 @@ fn errors_of(codes: &[ErrorCode]) -> Map<String, Value> {
     by_status.into_iter().map(response).collect()
 }
 
-fn ok(name: &str) -> Value {
-    json!({"200": {"description": "done", "content": {"application/json": schema(name)}}})
-}
-
-fn plain(description: &str) -> Value {
-    json!({"200": {"description": description, "content": {"application/json": {"schema": {"type": "object"}}}}})
-}
-
-fn text(description: &str) -> Value {
-    json!({"200": {"description": description, "content": {"text/plain": {"schema": {"type": "string"}}}}})
-}
-
 fn schema(name: &str) -> Value {
     json!({"schema": {"$ref": format!("#/components/schemas/{name}")}})
+}
+
+fn request_id() -> Value {
+    let about =
+        "repeated in the answer where it is 1 to 128 printable characters of ASCII without spaces, else replaced";
+    parameter("X-Request-Id", &json!({"type": "string"}), about)
+}
+
+fn request_timeout() -> Value {
+    let about = "milliseconds from arrival, waiting included, until the answer is needed";
+    parameter("Request-Timeout-Ms", &json!({"type": "integer", "minimum": 1}), about)
 }
 
 fn parameter(name: &str, schema: &Value, description: &str) -> Value {

@@ -1,14 +1,14 @@
 //! Errors as RFC 9457 `application/problem+json`.
 //!
-//! A handler returns a [`Problem`]; it travels in the response's extensions to the border
-//! ([`super::border`]), which knows the request and writes the body.
+//! A handler returns a [`Problem`]; it travels in the response's extensions to
+//! [`super::middleware`], which knows the request and writes the body.
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::api::problem::{FieldError, Problem};
+use crate::contract::{FieldError, Problem};
 
 /// The body that the caller of `instance` gets.
 pub(super) fn body(problem: &Problem, instance: &str, request_id: &str) -> Vec<u8> {
@@ -32,16 +32,27 @@ pub(super) fn body(problem: &Problem, instance: &str, request_id: &str) -> Vec<u
 #[derive(Serialize, ToSchema)]
 #[schema(as = Problem)]
 pub(super) struct ProblemBody<'a> {
+    /// Names the kind of problem, as a URI.
     #[serde(rename = "type")]
     kind: String,
+    /// What kind of problem it is, for people.
     title: &'a str,
+    /// The status of HTTP.
     status: u16,
+    /// What happened this time, for people.
     detail: &'a str,
+    /// The path that was asked.
     instance: &'a str,
+    /// What kind of problem it is, for programs.
     code: &'a str,
+    /// Whether the same request may succeed later.
     retryable: bool,
+    /// When it is worth trying again, where that is known, ms.
+    #[schema(required = true)]
     retry_after_ms: Option<u64>,
+    /// The id of the request, which the log of the server has too.
     request_id: &'a str,
+    /// The faults of single fields.
     errors: &'a [FieldError],
 }
 

@@ -5,12 +5,11 @@ use super::*;
 use crate::robot::{RobotParameters, State};
 use crate::shooting::{Goal, Maneuver, ReferencePoint};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule};
-use crate::solver::SolverSettings;
+use crate::solver::SolveParameters;
 use crate::solver::impossibility::impossibility;
-use crate::violation::Checks;
 
 fn input(maneuver: &Maneuver, parameters: RobotParameters) -> SolveInput {
-    SolveInput::new(Checks::new(), parameters, *maneuver, SolverSettings::default(), None).unwrap()
+    SolveInput::new(SolveParameters { robot: parameters, maneuver: *maneuver, ..SolveParameters::default() }).unwrap()
 }
 
 fn bound(maneuver: &Maneuver) -> LowerBound {
@@ -219,7 +218,7 @@ fn random_case(seed: u64) -> Option<Case> {
         left: random_torques(&mut rng, maneuver.torque_limit.left, controls),
         right: random_torques(&mut rng, maneuver.torque_limit.right, controls),
     };
-    let input = SolveInput::new(Checks::new(), parameters, maneuver, SolverSettings::default(), None).ok()?;
+    let input = SolveInput::new(SolveParameters { robot: parameters, maneuver, ..SolveParameters::default() }).ok()?;
     Some(Case { seed, input, schedule, step_count })
 }
 

@@ -1,5 +1,6 @@
 //! A server on a free port with a solver that the test controls.
 
+pub(crate) mod conformance;
 pub(crate) mod http2;
 pub(crate) mod process;
 pub(crate) mod protobuf;
@@ -13,12 +14,15 @@ use serde_json::Value;
 use slipdrive::api::grpc::pb::maneuver_service_client::ManeuverServiceClient;
 use slipdrive::api::grpc::{self, Health};
 use slipdrive::api::server::{self, ServerSettings};
-use slipdrive::api::{ApiSettings, rest};
-use slipdrive::service::domain::{
+use slipdrive::api::{ApiSettings, ApiState, rest};
+use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
+use slipdrive::robot::State;
+use slipdrive::service::{Service, ServiceSettings};
+use slipdrive::simulation::{TorqueSchedule, Trajectory};
+use slipdrive::solver::{
     LowerBoundAssumption, Method, RefinementOutcome, Replay, Report, SimulateInput, Simulation, Solution, SolveInput,
-    State, Status, TorqueSchedule, Trajectory,
+    Status,
 };
-use slipdrive::service::{InProcessSolver, ManeuverSolver, Service, ServiceSettings};
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::net::TcpListener;
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
@@ -131,6 +135,7 @@ pub(crate) fn held_solver() -> (Arc<Gate>, UnboundedReceiver<()>, Arc<dyn Maneuv
 pub(crate) struct TestServer {
     pub(crate) address: SocketAddr,
     pub(crate) service: Arc<Service>,
+    pub(crate) state: ApiState,
     pub(crate) client: reqwest::Client,
     /// Address of the gRPC server.
     pub(crate) grpc_address: SocketAddr,
@@ -162,16 +167,29 @@ impl TestServer {
         api: ApiSettings,
         server: ServerSettings,
     ) -> Self {
-        let service = Arc::new(Service::start(settings, solver).unwrap());
-        let (grpc_router, health) = grpc::router(Arc::clone(&service), api.clone()).await;
+        Self::start_limited(Limits::default(), settings, solver, api, server).await
+    }
+
+    /// Starts a server of any size that accepts no more than these limits.
+    pub(crate) async fn start_limited(
+        limits: Limits,
+        settings: ServiceSettings,
+        solver: Arc<dyn ManeuverSolver>,
+        api: ApiSettings,
+        server: ServerSettings,
+    ) -> Self {
+        let service = Arc::new(Service::start(settings).unwrap());
+        let jobs = Jobs::new(limits, solver, service.metrics());
+        let state = ApiState::new(Arc::clone(&service), jobs, api);
+        let (grpc_router, health) = grpc::router(&state).await;
         let (mut addresses, mut tasks) = (Vec::new(), Vec::new());
-        for router in [rest::router(Arc::clone(&service), api), grpc_router] {
+        for router in [rest::router(&state), grpc_router] {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
             addresses.push(listener.local_addr().unwrap());
             tasks.push(tokio::spawn(server::serve(listener, router, server.clone(), std::future::pending())));
         }
         let client = reqwest::Client::builder().timeout(HANG_BOUND).no_proxy().build().unwrap();
-        Self { address: addresses[0], grpc_address: addresses[1], service, client, health, tasks }
+        Self { address: addresses[0], grpc_address: addresses[1], service, state, client, health, tasks }
     }
 
     /// A gRPC client with a connection of its own.
@@ -217,11 +235,23 @@ pub(crate) struct Answer {
 }
 
 impl Answer {
+    /// Sends a request, and holds its answer against the OpenAPI document.
     pub(crate) async fn of(request: reqwest::RequestBuilder) -> Self {
-        let response = request.send().await.expect("the server answers");
+        let (client, request) = request.build_split();
+        let request = request.expect("the request is complete");
+        let (method, path) = (request.method().clone(), request.url().path().to_owned());
+        let response = client.execute(request).await.expect("the server answers");
         let (status, headers) = (response.status().as_u16(), response.headers().clone());
         let bytes = response.bytes().await.expect("the answer is complete").to_vec();
-        Self { status, headers, bytes }
+        let answer = Self { status, headers, bytes };
+        conformance::document().await.check(
+            method.as_str(),
+            &path,
+            status,
+            answer.header("content-type"),
+            &answer.bytes,
+        );
+        answer
     }
 
     pub(crate) fn header(&self, name: &str) -> &str {

@@ -1,0 +1,140 @@
+//! The one list of endpoints: the router, the counts and the OpenAPI document are made from it.
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use axum::response::Response;
+use axum::routing::{MethodRouter, get, post};
+use utoipa::ToSchema as _;
+
+use super::handlers::{self, Delivery};
+use super::openapi;
+use super::operation::{Access, Answer, Operation, Request};
+use crate::api::{ApiState, Probes};
+use crate::contract::message::{GetLimitsResponse, SolveRequest, ValidateResponse};
+use crate::contract::{ErrorCode, json};
+use crate::jobs::{Kind, Visitor};
+
+/// One endpoint.
+pub(super) struct Endpoint {
+    pub(super) path: String,
+    pub(super) access: Access,
+    pub(super) handler: MethodRouter<ApiState>,
+    /// What the document says of it; the document and its page are not described.
+    pub(super) operation: Option<Operation>,
+}
+
+impl Endpoint {
+    fn get(path: &str, handler: MethodRouter<ApiState>, summary: &str, answer: Answer) -> Self {
+        let id = path.trim_start_matches('/').replace(['/', '-'], "_");
+        let operation =
+            Operation { id, summary: summary.to_owned(), request: None, answer, has_events: false, errors: Vec::new() };
+        Self { path: path.to_owned(), access: Access::WithKey, handler, operation: Some(operation) }
+    }
+
+    fn post(path: String, handler: MethodRouter<ApiState>, operation: Operation) -> Self {
+        Self { path, access: Access::WithKey, handler, operation: Some(operation) }
+    }
+
+    fn undescribed(self) -> Self {
+        Self { operation: None, ..self }
+    }
+
+    fn probe(path: &str, handler: MethodRouter<ApiState>, summary: &str, answer: Answer, errors: &[ErrorCode]) -> Self {
+        let endpoint = Self::get(path, handler, summary, answer);
+        let operation = endpoint.operation.map(|operation| Operation { errors: errors.to_vec(), ..operation });
+        Self { access: Access::Probe, operation, ..endpoint }
+    }
+}
+
+/// All endpoints of a server, on whatever port.
+pub(super) fn endpoints(state: &ApiState) -> Vec<Endpoint> {
+    let mut of_jobs = OfJobs(Vec::new());
+    state.jobs.each(&mut of_jobs);
+    of_jobs.0.into_iter().chain(beside_jobs()).collect()
+}
+
+/// `GET /openapi.json`: this API for machines.
+async fn document(State(state): State<ApiState>) -> Response {
+    let with_probes = state.settings.probes == Probes::WithApi;
+    let served = endpoints(&state).into_iter().filter(|endpoint| with_probes || endpoint.access != Access::Probe);
+    let described = served.filter_map(|Endpoint { path, access, operation, .. }| Some((path, access, operation?)));
+    handlers::json_answer(state.document.get_or_init(|| openapi::document(&state, described).into()).clone())
+}
+
+fn beside_jobs() -> [Endpoint; 7] {
+    let validate = Operation {
+        id: "validate".to_owned(),
+        summary: "checks and completes a maneuver".to_owned(),
+        request: Some(Request::Immediate(SolveRequest::name())),
+        answer: Answer::Json(ValidateResponse::name()),
+        has_events: false,
+        errors: Vec::new(),
+    };
+    let unavailable = [ErrorCode::Unavailable];
+    [
+        Endpoint::post("/validate".to_owned(), post(handlers::validate), validate),
+        Endpoint::get(
+            "/limits",
+            get(handlers::limits),
+            "what this server accepts at most",
+            Answer::Json(GetLimitsResponse::name()),
+        ),
+        Endpoint::get("/openapi.json", get(document), "", Answer::Object("")).undescribed(),
+        Endpoint::get("/docs", get(handlers::docs), "", Answer::Text("")).undescribed(),
+        Endpoint::probe(
+            "/livez",
+            get(handlers::livez),
+            "whether the process lives",
+            Answer::Object("it does"),
+            &unavailable,
+        ),
+        Endpoint::probe(
+            "/readyz",
+            get(handlers::readyz),
+            "whether new callers are welcome",
+            Answer::Object("they are"),
+            &unavailable,
+        ),
+        Endpoint::probe(
+            "/metrics",
+            get(handlers::metrics),
+            "counts and levels in the text format of Prometheus",
+            Answer::Text("families with their samples"),
+            &[],
+        ),
+    ]
+}
+
+/// The endpoints of the kinds of jobs.
+struct OfJobs(Vec<Endpoint>);
+
+impl Visitor for OfJobs {
+    fn visit<K: Kind>(&mut self, kind: &Arc<K>) {
+        let handler = |delivery| {
+            let kind = Arc::clone(kind);
+            post(move |state, context, request| handlers::run(kind, delivery, state, context, request))
+        };
+        let operation = |id: String, summary: String, answer| {
+            let request = Some(Request::Queued(K::Request::name()));
+            Operation { id, summary, request, answer, has_events: false, errors: Vec::new() }
+        };
+        let answer = Answer::Json(K::Answer::name());
+        let path = format!("/{}", K::NAME);
+        if K::REPORTS_PROGRESS {
+            let events = Answer::Events { progress: K::Report::name(), result: K::Answer::name() };
+            let summary = format!("{} and reports progress as server-sent events", K::SUMMARY);
+            let operation = operation(format!("{}_events", K::NAME), summary, events);
+            self.0.push(Endpoint::post(format!("{path}/events"), handler(Delivery::Events), operation));
+        }
+        let operation = operation(K::NAME.to_owned(), K::SUMMARY.to_owned(), answer);
+        let operation = Operation { has_events: K::REPORTS_PROGRESS, ..operation };
+        self.0.push(Endpoint::post(path, handler(Delivery::AsAccepted), operation));
+        for (name, request) in K::EXAMPLES {
+            let body = move || async move { handlers::json_answer(json::write(&request())) };
+            let summary = format!("an example of a complete body for `/{}`", K::NAME);
+            let answer = Answer::Json(K::Request::name());
+            self.0.push(Endpoint::get(&format!("/examples/{name}"), get(body), &summary, answer));
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! What every request passes on its way in and out: its id and trace, its key, its line in the log, its count, and the
+//! body of its problem.
+
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::{Request, State};
+use axum::http::{HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse as _, Response};
+use tracing::Instrument as _;
+
+use super::endpoints::endpoints;
+use super::operation::Access;
+use super::problem_json;
+use crate::api::access::{AccessLine, Endpoint, RequestContext};
+use crate::api::{ApiSettings, ApiState, CAUSE_IS_LOGGED, observed_body};
+use crate::contract::{ErrorCode, Problem};
+use crate::metrics::Metrics;
+
+/// Counts what is asked at no route of the server.
+const OTHER_ROUTE: &str = "other";
+
+/// What the middleware needs.
+#[derive(Clone, Default)]
+pub(super) struct Passage {
+    settings: Arc<ApiSettings>,
+    metrics: Arc<Metrics>,
+    /// All routes of the server, also those on another port.
+    routes: Arc<[(Arc<str>, Access)]>,
+}
+
+impl Passage {
+    pub(super) fn new(state: &ApiState) -> Self {
+        let routes = endpoints(state).into_iter().map(|endpoint| (endpoint.path.into(), endpoint.access)).collect();
+        Self { settings: Arc::clone(&state.settings), metrics: Arc::clone(state.service.metrics()), routes }
+    }
+
+    /// The route of a path, and who may ask there.
+    fn route(&self, path: &str) -> (Arc<str>, Access) {
+        let known = self.routes.iter().find(|(route, _)| **route == *path).cloned();
+        known.unwrap_or_else(|| (OTHER_ROUTE.into(), Access::WithKey))
+    }
+}
+
+/// Gives the request an id and a trace, asks for its key, logs and counts it once it is answered or abandoned, and
+/// writes problems out.
+pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, next: Next) -> Response {
+    let (context, span) = RequestContext::open(request.uri().path(), request.headers());
+    let (route, access) = passage.route(request.uri().path());
+    let may_pass = access == Access::Probe || passage.settings.keys.admit(request.headers());
+    let method = request.method().clone();
+    let mut line =
+        AccessLine::open(method.clone(), context.clone(), span.clone(), Endpoint::Http(route), passage.metrics);
+    let mut response = if may_pass {
+        request.extensions_mut().insert(context.clone());
+        next.run(request).instrument(span).await
+    } else {
+        unauthenticated()
+    };
+    if let Some(problem) = problem_of(&mut response, &method, &context.path) {
+        line.code = Some(problem.code().entry().code);
+        write_problem(&problem, &context, &mut response);
+    }
+    context.sign(response.headers_mut());
+    line.status = Some(response.status().as_u16());
+    observed_body::follow(response, line, observed_body::no_trailers)
+}
+
+fn unauthenticated() -> Response {
+    let detail = "the API key is missing or wrong: send `Authorization: Bearer KEY`";
+    let mut response = Problem::new(ErrorCode::Unauthenticated, detail).into_response();
+    response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+    response
+}
+
+/// The problem that a handler returned, or one for an error that the framework answered by itself.
+fn problem_of(response: &mut Response, method: &Method, path: &str) -> Option<Problem> {
+    if let Some(problem) = response.extensions_mut().remove::<Problem>() {
+        return Some(problem);
+    }
+    let status = response.status();
+    match status {
+        StatusCode::NOT_FOUND => Some(Problem::new(ErrorCode::NotFound, format!("there is nothing at `{path}`"))),
+        StatusCode::METHOD_NOT_ALLOWED => {
+            let allowed = response.headers().get(header::ALLOW).and_then(|value| value.to_str().ok());
+            let detail = format!("`{path}` does not take {method}, allowed: {}", allowed.unwrap_or("nothing"));
+            Some(Problem::new(ErrorCode::MethodNotAllowed, detail))
+        }
+        _ if status.is_client_error() => {
+            Some(Problem::new(ErrorCode::MalformedBody, format!("the request was refused with status {status}")))
+        }
+        _ if status.is_server_error() => Some(Problem::new(ErrorCode::Internal, CAUSE_IS_LOGGED)),
+        _ => None,
+    }
+}
+
+fn write_problem(problem: &Problem, context: &RequestContext, response: &mut Response) {
+    let entry = problem.code().entry();
+    *response.status_mut() = StatusCode::from_u16(entry.http_status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    *response.body_mut() = Body::from(problem_json::body(problem, &context.path, &context.request_id));
+    let headers = response.headers_mut();
+    headers.remove(header::CONTENT_LENGTH);
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::{InProcessSolver, Jobs, Limits};
+    use crate::service::{Service, ServiceSettings};
+
+    #[test]
+    fn every_path_is_a_route_of_the_counts() {
+        let service = Service::start(ServiceSettings::default()).unwrap();
+        let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
+        let passage = Passage::new(&ApiState::new(service.into(), jobs, ApiSettings::default()));
+        for path in ["/solve", "/solve/events", "/simulate", "/validate", "/limits", "/examples/forward-drive"] {
+            assert_eq!(passage.route(path), (path.into(), Access::WithKey));
+        }
+        assert_eq!(passage.route("/livez"), ("/livez".into(), Access::Probe));
+        assert_eq!(passage.route("/solve/"), (OTHER_ROUTE.into(), Access::WithKey));
+    }
+}

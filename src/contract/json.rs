@@ -1,0 +1,223 @@
+//! Strict reading of JSON: objects are objects, nothing is null, and every fault has its place.
+
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{self, Deserialize, Deserializer, MapAccess, Visitor};
+use serde::{Serialize, Serializer};
+use serde_json::error::Category;
+use serde_path_to_error::{Path, Segment};
+
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{self, ObjectBuilder, Schema, Type};
+
+use super::error_table::ErrorCode;
+use super::problem::Problem;
+
+/// Reads a body that must be one JSON object of the form `T`.
+///
+/// # Errors
+/// `malformed_body` with line and column when the bytes are no JSON, `invalid_field` with a pointer when they are, but
+/// not of this form.
+pub(crate) fn read_object<'de, T: Deserialize<'de>>(body: &'de [u8]) -> Result<T, Problem> {
+    let mut deserializer = serde_json::Deserializer::from_slice(body);
+    let Object(value) =
+        serde_path_to_error::deserialize(&mut deserializer).map_err(|error| problem_of(error.path(), error.inner()))?;
+    deserializer.end().map_err(|error| malformed(&error))?;
+    Ok(value)
+}
+
+fn problem_of(path: &Path, error: &serde_json::Error) -> Problem {
+    match error.classify() {
+        Category::Syntax | Category::Eof | Category::Io => malformed(error),
+        Category::Data => {
+            let message = without_position(error);
+            let mut pointer = pointer_of(path);
+            // These two faults are found one level above the field that they speak of.
+            if let Some(field) = field_named_in(&message, &["missing field `", "duplicate field `"]) {
+                push_segment(&mut pointer, field);
+            }
+            let text = format!("`{}`: {message}", dotted(&pointer));
+            Problem::at_field(ErrorCode::InvalidField, pointer, text)
+        }
+    }
+}
+
+fn malformed(error: &serde_json::Error) -> Problem {
+    Problem::new(ErrorCode::MalformedBody, error.to_string())
+}
+
+fn without_position(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    let position = format!(" at line {} column {}", error.line(), error.column());
+    text.strip_suffix(&position).map_or_else(|| text.clone(), str::to_owned)
+}
+
+fn field_named_in<'a>(message: &'a str, beginnings: &[&str]) -> Option<&'a str> {
+    let rest = beginnings.iter().find_map(|beginning| message.strip_prefix(beginning))?;
+    rest.strip_suffix('`')
+}
+
+fn pointer_of(path: &Path) -> String {
+    let mut pointer = "#".to_owned();
+    for segment in path {
+        match segment {
+            Segment::Seq { index } => push_segment(&mut pointer, &index.to_string()),
+            Segment::Map { key } => push_segment(&mut pointer, key),
+            Segment::Enum { variant } => push_segment(&mut pointer, variant),
+            // Where the key itself is unreadable the pointer ends at its object.
+            Segment::Unknown => {}
+        }
+    }
+    pointer
+}
+
+/// Longest key of the caller that a pointer repeats, characters.
+const MAX_KEY: usize = 100;
+
+fn push_segment(pointer: &mut String, segment: &str) {
+    pointer.push('/');
+    for character in segment.chars().take(MAX_KEY) {
+        match character {
+            '~' => pointer.push_str("~0"),
+            '/' => pointer.push_str("~1"),
+            _ => pointer.push(character),
+        }
+    }
+}
+
+fn dotted(pointer: &str) -> String {
+    let path = pointer.trim_start_matches(['#', '/']);
+    if path.is_empty() { "body".to_owned() } else { path.replace('/', ".") }
+}
+
+/// A `T` that is written as a JSON object; serde alone would take an array of the fields too.
+struct Object<T>(T);
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Object<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        object(deserializer).map(Object)
+    }
+}
+
+/// Reads an object and nothing else.
+fn object<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<T, D::Error> {
+    struct ObjectVisitor<T>(PhantomData<T>);
+
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for ObjectVisitor<T> {
+        type Value = T;
+
+        fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+            formatter.write_str("an object")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<T, A::Error> {
+            T::deserialize(MapAccessDeserializer::new(map))
+        }
+    }
+
+    deserializer.deserialize_any(ObjectVisitor(PhantomData))
+}
+
+/// Reads the object of an optional field that is present.
+pub(super) fn some_object<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    deserializer: D,
+) -> Result<Option<T>, D::Error> {
+    object(deserializer).map(Some)
+}
+
+/// Reads the value of an optional field that is present; `null` is no value.
+pub(super) fn some_value<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    deserializer: D,
+) -> Result<Option<T>, D::Error> {
+    T::deserialize(deserializer).map(Some)
+}
+
+/// Reads a count that is present; one beyond the type is far above every limit: the largest is refused just the same.
+pub(super) fn some_count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u32>, D::Error> {
+    u64::deserialize(deserializer).map(|count| Some(u32::try_from(count).unwrap_or(u32::MAX)))
+}
+
+/// Reads a number of an answer; null is one that is not finite.
+pub(super) fn read_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Option::deserialize(deserializer).map(|number| number.unwrap_or(f64::NAN))
+}
+
+/// Reads numbers of an answer; null is one that is not finite.
+pub(super) fn read_numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
+    let numbers = Vec::<Option<f64>>::deserialize(deserializer)?;
+    Ok(numbers.into_iter().map(|number| number.unwrap_or(f64::NAN)).collect())
+}
+
+/// An enum that JSON writes by name; implemented for all enums of `proto/` by the build.
+pub trait Named: TryFrom<i32> + 'static {
+    /// What it is about.
+    const MEANING: &'static str;
+    /// Number, name and meaning of each value; the unspecified one has no name.
+    const NAMES: &'static [(i32, &'static str, &'static str)];
+
+    /// The name of a value, if it has one.
+    fn name_of(number: i32) -> Option<&'static str> {
+        Self::NAMES.iter().find(|(of, ..)| *of == number).map(|(_, name, _)| *name)
+    }
+}
+
+/// Writes the number of an enum as its name; the unspecified one as null.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes fields by reference")]
+pub(super) fn write_name<S: Serializer, T: Named>(number: &i32, serializer: S) -> Result<S::Ok, S::Error> {
+    T::name_of(*number).serialize(serializer)
+}
+
+/// Reads the number of an enum from its name and nothing else.
+pub(super) fn read_name<'de, D: Deserializer<'de>, T: Named>(deserializer: D) -> Result<i32, D::Error> {
+    struct NameVisitor<T>(PhantomData<T>);
+
+    impl<T: Named> Visitor<'_> for NameVisitor<T> {
+        type Value = i32;
+
+        fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+            let names: Vec<_> = T::NAMES.iter().map(|(_, name, _)| format!("\"{name}\"")).collect();
+            write!(formatter, "{}", names.join(" or "))
+        }
+
+        fn visit_str<E: de::Error>(self, text: &str) -> Result<i32, E> {
+            let found = T::NAMES.iter().find(|(_, name, _)| *name == text);
+            found.map(|(number, ..)| *number).ok_or_else(|| E::invalid_value(de::Unexpected::Str(text), &self))
+        }
+    }
+
+    deserializer.deserialize_str(NameVisitor(PhantomData::<T>))
+}
+
+/// Gives an enum the schema of its names.
+macro_rules! schema_of_names {
+    ($name:ident) => {
+        impl ::utoipa::PartialSchema for $name {
+            fn schema() -> ::utoipa::openapi::RefOr<::utoipa::openapi::Schema> {
+                crate::contract::json::schema_of::<Self>()
+            }
+        }
+
+        impl ::utoipa::ToSchema for $name {}
+    };
+}
+pub(super) use schema_of_names;
+
+pub(super) fn schema_of<T: Named>() -> RefOr<Schema> {
+    let meanings = T::NAMES.iter().map(|(_, name, meaning)| format!("- `{name}`: {meaning}"));
+    let description = std::iter::once(T::MEANING.to_owned()).chain(meanings).collect::<Vec<_>>().join("\n");
+    let object = ObjectBuilder::new()
+        .schema_type(schema::SchemaType::Type(Type::String))
+        .description(Some(description))
+        .enum_values(Some(T::NAMES.iter().map(|(_, name, _)| *name)));
+    RefOr::T(object.build().into())
+}
+
+/// A message as JSON.
+///
+/// # Panics
+/// Never: messages are names and numbers.
+pub fn write<T: Serialize>(message: &T) -> Vec<u8> {
+    serde_json::to_vec(message).expect("a message of names and numbers is valid JSON")
+}

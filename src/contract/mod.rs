@@ -1,0 +1,14 @@
+//! What is said between callers and this program, whichever way it travels: messages, rules and errors.
+//!
+//! The messages are generated from `proto/`; protobuf and JSON are two ways to write them. This module knows no transport.
+
+pub(crate) mod convert;
+mod error_table;
+mod goal;
+pub mod json;
+pub mod message;
+mod problem;
+mod state;
+
+pub use error_table::{ErrorCode, ErrorEntry, GrpcCode};
+pub use problem::{FieldError, Problem};

@@ -1,0 +1,167 @@
+//! Errors on their way to a caller, whichever transport carries them.
+
+use std::fmt;
+use std::time::Duration;
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::error_table::ErrorCode;
+use crate::rules::{Violation, ViolationCode, Violations};
+
+/// Most violations that one answer lists: a body of nothing but faults must not be answered by megabytes.
+const MAX_LISTED_ERRORS: usize = 100;
+/// Longest text that may echo a caller's own words, characters.
+const MAX_ECHO: usize = 400;
+
+/// A refusal or failure on its way to the caller.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Problem {
+    code: ErrorCode,
+    detail: String,
+    retry_after: Option<Duration>,
+    errors: Vec<FieldError>,
+}
+
+/// One fault of one field.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct FieldError {
+    /// JSON pointer as a URI fragment, such as `#/robot/wheel_radius_m`.
+    pub pointer: String,
+    /// The code of the broken rule.
+    pub code: &'static str,
+    /// Field, value and rule.
+    pub message: String,
+    /// The bound that was passed, where the rule is a bound.
+    #[schema(required = true)]
+    pub limit: Option<f64>,
+}
+
+impl Problem {
+    /// A problem without field errors.
+    pub fn new(code: ErrorCode, detail: impl Into<String>) -> Self {
+        Self { code, detail: shortened(detail.into()), retry_after: None, errors: Vec::new() }
+    }
+
+    /// The refusal of a body above the limit.
+    pub(crate) fn body_too_large(limit_bytes: usize) -> Self {
+        Self::new(ErrorCode::BodyTooLarge, format!("the body is larger than {limit_bytes} bytes"))
+    }
+
+    /// The same problem, worth another try after this time.
+    #[must_use]
+    pub fn worth_retrying_after(self, wait: Option<Duration>) -> Self {
+        Self { retry_after: wait, ..self }
+    }
+
+    /// A problem of the one field at `pointer`.
+    pub(crate) fn at_field(code: ErrorCode, pointer: String, message: String) -> Self {
+        let message = shortened(message);
+        let error = FieldError { pointer, code: code.entry().code, message: message.clone(), limit: None };
+        Self { code, detail: message, retry_after: None, errors: vec![error] }
+    }
+
+    /// The code from the error table.
+    pub fn code(&self) -> ErrorCode {
+        self.code
+    }
+
+    /// The faults of single fields.
+    pub fn errors(&self) -> &[FieldError] {
+        &self.errors
+    }
+
+    /// What this occurrence is about.
+    pub(crate) fn detail(&self) -> &str {
+        &self.detail
+    }
+
+    /// When it is worth trying again, where that is known.
+    pub(crate) fn retry_after(&self) -> Option<Duration> {
+        self.retry_after
+    }
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let entry = self.code.entry();
+        write!(formatter, "{} ({}): {}", entry.title, entry.code, self.detail)
+    }
+}
+
+impl std::error::Error for Problem {}
+
+impl From<Violations> for Problem {
+    fn from(violations: Violations) -> Self {
+        let list = violations.list();
+        // A request with a wrong value stays wrong on a larger server: that code speaks first.
+        let only_too_large = list.iter().all(|violation| violation.code == ViolationCode::ProblemTooLarge);
+        let code = if only_too_large { ErrorCode::ProblemTooLarge } else { ErrorCode::InvalidValue };
+        let errors: Vec<_> = list.iter().take(MAX_LISTED_ERRORS).map(FieldError::from).collect();
+        let detail = match list {
+            [only] => only.message.clone(),
+            _ if list.len() > errors.len() => {
+                format!("{} values break their rules; the first {} are listed", list.len(), errors.len())
+            }
+            _ => format!("{} values break their rules", list.len()),
+        };
+        Self { errors, ..Self::new(code, detail) }
+    }
+}
+
+impl From<&Violation> for FieldError {
+    fn from(violation: &Violation) -> Self {
+        let Violation { field, code, message, limit } = violation;
+        Self {
+            pointer: pointer_of_path(field),
+            code: code.as_str(),
+            message: shortened(message.clone()),
+            limit: *limit,
+        }
+    }
+}
+
+/// `robot.wheel_radius_m` as `#/robot/wheel_radius_m`, `a.b[3]` as `#/a/b/3`.
+fn pointer_of_path(path: &str) -> String {
+    format!("#/{}", path.replace(['.', '['], "/").replace(']', ""))
+}
+
+/// Cuts a text that may hold the caller's own words.
+fn shortened(mut text: String) -> String {
+    if let Some((cut, _)) = text.char_indices().nth(MAX_ECHO) {
+        text.truncate(cut);
+        text.push_str("...");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rules::{Checks, Rule};
+
+    #[test]
+    fn pointer_follows_fields_and_indices() {
+        assert_eq!(pointer_of_path("initial_guess.torque_left_n_m[3]"), "#/initial_guess/torque_left_n_m/3");
+    }
+
+    #[test]
+    fn value_faults_outrank_size_faults() {
+        let mut checks = Checks::new();
+        checks.server_limit("grid.steps", 2.0, 1.0);
+        checks.bounds("robot.wheel_radius_m", 0.0, &Rule::positive("m"));
+        let problem = Problem::from(checks.finish().unwrap_err());
+        assert_eq!((problem.code(), problem.errors().len()), (ErrorCode::InvalidValue, 2));
+    }
+
+    #[test]
+    fn long_list_of_faults_is_cut() {
+        let mut checks = Checks::new();
+        for index in 0..1000 {
+            checks.bounds(&format!("field[{index}]"), 0.0, &Rule::positive(""));
+        }
+        let problem = Problem::from(checks.finish().unwrap_err());
+        assert_eq!(problem.errors().len(), MAX_LISTED_ERRORS);
+        assert!(problem.to_string().contains("1000 values"));
+    }
+}

@@ -1,0 +1,85 @@
+//! What a kind of job is to callers.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use utoipa::ToSchema;
+
+use super::Limits;
+use crate::contract::{ErrorCode, Problem, json};
+use crate::metrics::catalogue::Family;
+use crate::rules::RuleSet;
+use crate::service::{Done, Job, ServiceError};
+
+/// A name, and a request to begin with.
+pub type Example<T> = (&'static str, fn() -> T);
+
+/// A job that callers ask for by a message.
+///
+/// Its [`Job::NAME`] is its route (`POST /solve`), its command (`slipdrive solve`), its operation in OpenAPI and its label
+/// in metrics.
+pub trait Kind: Job {
+    /// What it does, in a few words.
+    const SUMMARY: &'static str;
+    /// Its methods of gRPC with one message in: the first answers once, a second one as a stream of events.
+    const METHODS: &'static [&'static str];
+    /// Whether it reports progress, so that callers may ask for events.
+    const REPORTS_PROGRESS: bool = false;
+    /// Requests to begin with, by name: `GET /examples/NAME`, and in place of a file on the command line.
+    const EXAMPLES: &'static [Example<Self::Request>] = &[];
+    /// What draws an output as an HTML page, where there is something to draw.
+    const PAGE: Option<fn(&Self::Output) -> String> = None;
+    /// Its own families of metrics.
+    const FAMILIES: &'static [Family] = &[];
+    /// What is asked.
+    type Request: DeserializeOwned + Serialize + ToSchema + Send + 'static;
+    /// What is answered.
+    type Answer: Serialize + ToSchema + Send + 'static;
+    /// What is reported of its progress; `()` if nothing.
+    type Report: From<Self::Progress> + Serialize + ToSchema + Send;
+
+    /// The rules of a request, by the paths of its fields.
+    fn rules(limits: &Limits) -> RuleSet;
+
+    /// Validates and completes a request.
+    ///
+    /// # Errors
+    /// `invalid_field`, or all violated rules and limits at once.
+    fn accept(request: Self::Request, limits: &Limits) -> Result<Self::Input, Problem>;
+
+    /// The answer; made on the worker.
+    fn answer(input: &Self::Input, done: &Done<Self::Output>) -> Self::Answer;
+
+    /// The answer as a short table for people.
+    fn table(input: &Self::Input, done: &Done<Self::Output>) -> String;
+
+    /// Whether there is what was asked for: the exit code of the command.
+    fn is_success(_output: &Self::Output) -> bool {
+        true
+    }
+
+    /// Reads and accepts a request in JSON.
+    ///
+    /// # Errors
+    /// `body_too_large`, `malformed_body` and those of [`Kind::accept`].
+    fn read(body: &[u8], limits: &Limits) -> Result<Self::Input, Problem> {
+        // Transports refuse large bodies while they read them; files come whole.
+        if body.len() > limits.max_body_bytes {
+            return Err(Problem::body_too_large(limits.max_body_bytes));
+        }
+        Self::accept(json::read_object(body)?, limits)
+    }
+}
+
+impl From<ServiceError> for Problem {
+    fn from(error: ServiceError) -> Self {
+        let code = match error {
+            ServiceError::QueueFull { .. } => ErrorCode::QueueFull,
+            ServiceError::DeadlineUnreachable { .. } => ErrorCode::DeadlineUnreachable,
+            ServiceError::DeadlineExceeded => ErrorCode::DeadlineExceeded,
+            ServiceError::Unavailable { .. } => ErrorCode::Unavailable,
+            ServiceError::Cancelled => ErrorCode::Cancelled,
+            ServiceError::SolverPanic => ErrorCode::SolverPanic,
+        };
+        Self::new(code, error.to_string()).worth_retrying_after(error.retry_after())
+    }
+}

@@ -1,0 +1,79 @@
+//! The kinds of jobs: one folder each, and one line each in the registry below.
+//!
+//! Transports, the command line and the OpenAPI document reach them through [`Kind`], by a [`Visitor`]; none of them
+//! lists the kinds.
+
+mod kind;
+mod limits;
+pub mod simulate;
+pub mod solve;
+mod solver;
+mod table;
+
+use std::sync::Arc;
+
+pub use kind::{Example, Kind};
+pub use limits::{DEFAULT_TIME_LIMIT_S, Limits, limits_message};
+pub use solver::{InProcessSolver, ManeuverSolver};
+
+use crate::metrics::Metrics;
+use crate::metrics::catalogue::{self, Family};
+
+/// What is done with each kind.
+pub trait Visitor {
+    /// One kind.
+    fn visit<K: Kind>(&mut self, kind: &Arc<K>);
+}
+
+macro_rules! registry {
+    ($($(#[$doc:meta])* $name:ident: $kind:ty),* $(,)?) => {
+        /// One of each kind of job, and what they accept.
+        #[derive(Clone)]
+        pub struct Jobs {
+            limits: Limits,
+            $($(#[$doc])* pub $name: Arc<$kind>),*
+        }
+
+        impl Jobs {
+            /// All kinds of one server, which share its solver and its metrics.
+            pub fn new(limits: Limits, solver: Arc<dyn ManeuverSolver>, metrics: &Metrics) -> Self {
+                let jobs = Self { limits, $($name: Arc::new(<$kind>::new(Arc::clone(&solver), metrics))),* };
+                jobs.each(&mut Expected(metrics));
+                jobs
+            }
+
+            /// Shows every kind to the visitor.
+            pub fn each(&self, visitor: &mut impl Visitor) {
+                $(visitor.visit(&self.$name);)*
+            }
+
+            /// All families of metrics of a server, those of the kinds included.
+            pub fn families() -> Vec<Family> {
+                [catalogue::ALL, $(<$kind>::FAMILIES),*].concat()
+            }
+        }
+    };
+}
+
+registry! {
+    /// The search for the fastest maneuver.
+    solve: solve::Solve,
+    /// One rollout.
+    simulate: simulate::Simulate,
+}
+
+impl Jobs {
+    /// What is accepted at most.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+}
+
+/// Reports every kind as 0 until its first job ends.
+struct Expected<'a>(&'a Metrics);
+
+impl Visitor for Expected<'_> {
+    fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
+        self.0.expect_jobs(K::NAME);
+    }
+}

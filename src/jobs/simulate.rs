@@ -1,0 +1,129 @@
+//! One rollout of a given torque schedule.
+
+use std::sync::Arc;
+
+use super::table::{line, row, separations, write_timeline};
+use super::{Kind, Limits, ManeuverSolver};
+use crate::contract::Problem;
+use crate::contract::convert::{contacts, count, named, required, schedule};
+use crate::contract::message::{ContactSolver, ReferencePoint, SimulateGrid, SimulateRequest, SimulateResponse};
+use crate::metrics::Metrics;
+use crate::rules::{Checks, RuleSet};
+use crate::service::{Cost, Done, Job, JobControl, Stopped};
+use crate::shooting::StateComponent;
+use crate::solver::{SimulateInput, SimulateParameters, Simulation, SolverSettings};
+
+const ARRAYS: [&str; 2] = ["torque_schedule.left_n_m", "torque_schedule.right_n_m"];
+
+/// Simulates torque schedules.
+pub struct Simulate(Arc<dyn ManeuverSolver>);
+
+impl Simulate {
+    /// Simulates with this solver.
+    pub fn new(solver: Arc<dyn ManeuverSolver>, _metrics: &Metrics) -> Self {
+        Self(solver)
+    }
+}
+
+impl Job for Simulate {
+    const NAME: &'static str = "simulate";
+    type Input = SimulateInput;
+    type Output = Simulation;
+    type Progress = ();
+
+    fn cost(&self, input: &SimulateInput) -> Cost {
+        Cost::of_steps(input.step_count as f64)
+    }
+
+    fn run(&self, input: &SimulateInput, _control: &JobControl<'_, ()>) -> Result<Simulation, Stopped> {
+        Ok(self.0.simulate(input))
+    }
+}
+
+impl Kind for Simulate {
+    const SUMMARY: &'static str = "integrates one torque schedule";
+    const METHODS: &'static [&'static str] = &["Simulate"];
+    type Request = SimulateRequest;
+    type Answer = SimulateResponse;
+    type Report = ();
+
+    fn rules(limits: &Limits) -> RuleSet {
+        limits.on_arrays(SimulateParameters::rules().at_most("grid.steps", limits.max_steps as f64), ARRAYS)
+    }
+
+    fn accept(request: SimulateRequest, limits: &Limits) -> Result<SimulateInput, Problem> {
+        let SimulateRequest { robot, reference_point, start, torque_schedule, grid, contact_solver } = request;
+        let reference_point: ReferencePoint = named(reference_point, "reference_point")?;
+        let contact_solver: ContactSolver = named(contact_solver, "contact_solver")?;
+        let SimulateGrid { steps } = grid.unwrap_or_default();
+        let mut schedule = schedule(required(torque_schedule, "torque_schedule")?, "torque_schedule")?;
+        // Absent: the paper's number of steps, or one step per interval where there are more intervals.
+        let interval_count = schedule.control_count().min(limits.max_control_intervals);
+        let step_count = steps.map_or(SolverSettings::PAPER_STEP_COUNT.max(interval_count), |steps| steps as usize);
+        let mut checks = Checks::new();
+        checks.server_limit("grid.steps", step_count as f64, limits.max_steps as f64);
+        if !limits.check_arrays(&mut checks, [(ARRAYS[0], &schedule.left), (ARRAYS[1], &schedule.right)]) {
+            schedule.left.truncate(1);
+            schedule.right.truncate(1);
+        }
+        Ok(checks.and(SimulateInput::new(SimulateParameters {
+            robot: robot.unwrap_or_default().into(),
+            reference_point: reference_point.into(),
+            start: start.unwrap_or_default().into(),
+            schedule,
+            step_count,
+            contact_method: contact_solver.into(),
+        }))?)
+    }
+
+    fn answer(_input: &SimulateInput, done: &Done<Simulation>) -> SimulateResponse {
+        // The same request gives the same bytes: the duration goes to the log only.
+        let Simulation { trajectory, contact_modes, separations, slip_reversals } = &done.output;
+        SimulateResponse {
+            trajectory: Some(trajectory.into()),
+            contacts: Some(contacts(&trajectory.contact)),
+            contact_modes: contact_modes.iter().map(Into::into).collect(),
+            separations: separations.iter().map(Into::into).collect(),
+            worst_contact_residual: trajectory.worst_contact_residual,
+            indeterminate_steps: count(trajectory.indeterminate_steps),
+            slip_reversals: count(*slip_reversals),
+        }
+    }
+
+    /// Duration, end state and the timeline of contact modes.
+    fn table(_input: &SimulateInput, done: &Done<Simulation>) -> String {
+        let simulation = &done.output;
+        let trajectory = &simulation.trajectory;
+        let mut table = String::new();
+        let end_time = trajectory.time.last().copied().unwrap_or_default();
+        row(&mut table, "duration", &format!("{end_time:.6} s in {} steps", trajectory.step_count()));
+        row(&mut table, "separations", &separations(&simulation.separations));
+        row(&mut table, "slip reversals", &simulation.slip_reversals.to_string());
+        row(&mut table, "indeterminate", &format!("{} steps", trajectory.indeterminate_steps));
+        row(&mut table, "contact residual", &format!("{:.1e}", trajectory.worst_contact_residual));
+        table.push_str("\nend state\n");
+        if let Some(state) = trajectory.state.last() {
+            let values = state.to_vector();
+            for component in StateComponent::ALL {
+                line(&mut table, &format!("  {:<22} {:>12.6}", component.field(), values[component.index()]));
+            }
+        }
+        write_timeline(&mut table, &simulation.contact_modes);
+        table
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_schedule_is_refused_before_its_numbers_are_judged() {
+        let zeros = vec!["9e99"; 2000].join(",");
+        let body =
+            format!(r#"{{"torque_schedule": {{"interval_s": 1, "left_n_m": [{zeros}], "right_n_m": [{zeros}]}}}}"#);
+        let problem = Simulate::read(body.as_bytes(), &Limits::default()).unwrap_err();
+        let pointers: Vec<_> = problem.errors().iter().map(|error| error.pointer.as_str()).collect();
+        assert_eq!(pointers, ["#/torque_schedule/left_n_m", "#/torque_schedule/right_n_m"]);
+    }
+}

@@ -1,0 +1,334 @@
+//! Requests of a solve: from the message to validated domain input, and to the completed message with its hash.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use sha2::{Digest, Sha256};
+
+use crate::contract::convert::{count, maneuver, named, required};
+use crate::contract::message::{InitialGuess, SolveGrid, SolveRequest, Solver, ValidateResponse, View};
+use crate::contract::{Problem, json, message};
+use crate::jobs::limits::{DEFAULT_TIME_LIMIT_S, Limits};
+use crate::rules::{Checks, Rule, RuleSet};
+use crate::simulation::TorqueSchedule;
+use crate::solver::{Refinement, SolveInput, SolveParameters, SolverSettings};
+
+/// The bounds of the time limit, which belongs to the service.
+const TIME_LIMIT_RULE: Rule = Rule::positive("s");
+
+/// A solve request that passed all checks.
+#[derive(Debug, Clone)]
+pub struct AcceptedSolve {
+    /// What to solve.
+    pub input: SolveInput,
+    /// How long the solve may run.
+    pub time_limit: Duration,
+    /// How much of the answer is asked for.
+    pub view: View,
+    /// SHA-256 of the completed request, in hexadecimal.
+    pub input_hash: String,
+    /// The request with every field present.
+    pub completed: SolveRequest,
+}
+
+/// The paper's case: 5 m forward from rest to rest on 200 steps, complete.
+pub(super) fn forward_drive() -> SolveRequest {
+    let SolveParameters { robot, maneuver, settings, initial_guess: _ } = SolveParameters::forward_drive();
+    SolveRequest {
+        robot: Some((&robot).into()),
+        maneuver: Some((&maneuver).into()),
+        grid: Some(SolveGrid {
+            steps: Some(count(settings.step_count)),
+            control_intervals: Some(count(settings.control_count)),
+        }),
+        solver: Some(solver_message(&settings, DEFAULT_TIME_LIMIT_S)),
+        initial_guess: None,
+        view: View::Full.into(),
+    }
+}
+
+/// The rules of a request.
+pub(super) fn rules(limits: &Limits) -> RuleSet {
+    let rules = SolveParameters::rules()
+        .with("solver", RuleSet::of([("time_limit_s", TIME_LIMIT_RULE)]))
+        .at_most("grid.steps", limits.max_steps as f64)
+        .at_most("grid.control_intervals", limits.max_control_intervals as f64)
+        .at_most("solver.starts", limits.max_starts as f64)
+        .at_most("solver.rollout_limit", limits.max_rollout_limit as f64)
+        .at_most("solver.time_limit_s", limits.max_time_limit_s);
+    limits.on_arrays(rules, ["initial_guess.torque_left_n_m", "initial_guess.torque_right_n_m"])
+}
+
+/// Validates and completes a request.
+///
+/// # Errors
+/// `invalid_field`, or all violated rules and limits at once.
+pub(super) fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedSolve, Problem> {
+    let mut checks = Checks::new();
+    let SolveRequest { robot, maneuver: given_maneuver, grid, solver, initial_guess, view } = request;
+    let view = match named(view, "view")? {
+        View::Unspecified => View::Full,
+        view @ (View::Full | View::Plan) => view,
+    };
+    let grid = grid.unwrap_or_default();
+    let (settings, time_limit_s) = settings(&grid, solver.unwrap_or_default(), limits)?;
+    let parameters = SolveParameters {
+        robot: robot.unwrap_or_default().into(),
+        maneuver: maneuver(given_maneuver.unwrap_or_default(), &mut checks)?,
+        settings,
+        initial_guess: initial_guess.clone().map(guess).transpose()?,
+    };
+    let parameters = within_limits(parameters, time_limit_s, limits, &mut checks);
+    let input = checks.and(SolveInput::new(parameters))?;
+    let completed = SolveRequest {
+        robot: Some(input.robot.parameters().into()),
+        maneuver: Some((&input.maneuver).into()),
+        grid: Some(SolveGrid { control_intervals: Some(count(settings.control_count)), ..grid }),
+        solver: Some(solver_message(&settings, time_limit_s)),
+        initial_guess,
+        view: view.into(),
+    };
+    let input_hash = hash(&json::write(&completed));
+    // Positive and below the server's limit, as checked.
+    let time_limit = Duration::from_secs_f64(time_limit_s);
+    Ok(AcceptedSolve { input, time_limit, view, input_hash, completed })
+}
+
+/// Adds what is above the server's limits to `checks`; a guess that is too long goes no further.
+fn within_limits(
+    mut parameters: SolveParameters,
+    time_limit_s: f64,
+    limits: &Limits,
+    checks: &mut Checks,
+) -> SolveParameters {
+    let SolverSettings { step_count, control_count, start_count, rollout_limit, .. } = parameters.settings;
+    checks.server_limit("grid.steps", step_count as f64, limits.max_steps as f64);
+    checks.server_limit("grid.control_intervals", control_count as f64, limits.max_control_intervals as f64);
+    checks.server_limit("solver.starts", start_count as f64, limits.max_starts as f64);
+    checks.server_limit("solver.rollout_limit", rollout_limit as f64, limits.max_rollout_limit as f64);
+    checks.bounds("solver.time_limit_s", time_limit_s, &TIME_LIMIT_RULE);
+    checks.server_limit("solver.time_limit_s", time_limit_s, limits.max_time_limit_s);
+    parameters.initial_guess = parameters.initial_guess.filter(|TorqueSchedule { left, right, .. }| {
+        let arrays = [("initial_guess.torque_left_n_m", &left[..]), ("initial_guess.torque_right_n_m", &right[..])];
+        limits.check_arrays(checks, arrays)
+    });
+    parameters
+}
+
+/// The completed request, for those who only ask whether it is valid.
+pub fn validated(accepted: AcceptedSolve) -> ValidateResponse {
+    let AcceptedSolve { completed, input_hash, .. } = accepted;
+    let SolveRequest { robot, maneuver, grid, solver, initial_guess, view } = completed;
+    ValidateResponse { robot, maneuver, grid, solver, initial_guess, view, input_hash }
+}
+
+fn hash(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().fold(String::with_capacity(64), |mut text, byte| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+/// The settings, and the time limit in s, which belongs to the service.
+fn settings(grid: &SolveGrid, solver: Solver, limits: &Limits) -> Result<(SolverSettings, f64), Problem> {
+    let default = SolverSettings::default();
+    let count_or = |given: Option<u32>, default: usize| given.map_or(default, |count| count as usize);
+    let SolveGrid { steps, control_intervals } = *grid;
+    let control_count = count_or(control_intervals, default.control_count);
+    let (step_count, refinement) = if let Some(steps) = steps {
+        (steps as usize, Refinement::Fixed)
+    } else {
+        // More intervals than the server takes are refused whatever the grid.
+        let first = SolverSettings::first_step_count(control_count.min(limits.max_control_intervals));
+        (first.min(limits.max_steps), Refinement::UntilExecutable { step_limit: limits.max_steps })
+    };
+    let Solver {
+        method,
+        starts,
+        seed,
+        time_limit_s,
+        rollout_limit,
+        goal_tolerance,
+        replay_tolerance_m,
+        replay_tolerance_rad,
+    } = solver;
+    let settings = SolverSettings {
+        method: named::<message::Method>(method, "solver.method")?.into(),
+        step_count,
+        refinement,
+        control_count,
+        start_count: count_or(starts, default.start_count),
+        seed,
+        rollout_limit: rollout_limit.unwrap_or(default.rollout_limit),
+        goal_tolerance: goal_tolerance.unwrap_or(default.goal_tolerance),
+        replay_tolerance_position: replay_tolerance_m.unwrap_or(default.replay_tolerance_position),
+        replay_tolerance_heading: replay_tolerance_rad.unwrap_or(default.replay_tolerance_heading),
+    };
+    Ok((settings, time_limit_s.unwrap_or(DEFAULT_TIME_LIMIT_S)))
+}
+
+fn solver_message(settings: &SolverSettings, time_limit_s: f64) -> Solver {
+    let SolverSettings {
+        method,
+        step_count: _,
+        refinement: _,
+        control_count: _,
+        start_count,
+        seed,
+        rollout_limit,
+        goal_tolerance,
+        replay_tolerance_position,
+        replay_tolerance_heading,
+    } = *settings;
+    Solver {
+        method: message::Method::from(method).into(),
+        starts: Some(count(start_count)),
+        seed,
+        time_limit_s: Some(time_limit_s),
+        rollout_limit: Some(rollout_limit),
+        goal_tolerance: Some(goal_tolerance),
+        replay_tolerance_m: Some(replay_tolerance_position),
+        replay_tolerance_rad: Some(replay_tolerance_heading),
+    }
+}
+
+fn guess(given: InitialGuess) -> Result<TorqueSchedule, Problem> {
+    let InitialGuess { final_time_s, torque_left_n_m: left, torque_right_n_m: right } = given;
+    let final_time = required(final_time_s, "initial_guess.final_time_s")?;
+    Ok(TorqueSchedule { final_time, left, right })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::Kind as _;
+    use crate::jobs::limits::{MAX_CONTROL_INTERVALS, MAX_ROLLOUT_LIMIT, MAX_STARTS, MAX_STEPS};
+    use crate::jobs::solve::Solve;
+    use crate::robot::RobotParameters;
+    use crate::rules::ViolationCode;
+    use crate::shooting::Maneuver;
+
+    fn forward_drive_body() -> Vec<u8> {
+        json::write(&forward_drive())
+    }
+
+    fn faults_of(settings: SolverSettings, time_limit_s: f64) -> Vec<(String, ViolationCode)> {
+        let mut checks = Checks::new();
+        let parameters = SolveParameters { settings, ..SolveParameters::default() };
+        within_limits(parameters, time_limit_s, &Limits::default(), &mut checks);
+        match checks.finish() {
+            Ok(()) => Vec::new(),
+            Err(violations) => violations.list().iter().map(|fault| (fault.field.clone(), fault.code)).collect(),
+        }
+    }
+
+    #[test]
+    fn defaults_are_within_the_limits() {
+        assert_eq!(faults_of(SolverSettings::default(), DEFAULT_TIME_LIMIT_S), []);
+    }
+
+    #[test]
+    fn every_limit_is_named_with_its_field() {
+        let settings = SolverSettings {
+            step_count: MAX_STEPS + 1,
+            control_count: MAX_CONTROL_INTERVALS + 1,
+            start_count: MAX_STARTS + 1,
+            rollout_limit: MAX_ROLLOUT_LIMIT + 1,
+            ..SolverSettings::default()
+        };
+        let expected =
+            ["grid.steps", "grid.control_intervals", "solver.starts", "solver.rollout_limit", "solver.time_limit_s"];
+        let expected = expected.map(|field| (field.to_owned(), ViolationCode::ProblemTooLarge));
+        assert_eq!(faults_of(settings, 61.0), expected);
+    }
+
+    #[test]
+    fn time_limit_must_be_positive() {
+        let found = faults_of(SolverSettings::default(), 0.0);
+        assert_eq!(found, [("solver.time_limit_s".to_owned(), ViolationCode::InvalidValue)]);
+    }
+
+    #[test]
+    fn every_number_of_a_request_has_a_rule() {
+        let rules = rules(&Limits::default());
+        let completed = serde_json::to_value(forward_drive()).unwrap();
+        let mut fields = Vec::new();
+        numbers_in(&completed, String::new(), &mut fields);
+        assert!(fields.len() > 40, "{fields:?}");
+        for field in fields.iter().filter(|field| *field != "solver.seed") {
+            assert!(rules.fields.iter().any(|(name, _)| name == field), "`{field}` has no rule: {rules:?}");
+        }
+        let rule = |field: &str| rules.fields.iter().find(|(name, _)| name == field).map(|(_, rule)| rule.to_string());
+        assert_eq!(rule("robot.wheel_radius_m").as_deref(), Some("between 0.001 and 10 m"));
+        assert_eq!(rule("grid.steps").as_deref(), Some("between 1 and 10000"));
+        assert_eq!(rule("maneuver.goal.y_m").as_deref(), Some("between -10000 and 10000 m"));
+        assert_eq!(rule("solver.time_limit_s").as_deref(), Some("> 0 and <= 60 s"));
+        assert_eq!(rule("initial_guess.torque_left_n_m").as_deref(), Some("between 1 and 1000 items"));
+    }
+
+    fn numbers_in(value: &serde_json::Value, path: String, fields: &mut Vec<String>) {
+        if let Some(object) = value.as_object() {
+            for (name, value) in object {
+                let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+                numbers_in(value, path, fields);
+            }
+        } else if value.is_number() {
+            fields.push(path);
+        }
+    }
+
+    #[test]
+    fn wire_defaults_are_the_domain_defaults() {
+        let accepted = Solve::read(b"{}", &Limits::default()).unwrap();
+        assert_eq!(accepted.input.robot.parameters(), &RobotParameters::default());
+        assert_eq!(accepted.input.settings, SolverSettings::default());
+        assert_eq!(accepted.time_limit, Duration::from_secs(10));
+    }
+
+    #[test]
+    fn forward_drive_is_the_case_of_the_domain() {
+        let accepted = Solve::read(&forward_drive_body(), &Limits::default()).unwrap();
+        assert_eq!(accepted.input.maneuver, Maneuver::forward_drive());
+        assert_eq!(accepted.input.settings, SolveInput::forward_drive().settings);
+    }
+
+    #[test]
+    fn automatic_steps_start_on_a_grid_that_fits_the_intervals() {
+        let grid_for = |control_intervals: usize| {
+            let body = format!(r#"{{"grid": {{"control_intervals": {control_intervals}}}}}"#);
+            let settings = Solve::read(body.as_bytes(), &Limits::default()).unwrap().input.settings;
+            assert_eq!(settings.refinement, Refinement::UntilExecutable { step_limit: 10_000 });
+            settings.step_count
+        };
+        assert_eq!([1, 37, 40, 200, 201, 1000].map(grid_for), [200, 222, 200, 200, 201, 1000]);
+    }
+
+    #[test]
+    fn completed_body_of_automatic_steps_means_the_same() {
+        let accepted = Solve::read(b"{}", &Limits::default()).unwrap();
+        let again = Solve::read(&json::write(&accepted.completed), &Limits::default()).unwrap();
+        assert_eq!(again.input_hash, accepted.input_hash);
+        assert_eq!(again.input.settings, accepted.input.settings);
+        let fixed = Solve::read(br#"{"grid": {"steps": 200}}"#, &Limits::default()).unwrap();
+        assert_ne!(fixed.input_hash, accepted.input_hash);
+    }
+
+    #[test]
+    fn forward_drive_keeps_its_hash() {
+        // Callers store hashes: a change of names, order or defaults of the completed body must be meant.
+        let accepted = Solve::read(&forward_drive_body(), &Limits::default()).unwrap();
+        assert_eq!(accepted.input_hash, "85bea469ecece9bade97a2ef09e2c0819a49869d6702683754de0a4085aa65c4");
+    }
+
+    #[test]
+    fn long_guess_is_refused_before_its_numbers_are_judged() {
+        let torques = vec!["9e99"; 2000].join(",");
+        let guess =
+            format!(r#"{{"final_time_s": 1, "torque_left_n_m": [{torques}], "torque_right_n_m": [{torques}]}}"#);
+        let body = format!(r#"{{"initial_guess": {guess}}}"#);
+        let problem = Solve::read(body.as_bytes(), &Limits::default()).unwrap_err();
+        let pointers: Vec<_> = problem.errors().iter().map(|error| error.pointer.as_str()).collect();
+        assert_eq!(pointers, ["#/initial_guess/torque_left_n_m", "#/initial_guess/torque_right_n_m"]);
+    }
+}

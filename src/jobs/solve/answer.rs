@@ -1,0 +1,143 @@
+//! The answer of a solve.
+
+use nalgebra::SVector;
+
+use super::accept::AcceptedSolve;
+use super::{Solved, StopReason};
+use crate::contract::convert::{contacts, count, same_values};
+use crate::contract::message;
+use crate::robot::State;
+use crate::service::Done;
+use crate::shooting::{Goal, StateComponent};
+use crate::solver::{
+    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, SolveProgress, Status,
+};
+
+same_values!(Status = Status { Converged, Feasible, NotConverged, Infeasible });
+same_values!(StopReason = StopReason { Finished, TimeLimit, Deadline, RolloutLimit });
+same_values!(Refinement = RefinementOutcome { Fixed, WithinTolerance, StepLimit, GoalLost, Interrupted, NoPlan });
+same_values!(LowerBoundAssumption = LowerBoundAssumption { Friction, YawFriction, DriveTorque, WheelDrive });
+
+/// The answer of a solve.
+pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message::Solution {
+    let Solved { solution, stop_reason, .. } = &done.output;
+    let Solution {
+        status,
+        // The service knows why the solver was stopped.
+        stop_reason: _,
+        executable,
+        reason,
+        schedule,
+        goal_error: error,
+        trajectory,
+        contact_modes,
+        report: given_report,
+    } = solution;
+    let is_full = accepted.view == message::View::Full;
+    message::Solution {
+        status: message::Status::from(*status).into(),
+        stop_reason: message::StopReason::from(*stop_reason).into(),
+        executable: *executable,
+        reason: reason.as_ref().map(Into::into),
+        final_time_s: schedule.final_time,
+        torque_schedule: Some(schedule.into()),
+        contact_modes: contact_modes.iter().map(Into::into).collect(),
+        goal_error: Some(goal_error(error, &accepted.input.maneuver.goal)),
+        trajectory: is_full.then(|| trajectory.into()),
+        contacts: is_full.then(|| contacts(&trajectory.contact)),
+        report: Some(report(given_report, done.duration.as_secs_f64())),
+        applied_limits: Some(message::AppliedLimits { time_limit_s: accepted.time_limit.as_secs_f64() }),
+        solver_version: env!("CARGO_PKG_VERSION").to_owned(),
+        input_hash: accepted.input_hash.clone(),
+    }
+}
+
+impl From<SolveProgress> for message::Progress {
+    fn from(progress: SolveProgress) -> Self {
+        let SolveProgress { best_final_time, best_goal_error, start, start_count } = progress;
+        let (start, start_count) = (count(start), count(start_count));
+        Self { best_final_time_s: best_final_time, best_goal_error, start, start_count }
+    }
+}
+
+impl From<&Reason> for message::Reason {
+    fn from(reason: &Reason) -> Self {
+        let Reason { code, field, time, value, limit, message } = reason.clone();
+        Self { code: code.to_owned(), field, time_s: time, value, limit, message }
+    }
+}
+
+fn goal_error(error: &SVector<f64, { State::LEN }>, goal: &Goal) -> message::GoalError {
+    let of = |component: StateComponent| error[component.index()];
+    let where_constrained = |component| goal.value(component).map(|_| of(component));
+    message::GoalError {
+        x_m: of(StateComponent::X),
+        y_m: of(StateComponent::Y),
+        heading_rad: of(StateComponent::Heading),
+        wheel_angle_left_rad: where_constrained(StateComponent::WheelAngleLeft),
+        wheel_angle_right_rad: where_constrained(StateComponent::WheelAngleRight),
+        velocity_x_m_s: of(StateComponent::VelocityX),
+        velocity_y_m_s: of(StateComponent::VelocityY),
+        yaw_rate_rad_s: of(StateComponent::YawRate),
+        wheel_rate_left_rad_s: of(StateComponent::WheelRateLeft),
+        wheel_rate_right_rad_s: of(StateComponent::WheelRateRight),
+    }
+}
+
+fn report(report: &Report, solve_time_s: f64) -> message::Report {
+    let Report {
+        method,
+        step_count,
+        refinement,
+        control_count,
+        iterations,
+        rollouts,
+        starts_tried,
+        distinct_optima,
+        worst_contact_residual,
+        predicted_decrease,
+        lower_bound,
+        lower_bound_assumption,
+        separations,
+        indeterminate_steps,
+        slip_reversals,
+        switching_sign_violations,
+        replay: given_replay,
+    } = report;
+    message::Report {
+        method: message::Method::from(*method).into(),
+        steps: count(*step_count),
+        control_intervals: count(*control_count),
+        iterations: *iterations,
+        rollouts: *rollouts,
+        solve_time_s,
+        starts_tried: count(*starts_tried),
+        distinct_optima: distinct_optima.iter().map(optimum).collect(),
+        worst_contact_residual: *worst_contact_residual,
+        predicted_decrease_s: *predicted_decrease,
+        lower_bound_s: *lower_bound,
+        lower_bound_assumption: message::LowerBoundAssumption::from(*lower_bound_assumption).into(),
+        separations: separations.iter().map(Into::into).collect(),
+        indeterminate_steps: count(*indeterminate_steps),
+        slip_reversals: count(*slip_reversals),
+        switching_sign_violations: count(*switching_sign_violations),
+        replay: Some(replay(given_replay)),
+        refinement: message::Refinement::from(*refinement).into(),
+    }
+}
+
+fn optimum(optimum: &DistinctOptimum) -> message::DistinctOptimum {
+    let DistinctOptimum { final_time, count: of } = *optimum;
+    message::DistinctOptimum { final_time_s: final_time, count: count(of) }
+}
+
+fn replay(replay: &Replay) -> message::Replay {
+    let Replay { step_count, miss_position, miss_heading, miss_speed, within_tolerance } = *replay;
+    message::Replay {
+        steps: count(step_count),
+        miss_m: miss_position,
+        miss_heading_rad: miss_heading,
+        miss_speed_m_s: miss_speed,
+        within_tolerance,
+    }
+}

@@ -1,0 +1,182 @@
+//! The search for the fastest maneuver.
+
+mod accept;
+mod answer;
+mod finishing;
+mod metrics;
+mod observer;
+mod table;
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+pub use accept::{AcceptedSolve, validated};
+use finishing::FinishingPace;
+use metrics::SolveMetrics;
+use observer::SolveObserver;
+
+use super::{Example, Kind, Limits, ManeuverSolver};
+use crate::contract::Problem;
+use crate::contract::message::{self, SolveRequest};
+use crate::metrics::Metrics;
+use crate::metrics::catalogue::Family;
+use crate::rules::RuleSet;
+use crate::service::{Cost, Done, Job, JobControl, StopCause, Stopped};
+use crate::solver::{Method, RunControl, Solution, SolveProgress, Status, StopReason as SolverStop};
+
+/// Solves maneuvers.
+pub struct Solve {
+    solver: Arc<dyn ManeuverSolver>,
+    finishing: FinishingPace,
+    metrics: SolveMetrics,
+}
+
+impl Solve {
+    /// Solves with this solver, and counts among these metrics.
+    pub fn new(solver: Arc<dyn ManeuverSolver>, metrics: &Metrics) -> Self {
+        let metrics = SolveMetrics::new(metrics.registration());
+        Self { solver, finishing: FinishingPace::default(), metrics }
+    }
+}
+
+/// What came out of a solve.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solved {
+    /// The plan with its report.
+    pub solution: Solution,
+    /// Why it ended.
+    pub stop_reason: StopReason,
+    search_end: Option<Instant>,
+}
+
+/// Why a solve ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopReason {
+    /// The whole search asked for was done.
+    Finished,
+    /// The caller's time limit passed.
+    TimeLimit,
+    /// The caller's deadline came near.
+    Deadline,
+    /// The rollout limit was used up.
+    RolloutLimit,
+}
+
+impl StopReason {
+    /// The name in the public contract.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Finished => "finished",
+            Self::TimeLimit => "time_limit",
+            Self::Deadline => "deadline",
+            Self::RolloutLimit => "rollout_limit",
+        }
+    }
+}
+
+impl Job for Solve {
+    const NAME: &'static str = "solve";
+    type Input = AcceptedSolve;
+    type Output = Solved;
+    type Progress = SolveProgress;
+    const SETS_PACE: bool = true;
+
+    fn cost(&self, accepted: &AcceptedSolve) -> Cost {
+        let settings = &accepted.input.settings;
+        // The forward drive of 5 m takes 281 rollouts from its first start, and 235,000 by Nelder-Mead.
+        let rollouts_per_start = match settings.method {
+            Method::SequentialLinear => 300.0,
+            Method::NelderMead => 200_000.0,
+        };
+        let rollouts = (settings.start_count as f64 * rollouts_per_start).min(settings.rollout_limit as f64);
+        Cost::of_steps(rollouts * settings.step_count as f64)
+    }
+
+    fn time_limit(&self, accepted: &AcceptedSolve) -> Option<Duration> {
+        Some(self.finishing.search_time(&accepted.input.settings, accepted.time_limit))
+    }
+
+    fn run(&self, accepted: &AcceptedSolve, control: &JobControl<'_, SolveProgress>) -> Result<Solved, Stopped> {
+        let observer = SolveObserver::new(control);
+        let stop = control.stop();
+        let is_abandoned = || matches!(stop.cause(), Some(StopCause::CallerGone | StopCause::Shutdown));
+        let run = RunControl::new(stop.flag(), &observer).abandoned_when(&is_abandoned).helped_by(&observer);
+        let solution = self.solver.solve(&accepted.input, &run);
+        let stop_reason = stop_reason(solution.stop_reason, stop.cause())?;
+        Ok(Solved { solution, stop_reason, search_end: observer.search_end.time() })
+    }
+
+    fn answered(&self, done: &Done<Solved>) {
+        let Solved { solution, search_end, .. } = &done.output;
+        self.metrics.count(done);
+        if let Some(end) = search_end {
+            self.finishing.record(solution.report.step_count, end.elapsed());
+        }
+    }
+}
+
+impl Kind for Solve {
+    const SUMMARY: &'static str = "solves one maneuver";
+    const METHODS: &'static [&'static str] = &["Solve", "SolveStream"];
+    const REPORTS_PROGRESS: bool = true;
+    const EXAMPLES: &'static [Example<SolveRequest>] = &[("forward-drive", accept::forward_drive)];
+    #[cfg(feature = "plot")]
+    const PAGE: Option<fn(&Solved) -> String> = Some(|solved| crate::plot::html(&solved.solution));
+    const FAMILIES: &'static [Family] = metrics::FAMILIES;
+    type Request = SolveRequest;
+    type Answer = message::Solution;
+    type Report = message::Progress;
+
+    fn rules(limits: &Limits) -> RuleSet {
+        accept::rules(limits)
+    }
+
+    fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedSolve, Problem> {
+        accept::accept(request, limits)
+    }
+
+    fn answer(accepted: &AcceptedSolve, done: &Done<Solved>) -> message::Solution {
+        answer::solution(accepted, done)
+    }
+
+    fn table(accepted: &AcceptedSolve, done: &Done<Solved>) -> String {
+        table::of_solution(done, &accepted.input.maneuver.goal)
+    }
+
+    fn is_success(solved: &Solved) -> bool {
+        match solved.solution.status {
+            Status::Converged | Status::Feasible => true,
+            Status::NotConverged | Status::Infeasible => false,
+        }
+    }
+}
+
+fn stop_reason(claimed: SolverStop, cause: Option<StopCause>) -> Result<StopReason, Stopped> {
+    match (claimed, cause) {
+        (SolverStop::Finished, _) => Ok(StopReason::Finished),
+        (SolverStop::RolloutLimit, _) => Ok(StopReason::RolloutLimit),
+        (SolverStop::Stopped, Some(StopCause::TimeLimit)) => Ok(StopReason::TimeLimit),
+        (SolverStop::Stopped, Some(StopCause::Deadline)) => Ok(StopReason::Deadline),
+        (SolverStop::Stopped, Some(cause @ (StopCause::CallerGone | StopCause::Shutdown))) => Err(Stopped::By(cause)),
+        (SolverStop::Stopped, None) => {
+            tracing::error!("the solver says that it was stopped, but nobody stopped it");
+            Err(Stopped::Unasked)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::InProcessSolver;
+
+    #[test]
+    fn cost_follows_the_starts_up_to_the_rollout_limit() {
+        let solve = Solve::new(Arc::new(InProcessSolver), &Metrics::new());
+        let cost = |body: &str| solve.cost(&Solve::read(body.as_bytes(), &Limits::default()).unwrap());
+        let steps = |rollouts: f64| Cost::of_steps(rollouts * 200.0);
+        assert_eq!(cost(r#"{"solver": {"starts": 8}}"#), steps(2400.0));
+        assert_eq!(cost(r#"{"solver": {"starts": 16}}"#), steps(4800.0));
+        assert_eq!(cost(r#"{"solver": {"rollout_limit": 1}}"#), steps(1.0));
+    }
+}

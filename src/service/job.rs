@@ -1,0 +1,92 @@
+//! What a kind of job is to the service, and what the service lends it while it runs.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tracing::Span;
+
+use super::pace::Cost;
+use crate::queue::{IdleWorkers, StopCause, StopHandle};
+
+/// One kind of job.
+pub trait Job: Send + Sync + 'static {
+    /// Its name in routes, commands, metrics and spans: one word in `snake_case`.
+    const NAME: &'static str;
+    /// What it works on; kept until its answer is written.
+    type Input: Send + 'static;
+    /// What comes out.
+    type Output: Send + 'static;
+    /// What it reports while it runs; `()` if nothing.
+    type Progress: Copy + Send + Sync + 'static;
+    /// Whether its durations say how fast the service works.
+    const SETS_PACE: bool = false;
+
+    /// What it will probably take.
+    fn cost(&self, input: &Self::Input) -> Cost;
+
+    /// When it is stopped, counted from its start; none where the input bounds it.
+    fn time_limit(&self, _input: &Self::Input) -> Option<Duration> {
+        None
+    }
+
+    /// Runs on a worker.
+    ///
+    /// # Errors
+    /// When it was stopped before there was anything to answer.
+    fn run(&self, input: &Self::Input, control: &JobControl<'_, Self::Progress>) -> Result<Self::Output, Stopped>;
+
+    /// Called on the worker when the answer is written, for counts and measurements of its own.
+    fn answered(&self, _done: &Done<Self::Output>) {}
+}
+
+/// What came out of a job, and how long it took.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Done<T> {
+    /// What came out.
+    pub output: T,
+    /// How long it waited for a worker.
+    pub queue_wait: Duration,
+    /// How long it ran on its worker.
+    pub duration: Duration,
+}
+
+/// Why a job has no answer, found while it ran.
+#[derive(Debug, Clone, Copy)]
+pub enum Stopped {
+    /// It was stopped.
+    By(StopCause),
+    /// It says that it was stopped, but nobody stopped it.
+    Unasked,
+}
+
+/// The stop flag of a running job, the channel for its progress, and the workers that may help.
+pub struct JobControl<'a, P> {
+    pub(super) stop: &'a StopHandle,
+    pub(super) workers: &'a IdleWorkers,
+    /// Nothing waits and nothing fails when nobody reads it.
+    pub(super) progress: watch::Sender<Option<P>>,
+    pub(super) span: &'a Span,
+}
+
+impl<P> JobControl<'_, P> {
+    /// The flag and the cause behind it.
+    pub fn stop(&self) -> &StopHandle {
+        self.stop
+    }
+
+    /// The span of the run, for spans of its phases.
+    pub fn span(&self) -> &Span {
+        self.span
+    }
+
+    /// Reports the latest progress.
+    pub fn report(&self, progress: P) {
+        self.progress.send_replace(Some(progress));
+    }
+
+    /// Does work in parts on this worker and on idle ones; see [`IdleWorkers::share`].
+    pub fn share(&self, open_parts: &(dyn Fn() -> usize + Sync), take_part: &(dyn Fn(&AtomicBool) -> bool + Sync)) {
+        self.workers.share(open_parts, take_part);
+    }
+}
