@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Clients that nobody here wrote, and the examples, against a running server. Needs Python 3 with venv, npm and curl;
-# what they need beside is installed into a temporary folder. Flags are those of the `cargo test` before, so that nothing
-# is built twice: tests/clients/run.sh [--all-features]
+# Clients that nobody here wrote, clients that generators made, and the examples, against a running server. Needs Python 3
+# with venv, npm and curl; what they need beside is installed into a temporary folder. Flags are those of the `cargo test`
+# before, so that nothing is built twice: tests/clients/run.sh [--all-features]
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -58,7 +58,8 @@ serve() {
 }
 
 step "python packages" bash -c "python3 -m venv '$work/venv' && '$work/venv/bin/pip' install -q -r tests/clients/requirements.txt"
-step "buf" npm install --silent --no-audit --no-fund --prefix "$work" @bufbuild/buf@1.75.0
+cp tests/clients/package.json "$work"
+step "npm packages" npm install --silent --no-audit --no-fund --no-package-lock --prefix "$work"
 python="$work/venv/bin/python"
 buf="$work/node_modules/.bin/buf"
 
@@ -71,12 +72,18 @@ step "examples/rest_client.py" bash -c "holds 'converged: ' $python examples/res
 step "examples/fleet_planner.py" bash -c "holds 'robot-7: .* s, STATUS_' $python examples/fleet_planner.py $grpc"
 step "examples/grpc_client.rs" bash -c "holds 'STATUS_CONVERGED: ' $built/examples/grpc_client http://$grpc"
 step "reflection, health and rich errors" "$python" tests/clients/probe.py "$grpc"
-# A short deadline keeps its random maneuvers short.
+generators=tests/clients/generators
+step "openapi-python-client" "$generators/openapi_python.sh" "$work" "$rest"
+step "openapi-typescript" "$generators/openapi_typescript.sh" "$work" "$rest"
+step "grpcio-tools" "$generators/grpcio_tools.sh" "$work" "$grpc"
+step "ts-proto" "$generators/ts_proto.sh" "$work" "$grpc"
 step "schemathesis" "$work/venv/bin/schemathesis" --config-file tests/schemathesis.toml run "$rest/openapi.json" \
-  --checks all --max-examples 100 --seed 1 --header "Request-Timeout-Ms: 300" --no-color
+  --max-examples 100 --seed 1 --no-color
 
 SLIPDRIVE_API_KEYS=secret serve --one-port
 step "one port with keys: curl" env CURL_KEY=secret bash -c "holds 'event: result' examples/curl.sh $rest"
 step "one port with keys: gRPC" "$python" tests/clients/probe.py "${rest#http://}" secret
 step "no key" bash -c "! examples/curl.sh $rest"
+# Last, since it puts another program in the place of this one.
+step "a toy kind of job" tests/toy_kind.sh "$python" "$@"
 echo "all clients are content"
