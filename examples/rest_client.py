@@ -28,7 +28,7 @@ def solve(base: str, body: dict, attempts: int = 5) -> dict:
 def main() -> None:
     base = sys.argv[1] if len(sys.argv) > 1 else "http://127.0.0.1:8080"
     plan = solve(base, {"maneuver": {"goal": {"y_m": 5}}, "view": "plan"})
-    print(f"{plan['status']}: {plan['final_time_s']:.3f} s, executable: {plan['executable']}")
+    print(f"{plan['status']}: {plan['final_time_s']:.3f} s, replay confirmed: {plan['replay_confirmed']}")
     schedule = plan["torque_schedule"]
     for index, (left, right) in enumerate(zip(schedule["left_n_m"], schedule["right_n_m"])):
         print(f"{index * schedule['interval_s']:6.3f} s  {left:+.3f} N m  {right:+.3f} N m")

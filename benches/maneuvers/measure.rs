@@ -31,7 +31,7 @@ pub(crate) struct Answer {
     pub(crate) case: String,
     pub(crate) status: &'static str,
     pub(crate) stop_reason: &'static str,
-    pub(crate) executable: bool,
+    pub(crate) replay_confirmed: bool,
     pub(crate) final_time_s: f64,
     pub(crate) largest_goal_error: f64,
     /// The same after `/simulate` has taken the answer's torques.
@@ -79,7 +79,7 @@ impl Runner {
         let settings = &mut accepted.input.settings;
         settings.start_count = self.effort.starts.unwrap_or(settings.start_count);
         if self.effort.automatic_steps {
-            settings.refinement = Refinement::UntilExecutable { step_limit: AUTOMATIC_STEP_LIMIT };
+            settings.refinement = Refinement::UntilConfirmed { step_limit: AUTOMATIC_STEP_LIMIT };
         }
         let both = |accepted: &AcceptedSolve, done: &Done<Solved>| (done.clone(), Solve::answer(accepted, done));
         let running = self.service.reserve()?.submit(Arc::clone(&self.jobs.solve), accepted.clone(), None, both)?;
@@ -98,7 +98,7 @@ impl Answer {
             case: case.name.clone(),
             status: solution.status.as_str(),
             stop_reason: stop_reason.as_str(),
-            executable: solution.executable,
+            replay_confirmed: solution.replay_confirmed,
             final_time_s: solution.schedule.final_time,
             largest_goal_error: solution.goal_error.amax(),
             simulated_goal_error,

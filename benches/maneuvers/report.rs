@@ -59,7 +59,7 @@ impl Row {
             answer.largest_goal_error,
             1e3 * answer.replay_miss_m,
             1e3 * answer.replay_miss_rad,
-            if answer.executable { "yes" } else { "no" },
+            if answer.replay_confirmed { "yes" } else { "no" },
             answer.steps,
             answer.lower_bound_s / self.fastest_known(),
         );
@@ -125,7 +125,7 @@ impl Report {
         let mut lines = vec![
             String::new(),
             format!("{} cases: {}", self.rows.len(), self.status_counts()),
-            format!("executable {:.1} %", 1e2 * self.share(|row| row.answer.executable)),
+            format!("replay confirmed {:.1} %", 1e2 * self.share(|row| row.answer.replay_confirmed)),
             format!(
                 "solve time: median {:.0} ms, 95 % {:.0} ms, largest {:.0} ms, total {:.1} s; {rollouts} rollouts",
                 quantile(&times, 0.5),

@@ -94,7 +94,7 @@ pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) 
     let evidence = Evidence { goal_error, replay, trajectory, schedule: TorqueSchedule::empty() };
     let refinement = match input.settings.refinement {
         Refinement::Fixed => RefinementOutcome::Fixed,
-        Refinement::UntilExecutable { .. } => RefinementOutcome::WithinTolerance,
+        Refinement::UntilConfirmed { .. } => RefinementOutcome::WithinTolerance,
     };
     let result = SearchResult {
         best: None,
@@ -156,7 +156,7 @@ impl Evidence {
         Solution {
             status,
             stop_reason: result.stop_reason,
-            executable: meets_goal && separations.is_empty() && self.replay.within_tolerance,
+            replay_confirmed: meets_goal && separations.is_empty() && self.replay.within_tolerance,
             reason: (!meets_goal).then(|| goal_missed(input, &self.schedule, &self.goal_error, result.stop_reason)),
             goal_error: self.goal_error,
             contact_modes: self.trajectory.contact_modes(),

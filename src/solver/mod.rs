@@ -55,7 +55,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
     let settings = &input.settings;
     let (mut problem, mut bound) = problem_on(input, &simulator, settings.step_count);
     let mut result = search::search(input, &problem, control);
-    if let Refinement::UntilExecutable { step_limit } = settings.refinement {
+    if let Refinement::UntilConfirmed { step_limit } = settings.refinement {
         refinement::refine(input, &simulator, step_limit, control, &mut result);
         (problem, bound) = problem_on(input, &simulator, result.step_count);
     }

@@ -81,12 +81,12 @@ impl Refiner<'_, '_, '_> {
         if outcome == RefinementOutcome::WithinTolerance || self.is_interrupted() {
             return outcome;
         }
-        let is_executable = self.refine_first(plans.into_iter().skip(1).collect())
+        let is_confirmed = self.refine_first(plans.into_iter().skip(1).collect())
             || (0..MORE_BLOCKS).any(|block| {
                 let plans = self.plans_of_more_starts(block, coarse_step_count);
                 !self.is_interrupted() && self.refine_first(plans)
             });
-        if is_executable { RefinementOutcome::WithinTolerance } else { outcome }
+        if is_confirmed { RefinementOutcome::WithinTolerance } else { outcome }
     }
 
     fn is_interrupted(&self) -> bool {

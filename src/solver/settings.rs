@@ -32,7 +32,7 @@ pub enum Refinement {
     /// The plan is made for the grid asked for.
     Fixed,
     /// The grid is refined, warm, until the plan's replay is within tolerance, up to this many steps.
-    UntilExecutable {
+    UntilConfirmed {
         /// Most steps.
         step_limit: usize,
     },
@@ -104,7 +104,7 @@ impl Default for SolverSettings {
         Self {
             method: Method::SequentialLinear,
             step_count: Self::PAPER_STEP_COUNT,
-            refinement: Refinement::UntilExecutable { step_limit: Self::STEP_LIMIT },
+            refinement: Refinement::UntilConfirmed { step_limit: Self::STEP_LIMIT },
             control_count: 40,
             start_count: 24,
             seed: 0,

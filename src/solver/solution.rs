@@ -186,7 +186,7 @@ pub struct Solution {
     /// Why the search ended.
     pub stop_reason: StopReason,
     /// Goal met, no separation, replay within tolerance.
-    pub executable: bool,
+    pub replay_confirmed: bool,
     /// The first requirement that fails, for plans that miss the goal.
     pub reason: Option<Reason>,
     /// The torques.

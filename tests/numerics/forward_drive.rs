@@ -95,11 +95,11 @@ fn default_search_finds_the_drift() {
 }
 
 #[test]
-fn refined_plan_is_executable() {
+fn refined_plan_is_confirmed() {
     let mut input = SolveInput::forward_drive();
-    input.settings.refinement = Refinement::UntilExecutable { step_limit: 10_000 };
+    input.settings.refinement = Refinement::UntilConfirmed { step_limit: 10_000 };
     let solution = solved(&input);
-    assert_eq!((solution.status, solution.executable), (Status::Converged, true));
+    assert_eq!((solution.status, solution.replay_confirmed), (Status::Converged, true));
     assert!(solution.report.step_count > 200);
     assert_eq!(solution.trajectory.step_count(), solution.report.step_count);
     assert!(solution.report.replay.miss_position <= input.settings.replay_tolerance_position);
@@ -109,9 +109,9 @@ fn refined_plan_is_executable() {
 fn plan_that_cannot_be_refined_enough_says_so() {
     let mut input = SolveInput::forward_drive();
     input.settings.replay_tolerance_position = 1e-9;
-    input.settings.refinement = Refinement::UntilExecutable { step_limit: 410 };
+    input.settings.refinement = Refinement::UntilConfirmed { step_limit: 410 };
     let solution = solved(&input);
-    assert_eq!((solution.status, solution.executable), (Status::Converged, false));
+    assert_eq!((solution.status, solution.replay_confirmed), (Status::Converged, false));
     // The finest allowed grid on which all 40 intervals are equally long.
     assert_eq!((solution.report.refinement, solution.report.step_count), (RefinementOutcome::StepLimit, 400));
     let fixed = solved(&SolveInput::forward_drive());
@@ -123,7 +123,7 @@ fn plan_that_cannot_be_refined_enough_says_so() {
 fn stopped_refinement_keeps_the_coarse_plan() {
     let mut input = SolveInput::forward_drive();
     let fixed = solved(&input);
-    input.settings.refinement = Refinement::UntilExecutable { step_limit: 10_000 };
+    input.settings.refinement = Refinement::UntilConfirmed { step_limit: 10_000 };
     input.settings.rollout_limit = fixed.report.rollouts + 1;
     let solution = solved(&input);
     assert_eq!((solution.status, solution.stop_reason), (Status::Converged, StopReason::RolloutLimit));

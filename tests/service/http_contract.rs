@@ -30,7 +30,7 @@ async fn full_answer_has_every_field_of_the_contract() {
     let answer = server().await.post("/solve", r#"{"maneuver": {"goal": {"y_m": 5}}}"#).await;
     assert_eq!((answer.status, answer.header("content-type")), (200, "application/json"));
     let answer = answer.json();
-    let expected = "status stop_reason executable reason final_time_s torque_schedule contact_modes goal_error \
+    let expected = "status stop_reason replay_confirmed reason final_time_s torque_schedule contact_modes goal_error \
                     trajectory contacts report applied_limits solver_version input_hash";
     assert_eq!(keys(&answer), sorted(expected.split_whitespace().collect()));
     let expected = "method steps control_intervals iterations rollouts solve_time_s starts_tried distinct_optima \

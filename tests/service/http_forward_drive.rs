@@ -44,7 +44,7 @@ async fn absent_steps_are_refined_and_the_completed_body_gets_the_same_plan() {
     let server = TestServer::start(4, real_solver()).await;
     let body = r#"{"maneuver": {"goal": {"y_m": 2}}, "solver": {"starts": 1}, "view": "plan"}"#;
     let answer = server.post("/solve", body).await.json();
-    assert_eq!((&answer["status"], &answer["executable"]), (&json!("converged"), &json!(true)));
+    assert_eq!((&answer["status"], &answer["replay_confirmed"]), (&json!("converged"), &json!(true)));
     assert_eq!(answer["report"]["refinement"], "within_tolerance");
     let steps = answer["report"]["steps"].as_u64().unwrap();
     assert_eq!(answer["report"]["replay"]["steps"].as_u64().unwrap(), 16 * steps);

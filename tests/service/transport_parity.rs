@@ -58,7 +58,7 @@ fn assert_same_plan(rest: &Value, grpc: &pb::Solution) {
     assert_eq!(rest["input_hash"], grpc.input_hash);
     assert_eq!(rest["status"], enum_name(grpc.status().as_str_name(), "STATUS_"));
     assert_eq!(rest["stop_reason"], enum_name(grpc.stop_reason().as_str_name(), "STOP_REASON_"));
-    assert_eq!(rest["executable"], grpc.executable);
+    assert_eq!(rest["replay_confirmed"], grpc.replay_confirmed);
     assert_eq!(rest["final_time_s"], grpc.final_time_s);
     let schedule = grpc.torque_schedule.as_ref().unwrap();
     assert_eq!(rest["torque_schedule"]["left_n_m"], json!(schedule.left_n_m));

@@ -141,7 +141,7 @@ fn settings(grid: &SolveGrid, solver: Solver, limits: &Limits) -> Result<(Solver
     } else {
         // More intervals than the server takes are refused whatever the grid.
         let first = SolverSettings::first_step_count(control_count.min(limits.max_control_intervals));
-        (first.min(limits.max_steps), Refinement::UntilExecutable { step_limit: limits.max_steps })
+        (first.min(limits.max_steps), Refinement::UntilConfirmed { step_limit: limits.max_steps })
     };
     let Solver {
         method,
@@ -298,7 +298,7 @@ mod tests {
         let grid_for = |control_intervals: usize| {
             let body = format!(r#"{{"grid": {{"control_intervals": {control_intervals}}}}}"#);
             let settings = Solve::read(body.as_bytes(), &Limits::default()).unwrap().input.settings;
-            assert_eq!(settings.refinement, Refinement::UntilExecutable { step_limit: 10_000 });
+            assert_eq!(settings.refinement, Refinement::UntilConfirmed { step_limit: 10_000 });
             settings.step_count
         };
         assert_eq!([1, 37, 40, 200, 201, 1000].map(grid_for), [200, 222, 200, 200, 201, 1000]);

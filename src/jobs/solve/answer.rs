@@ -25,7 +25,7 @@ pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message
         status,
         // The service knows why the solver was stopped.
         stop_reason: _,
-        executable,
+        replay_confirmed,
         reason,
         schedule,
         goal_error: error,
@@ -37,7 +37,7 @@ pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message
     message::Solution {
         status: message::Status::from(*status).into(),
         stop_reason: message::StopReason::from(*stop_reason).into(),
-        executable: *executable,
+        replay_confirmed: *replay_confirmed,
         reason: reason.as_ref().map(Into::into),
         final_time_s: schedule.final_time,
         torque_schedule: Some(schedule.into()),

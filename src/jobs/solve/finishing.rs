@@ -48,7 +48,7 @@ impl FinishingPace {
         let pace = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (step_count, share) = match settings.refinement {
             Refinement::Fixed => (settings.step_count, LARGEST_SHARE),
-            Refinement::UntilExecutable { step_limit } => (step_limit, LARGEST_AUTOMATIC_SHARE),
+            Refinement::UntilConfirmed { step_limit } => (step_limit, LARGEST_AUTOMATIC_SHARE),
         };
         let finishing = Duration::from_secs_f64(pace * step_count as f64).min(time_limit.mul_f64(share));
         time_limit.saturating_sub(finishing)

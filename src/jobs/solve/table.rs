@@ -9,14 +9,14 @@ use crate::solver::{Reason, Replay, Report, Solution};
 
 /// Status, final time, goal errors, replay and the timeline of contact modes.
 pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
-    let Solution { status, executable, reason, schedule, report, contact_modes, .. } = &solved.output.solution;
+    let Solution { status, replay_confirmed, reason, schedule, report, contact_modes, .. } = &solved.output.solution;
     let mut table = String::new();
     row(&mut table, "status", &format!("{} ({})", status.as_str(), solved.output.stop_reason.as_str()));
     if let Some(Reason { message, .. }) = reason {
         row(&mut table, "reason", message);
     }
     row(&mut table, "final time", &final_time(schedule, report));
-    row(&mut table, "executable", if *executable { "yes" } else { "no" });
+    row(&mut table, "replay confirmed", if *replay_confirmed { "yes" } else { "no" });
     row(&mut table, "grid", &format!("{} steps ({})", report.step_count, report.refinement.as_str()));
     row(&mut table, "replay miss", &replay_miss(&report.replay));
     row(&mut table, "separations", &separations(&report.separations));

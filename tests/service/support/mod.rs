@@ -37,7 +37,7 @@ pub(crate) fn small_solution(stop_reason: StopReason) -> Solution {
     Solution {
         status: Status::Converged,
         stop_reason,
-        executable: true,
+        replay_confirmed: true,
         reason: None,
         schedule: TorqueSchedule { final_time: 1.5, left: vec![1.0, -1.0], right: vec![1.0, -1.0] },
         goal_error: SVector::zeros(),
