@@ -73,10 +73,10 @@ def try_admission(url: str) -> None:
     long = {"maneuver": {"goal": {"y_m": 5}}, "grid": {"steps": 10000}, "solver": {"starts": 64, "time_limit_s": 5}}
     solving = threading.Thread(target=ask, args=(f"{url}/solve", long))
     solving.start()
-    status, answer = 200, ""
-    while status == 200 and solving.is_alive():
-        status, answer = ask(f"{url}/envelope", {})
+    while 'slipdrive_workers{state="busy"} 1' not in ask(f"{url}/metrics")[1]:
+        assert solving.is_alive(), "the solve runs for seconds"
         time.sleep(0.01)
+    status, answer = ask(f"{url}/envelope", {})
     assert (status, json.loads(answer)["code"]) == (429, "queue_full"), answer
     solving.join()
 

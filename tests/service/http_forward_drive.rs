@@ -1,6 +1,8 @@
 //! The paper's forward drive over real HTTP with the solver of the crate.
 
 use serde_json::{Value, json};
+use slipdrive::contract::json::write;
+use slipdrive::contract::message::Solution;
 
 use crate::support::{TestServer, real_solver};
 
@@ -37,6 +39,20 @@ async fn paper_case_is_solved_as_in_the_paper() {
     assert_eq!(answer["report"]["separations"], json!([]));
     assert!(answer["report"]["worst_contact_residual"].as_f64().unwrap() <= 1e-10);
     assert_eq!(answer["report"]["replay"]["steps"], json!(3200));
+}
+
+#[tokio::test]
+async fn answer_can_be_read_back() {
+    let server = TestServer::start(4, real_solver()).await;
+    let example = server.get("/examples/forward-drive").await.bytes;
+    for body in [
+        example,
+        br#"{"maneuver": {"torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0, "goal": {"y_m": 1}}}"#.to_vec(),
+    ] {
+        let written = server.post("/solve", body).await.bytes;
+        let read: Solution = serde_json::from_slice(&written).unwrap();
+        assert_eq!(String::from_utf8(write(&read)), String::from_utf8(written));
+    }
 }
 
 #[tokio::test]

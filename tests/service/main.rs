@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod architecture;
+mod batch;
 mod command_line;
 #[cfg(unix)]
 mod container;

@@ -56,10 +56,13 @@ pub(super) fn endpoints(state: &ApiState) -> Vec<Endpoint> {
 
 /// `GET /openapi.json`: this API for machines.
 async fn document(State(state): State<ApiState>) -> Response {
-    let with_probes = state.settings.probes == Probes::WithApi;
-    let served = endpoints(&state).into_iter().filter(|endpoint| with_probes || endpoint.access != Access::Probe);
-    let described = served.filter_map(|Endpoint { path, access, operation, .. }| Some((path, access, operation?)));
-    handlers::json_answer(state.document.get_or_init(|| openapi::document(&state, described).into()).clone())
+    let document = state.document.get_or_init(|| {
+        let with_probes = state.settings.probes == Probes::WithApi;
+        let served = endpoints(&state).into_iter().filter(|endpoint| with_probes || endpoint.access != Access::Probe);
+        let described = served.filter_map(|Endpoint { path, access, operation, .. }| Some((path, access, operation?)));
+        openapi::document(&state, described).into()
+    });
+    handlers::json_answer(document.clone())
 }
 
 fn beside_jobs() -> [Endpoint; 7] {
