@@ -57,7 +57,7 @@ pub(crate) enum Mode {
     Random(RandomArguments),
     /// Compares warm re-solves of changed robots with cold ones.
     Warm(WarmArguments),
-    /// Compares the answers of both doors to many requests with the digests on file.
+    /// Compares the answers of both transports to many requests with the digests on file.
     Answers(AnswersArguments),
 }
 

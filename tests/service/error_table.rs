@@ -65,7 +65,7 @@ impl Case {
     }
 }
 
-/// The refusals of the same situation by both doors.
+/// The refusals of the same situation by both transports.
 struct Refusals {
     rest: Answer,
     grpc: Status,
@@ -76,7 +76,7 @@ fn seeded(seed: u64) -> pb::SolveRequest {
     pb::SolveRequest { solver: Some(solver), ..pb::SolveRequest::default() }
 }
 
-/// A solve by both doors, with a timeout in ms where there is one.
+/// A solve by both transports, with a timeout in ms where there is one.
 async fn solve_both(server: &TestServer, seed: u64, timeout_ms: Option<u32>) -> Refusals {
     let request = server.client.post(server.url("/solve")).header("content-type", "application/json");
     let mut request = request.body(format!(r#"{{"solver": {{"seed": {seed}}}}}"#));
@@ -90,7 +90,7 @@ async fn solve_both(server: &TestServer, seed: u64, timeout_ms: Option<u32>) -> 
     Refusals { rest, grpc: server.grpc().await.solve(call).await.unwrap_err() }
 }
 
-/// The JSON by one door, the message by the other.
+/// The JSON over one transport, the message over the other.
 async fn refuse(server: &TestServer, body: &str, message: pb::SolveRequest) -> Refusals {
     let rest = server.post("/solve", body.to_owned()).await;
     Refusals { rest, grpc: server.grpc().await.solve(message).await.unwrap_err() }

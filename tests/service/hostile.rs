@@ -102,21 +102,21 @@ async fn caller_who_does_not_read_is_dropped() {
 
 const SOLVE: [&str; 2] = ["/solve", "/slipdrive.v1.ManeuverService/Solve"];
 
-/// A server with these settings, and its two doors with the path of a solve.
-async fn with_patience(
+/// A server with these settings, and its two transports with the path of a solve.
+async fn with_timeouts(
     solver: Arc<dyn ManeuverSolver>,
     settings: ServerSettings,
 ) -> (TestServer, [(SocketAddr, &'static str); 2]) {
     let server = TestServer::start_with(4, solver, ApiSettings::default(), settings).await;
-    let doors = [(server.address, SOLVE[0]), (server.grpc_address, SOLVE[1])];
-    (server, doors)
+    let transports = [(server.address, SOLVE[0]), (server.grpc_address, SOLVE[1])];
+    (server, transports)
 }
 
 #[tokio::test]
 async fn answer_that_waits_for_a_window_is_dropped_with_its_connection() {
     let settings = ServerSettings { write_timeout: Duration::from_millis(100), ..ServerSettings::default() };
-    let (server, doors) = with_patience(instant_solver(), settings).await;
-    for (address, path) in doors {
+    let (server, transports) = with_timeouts(instant_solver(), settings).await;
+    for (address, path) in transports {
         // Room for nothing, and room for the beginning.
         for window_bytes in [0, 10] {
             let begin = std::time::Instant::now();
@@ -156,9 +156,9 @@ async fn aged_connection_says_so_and_finishes_what_it_has() {
         held.wait();
         small_solution(StopReason::Finished)
     });
-    let (_server, doors) = with_patience(Arc::new(solver), settings).await;
+    let (_server, transports) = with_timeouts(Arc::new(solver), settings).await;
     let mut connections = Vec::new();
-    for (address, path) in doors {
+    for (address, path) in transports {
         let mut connection = Connection::open(address, 65_535).await;
         connection.whole_request(1, path).await;
         assert!(connection.reads_up_to(GOAWAY).await);
@@ -180,8 +180,8 @@ async fn aged_connection_is_cut_when_its_grace_has_passed() {
         }
         small_solution(StopReason::Stopped)
     });
-    let (server, doors) = with_patience(Arc::new(solver), settings).await;
-    for (address, path) in doors {
+    let (server, transports) = with_timeouts(Arc::new(solver), settings).await;
+    for (address, path) in transports {
         let mut connection = Connection::open(address, 65_535).await;
         connection.whole_request(1, path).await;
         connection.reads_to_the_end().await;

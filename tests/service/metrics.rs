@@ -15,7 +15,7 @@ use tokio::sync::mpsc::unbounded_channel;
 use tokio::time::timeout;
 
 use crate::support::process::sample_in;
-use crate::support::{FakeSolver, HANG_BOUND, TestServer, held_solver, instant_solver, small_solution};
+use crate::support::{Answer, FakeSolver, HANG_BOUND, TestServer, held_solver, instant_solver, small_solution};
 
 const BODY: &str = r#"{"maneuver": {"goal": {"y_m": 5}}}"#;
 
@@ -80,7 +80,7 @@ async fn refusals_are_counted_by_code_with_their_duration() {
 }
 
 #[tokio::test]
-async fn departures_and_panics_are_counted() {
+async fn ends_of_jobs_are_counted() {
     let (started, mut has_started) = unbounded_channel();
     let has_panicked = AtomicBool::new(false);
     let solver = FakeSolver(move |input: &SolveInput, control: &RunControl<'_>| {
@@ -105,6 +105,20 @@ async fn departures_and_panics_are_counted() {
     until(&server, "slipdrive_cancelled_total{cause=\"caller_gone\"}", 1.0).await;
     until(&server, "slipdrive_http_request_duration_seconds_count{code=\"499\",route=\"/solve\"}", 1.0).await;
     assert_eq!(sample_in(&metrics(&server).await, "slipdrive_rejected_total{code=\"cancelled\"}"), 0.0);
+
+    let running = {
+        let server = Arc::clone(&server);
+        tokio::spawn(async move { server.post("/solve", BODY).await.status })
+    };
+    timeout(HANG_BOUND, has_started.recv()).await.unwrap();
+    let waiting = server.client.post(server.url("/solve")).header("content-type", "application/json").body(BODY);
+    assert_eq!(Answer::of(waiting.header("request-timeout-ms", "100")).await.status, 504);
+    server.service.cancel_all();
+    assert_eq!(running.await.unwrap(), 503);
+    let ends = [("panicked", 1.0), ("caller_gone", 1.0), ("deadline", 1.0), ("shutdown", 1.0), ("finished", 0.0)];
+    for (outcome, count) in ends {
+        until(&server, &format!("slipdrive_jobs_total{{job=\"solve\",outcome=\"{outcome}\"}}"), count).await;
+    }
 }
 
 #[tokio::test]

@@ -1,4 +1,4 @@
-//! Both doors under TLS, with a certificate of the test's own.
+//! Both transports under TLS, with a certificate of the test's own.
 
 use std::fs;
 use std::net::SocketAddr;

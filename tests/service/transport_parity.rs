@@ -1,4 +1,4 @@
-//! The same requests by both doors: the same plan, the same code, the same fields at fault.
+//! The same requests by both transports: the same plan, the same code, the same fields at fault.
 
 use rand::{Rng, RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -11,7 +11,7 @@ use crate::support::{TestServer, real_solver};
 const SEED: u64 = 4;
 
 /// A small solve with random values.
-fn sound(random: &mut impl Rng) -> Value {
+fn valid(random: &mut impl Rng) -> Value {
     let mut within = |limit: f64| random.random_range(-limit..limit);
     json!({
         "robot": {"wheel_friction_coefficient": 0.5 + within(0.2), "center_of_mass_right_m": within(0.02)},
@@ -29,7 +29,7 @@ fn sound(random: &mut impl Rng) -> Value {
 }
 
 /// A request with one or two faults.
-fn spoiled(index: usize) -> Value {
+fn invalid(index: usize) -> Value {
     let faults = [
         json!({"robot": {"chassis_mass_kg": -1}}),
         json!({"robot": {"wheel_radius_m": 0, "gravity_m_s2": -9.81}}),
@@ -88,13 +88,13 @@ fn assert_same_plan(rest: &Value, grpc: &pb::Solution) {
 }
 
 #[tokio::test]
-async fn fifty_requests_get_the_same_by_both_doors() {
+async fn fifty_requests_get_the_same_by_both_transports() {
     let server = TestServer::start(4, real_solver()).await;
     let mut client = server.grpc().await;
     let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
     let mut plans = 0;
     for index in 0..50 {
-        let body = if index % 2 == 0 { sound(&mut random) } else { spoiled(index / 2) };
+        let body = if index % 2 == 0 { valid(&mut random) } else { invalid(index / 2) };
         let rest = server.post("/solve", body.to_string()).await;
         let grpc = client.solve(solve_request(&body)).await;
         match grpc {
@@ -117,11 +117,11 @@ async fn fifty_requests_get_the_same_by_both_doors() {
             }
         }
     }
-    assert!(plans >= 20, "{plans} of the sound requests have a plan");
+    assert!(plans >= 20, "{plans} of the valid requests have a plan");
 }
 
 #[tokio::test]
-async fn infeasible_requests_get_the_same_reason_by_both_doors() {
+async fn infeasible_requests_get_the_same_reason_by_both_transports() {
     let server = TestServer::start(4, real_solver()).await;
     let mut client = server.grpc().await;
     let no_torque = json!({"torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0, "goal": {"y_m": 5}});
@@ -142,7 +142,7 @@ async fn infeasible_requests_get_the_same_reason_by_both_doors() {
 }
 
 #[tokio::test]
-async fn empty_requests_complete_to_the_same_by_both_doors() {
+async fn empty_requests_complete_to_the_same_by_both_transports() {
     let server = TestServer::start(4, real_solver()).await;
     let mut client = server.grpc().await;
     let rest = server.post("/validate", "{}").await.json();
@@ -157,7 +157,7 @@ async fn empty_requests_complete_to_the_same_by_both_doors() {
 }
 
 #[tokio::test]
-async fn limits_are_told_the_same_by_both_doors() {
+async fn limits_are_told_the_same_by_both_transports() {
     let server = TestServer::start(4, real_solver()).await;
     let rest = server.get("/limits").await.json();
     let grpc = server.grpc().await.get_limits(pb::GetLimitsRequest {}).await.unwrap().into_inner();

@@ -1,4 +1,4 @@
-//! Reference answers: digests of what both doors of a server answer to 200 requests, one line per request on file.
+//! Reference answers: digests of what both transports of a server answer to 200 requests, one line per request on file.
 //!
 //! They tell whether a change of the code changes any answer. Names are not hashed, so that a rename in the contract does not
 //! disturb them: of JSON the values are, of protobuf messages the encoding, which holds tags. Tags must not change.
@@ -53,7 +53,7 @@ async fn ask_all() -> Result<Vec<Line>> {
     Ok(lines)
 }
 
-/// Asks both doors at once: each keeps one worker busy.
+/// Asks both transports at once: each keeps one worker busy.
 async fn ask(server: &Server, request: &Request) -> Result<Line> {
     let (rest, grpc) = tokio::try_join!(server.rest.ask(request), server.grpc.ask(request))?;
     let ([rest_solve, rest_simulate], [grpc_solve, grpc_simulate]) = (rest.digests, grpc);

@@ -1,4 +1,4 @@
-//! HTTP/2 frame by frame, as no sane client speaks it.
+//! HTTP/2 frame by frame, as no regular client speaks it.
 
 use std::net::SocketAddr;
 
@@ -44,7 +44,7 @@ impl Connection {
         self.send(HEADERS, END_HEADERS | flags, stream, &block).await;
     }
 
-    /// A whole request with the smallest body that its door understands.
+    /// A whole request with the smallest body that its transport understands.
     pub(crate) async fn whole_request(&mut self, stream: u32, path: &str) {
         self.request(stream, path, 0).await;
         let body: &[u8] = if path.starts_with("/slipdrive") { &[0; 5] } else { b"{}" };
