@@ -18,6 +18,7 @@ pub use solver::{InProcessSolver, ManeuverSolver};
 
 use crate::metrics::Metrics;
 use crate::metrics::catalogue::{self, Family};
+use crate::service::Job as _;
 
 /// What is done with each kind.
 pub trait Visitor {
@@ -37,9 +38,8 @@ macro_rules! registry {
         impl Jobs {
             /// All kinds of one server, which share its solver and its metrics.
             pub fn new(limits: Limits, solver: Arc<dyn ManeuverSolver>, metrics: &Metrics) -> Self {
-                let jobs = Self { limits, $($name: Arc::new(<$kind>::new(Arc::clone(&solver), metrics))),* };
-                jobs.each(&mut Expected(metrics));
-                jobs
+                $(metrics.expect_jobs(<$kind>::NAME);)*
+                Self { limits, $($name: Arc::new(<$kind>::new(Arc::clone(&solver), metrics))),* }
             }
 
             /// Shows every kind to the visitor.
@@ -66,14 +66,5 @@ impl Jobs {
     /// What is accepted at most.
     pub fn limits(&self) -> &Limits {
         &self.limits
-    }
-}
-
-/// Reports every kind as 0 until its first job ends.
-struct Expected<'a>(&'a Metrics);
-
-impl Visitor for Expected<'_> {
-    fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
-        self.0.expect_jobs(K::NAME);
     }
 }

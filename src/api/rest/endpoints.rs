@@ -36,15 +36,15 @@ impl Endpoint {
         Self { path, access: Access::WithKey, handler, operation: Some(operation) }
     }
 
-    fn undescribed(self) -> Self {
-        Self { operation: None, ..self }
-    }
-
     fn probe(path: &str, handler: MethodRouter<ApiState>, summary: &str, answer: Answer, errors: &[ErrorCode]) -> Self {
         let endpoint = Self::get(path, handler, summary, answer);
         let operation = endpoint.operation.map(|operation| Operation { errors: errors.to_vec(), ..operation });
         Self { access: Access::Probe, operation, ..endpoint }
     }
+}
+
+fn undescribed(path: &str, handler: MethodRouter<ApiState>) -> Endpoint {
+    Endpoint { path: path.to_owned(), access: Access::WithKey, handler, operation: None }
 }
 
 /// All endpoints of a server, on whatever port.
@@ -83,8 +83,8 @@ fn beside_jobs() -> [Endpoint; 7] {
             "what this server accepts at most",
             Answer::Json(GetLimitsResponse::name()),
         ),
-        Endpoint::get("/openapi.json", get(document), "", Answer::Object("")).undescribed(),
-        Endpoint::get("/docs", get(handlers::docs), "", Answer::Text("")).undescribed(),
+        undescribed("/openapi.json", get(document)),
+        undescribed("/docs", get(handlers::docs)),
         Endpoint::probe(
             "/livez",
             get(handlers::livez),
