@@ -26,11 +26,6 @@ pub(crate) fn with_jobs(command: Command) -> Command {
     commands.0.unwrap_or_default()
 }
 
-/// Whether a kind of job has this name.
-pub(crate) fn has_job(name: &str) -> bool {
-    with_jobs(Command::default()).find_subcommand(name).is_some()
-}
-
 /// Runs the command of the kind of job with this name.
 ///
 /// # Errors

@@ -8,7 +8,7 @@ mod telemetry;
 
 use std::process::ExitCode;
 
-use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _};
+use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Subcommand as _};
 use config::{Arguments, Command, Faults, log_settings};
 
 /// For input that cannot be used, usage errors included (`EX_USAGE` of sysexits).
@@ -32,7 +32,7 @@ fn failure(error: &anyhow::Error) -> ExitCode {
 
 fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
     if let Some((name, job)) = matches.subcommand()
-        && cli::has_job(name)
+        && !Command::has_subcommand(name)
     {
         return logged(matches, || cli::run(name, job));
     }
