@@ -25,7 +25,7 @@ use slipdrive::service::ServiceSettings;
 pub(crate) use faults::Faults;
 pub(crate) use settings::{LogSettings, ServeSettings};
 use sources::{Given, Shown, Sources};
-pub(crate) use tls::plain;
+pub(crate) use tls::for_probes;
 pub(crate) use value::LogFormat;
 
 /// Time-optimal maneuvers of a differential-drive robot whose wheels may slip.
@@ -201,6 +201,8 @@ impl ServeSettings {
     fn server(&self) -> ServerSettings {
         ServerSettings {
             max_connections: self.max_connections.get(),
+            max_connections_per_address: self.max_connections_per_address.map(NonZeroUsize::get),
+            memory_budget_bytes: self.memory_budget_mib.get().saturating_mul(1 << 20),
             max_streams: self.max_streams,
             head_timeout: self.head_timeout_s,
             idle_timeout: self.idle_timeout_s,

@@ -1,8 +1,8 @@
 //! Runs a server from its listeners to its last answer, so that no solve in flight is lost on a stop signal.
 //!
-//! On the first signal the service reports that it is not ready (`/readyz` 503, gRPC health `NOT_SERVING`) and still
-//! takes work for the drain delay, until load balancers have noticed. Then it takes none, while the listeners stay open
-//! for the probes; when the solves in flight have ended, the listeners close and the last answers are written. Solves
+//! On the first signal the service reports that it is not ready (`/readyz` 503, gRPC health `NOT_SERVING`, `Connection:
+//! close`) and still takes work for the drain delay, until load balancers have noticed. Then it takes none, which HTTP/2
+//! is told at once (GOAWAY), while the listeners stay open for the probes; when the solves in flight have ended, the listeners close and the last answers are written. Solves
 //! that outlast the drain timeout, or a second signal, are cut off and answered as unavailable.
 
 use std::io;
@@ -15,7 +15,7 @@ use axum::Router;
 use slipdrive::api::ApiState;
 use slipdrive::api::grpc::{self, Health};
 use slipdrive::api::rest;
-use slipdrive::api::server::{self, ServerSettings};
+use slipdrive::api::server::{self, Connections};
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits};
 use slipdrive::service::{Service, ServiceSettings};
 use tokio::net::TcpListener;
@@ -23,7 +23,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-use crate::config::{ServerConfig, plain};
+use crate::config::{ServerConfig, for_probes};
 
 /// How long callers may take to read their last answer: one that does not read must not keep the process alive.
 const LAST_ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
@@ -46,12 +46,12 @@ async fn serve(config: &ServerConfig) -> anyhow::Result<()> {
     let settings = config.service_settings();
     let service = Arc::new(Service::start(settings)?);
     listeners.report(&settings)?;
-    let (mut servers, health) = start_servers(&service, listeners, config).await;
+    let (mut servers, health) = start_servers(&service, listeners, config).await?;
     tokio::select! {
         _ = servers.tasks.join_next() => anyhow::bail!("a server ended by itself"),
         () = signals.next() => {}
     }
-    drain(&service, &health, &mut signals, config).await;
+    drain(&service, &servers, &health, &mut signals, config).await;
     servers.close();
     if timeout(LAST_ANSWER_TIMEOUT, async { while servers.tasks.join_next().await.is_some() {} }).await.is_err() {
         tracing::warn!("some callers did not take their last answer in time");
@@ -97,20 +97,41 @@ async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
     TcpListener::bind(address).await.with_context(|| format!("{address} cannot be bound"))
 }
 
-/// The running servers, and the way to close their listeners.
+/// The running servers, their connections, and the way to close their listeners.
 struct Servers {
     tasks: JoinSet<()>,
+    connections: Arc<Connections>,
     closing: watch::Sender<bool>,
 }
 
 impl Servers {
-    fn spawn(&mut self, listener: TcpListener, router: Router, settings: ServerSettings) {
+    fn spawn(&mut self, listener: TcpListener, router: Router) {
+        let serving = server::serve(listener, router, Arc::clone(&self.connections), self.closed());
+        self.tasks.spawn(serving);
+    }
+
+    /// Probes have threads and connections of their own, so that no load on the others delays them.
+    fn spawn_apart(&mut self, listener: TcpListener, router: Router, connections: Arc<Connections>) -> io::Result<()> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let (listener, closed) = (listener.into_std()?, self.closed());
+        self.tasks.spawn_blocking(move || {
+            runtime.block_on(async {
+                match TcpListener::from_std(listener) {
+                    Ok(listener) => server::serve(listener, router, connections, closed).await,
+                    Err(error) => tracing::error!(error = %error, "the admin port cannot be served"),
+                }
+            });
+        });
+        Ok(())
+    }
+
+    /// Waits until the listeners are to be closed.
+    fn closed(&self) -> impl Future<Output = ()> + Send + use<> {
         let mut closing = self.closing.subscribe();
-        let closed = async move {
-            // An error means that the sender was dropped, which closes the listener too.
+        async move {
+            // An error means that the sender was dropped, which closes the listeners too.
             let _ = closing.wait_for(|closing| *closing).await;
-        };
-        self.tasks.spawn(server::serve(listener, router, settings, closed));
+        }
     }
 
     fn close(&self) {
@@ -120,38 +141,49 @@ impl Servers {
 
 /// Starts REST and gRPC, on a listener each or on one together; probes are served with REST, or on a listener of their
 /// own.
-async fn start_servers(service: &Arc<Service>, listeners: Listeners, config: &ServerConfig) -> (Servers, Health) {
-    let mut servers = Servers { tasks: JoinSet::new(), closing: watch::Sender::new(false) };
+async fn start_servers(
+    service: &Arc<Service>,
+    listeners: Listeners,
+    config: &ServerConfig,
+) -> io::Result<(Servers, Health)> {
     let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
-    let (state, server_settings) = (ApiState::new(Arc::clone(service), jobs, config.api_settings()), &config.server);
+    let state = ApiState::new(Arc::clone(service), jobs, config.api_settings());
+    let connections = Connections::of(&state, config.server.clone());
+    let mut servers = Servers { tasks: JoinSet::new(), connections, closing: watch::Sender::new(false) };
     let rest_router = rest::router(&state);
     if let Some(admin) = listeners.admin {
-        let router = rest::admin_router(&state);
-        servers.spawn(admin, router, plain(server_settings));
+        let connections = Connections::of(&state, for_probes(&config.server));
+        servers.spawn_apart(admin, rest::admin_router(&state), connections)?;
     }
     let (grpc_router, health) = grpc::router(&state).await;
     match listeners.grpc {
         Some(grpc) => {
-            servers.spawn(listeners.http, rest_router, server_settings.clone());
-            servers.spawn(grpc, grpc_router, server_settings.clone());
+            servers.spawn(listeners.http, rest_router);
+            servers.spawn(grpc, grpc_router);
         }
         // Routers with two fallbacks cannot be merged: that of REST is kept.
-        None => {
-            servers.spawn(listeners.http, rest_router.merge(grpc_router.reset_fallback()), server_settings.clone());
-        }
+        None => servers.spawn(listeners.http, rest_router.merge(grpc_router.reset_fallback())),
     }
-    (servers, health)
+    Ok((servers, health))
 }
 
-async fn drain(service: &Arc<Service>, health: &Health, signals: &mut Signals, config: &ServerConfig) {
+async fn drain(
+    service: &Arc<Service>,
+    servers: &Servers,
+    health: &Health,
+    signals: &mut Signals,
+    config: &ServerConfig,
+) {
     health.announce_end().await;
     service.announce_end();
+    servers.connections.announce_end();
     tracing::info!(queue.in_flight = service.jobs_in_flight(), "draining");
     let has_time = tokio::select! {
         () = sleep(config.settings.drain_delay_s) => true,
         () = signals.next() => false,
     };
     service.close();
+    servers.connections.close();
     tracing::info!(queue.in_flight = service.jobs_in_flight(), "taking no more work");
     let mut ended = {
         let service = Arc::clone(service);

@@ -17,7 +17,7 @@ use http_body_util::{BodyExt as _, Full};
 use prost::Message as _;
 use serde_json::json;
 use slipdrive::api::grpc::pb::{self, View};
-use slipdrive::api::server::{ServerSettings, serve};
+use slipdrive::api::server::{Connections, ServerSettings, serve};
 use slipdrive::api::{ApiSettings, ApiState, grpc, rest};
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
 use slipdrive::service::{Service, ServiceSettings};
@@ -82,10 +82,11 @@ pub async fn run(arguments: &Arguments) {
     let state = ApiState::new(service, jobs, ApiSettings::default());
     let meter = Arc::new(Mutex::new(Meter::default()));
     let metered = |router: Router| router.layer(from_fn_with_state(Arc::clone(&meter), measure));
-    let rest = listen(metered(rest::router(&state))).await;
+    let connections = Connections::of(&state, ServerSettings::default());
+    let rest = listen(&connections, metered(rest::router(&state))).await;
     let (grpc_router, _health) = grpc::router(&state).await;
-    let grpc = listen(metered(grpc_router)).await;
-    let echo = listen(echo_of(&Addresses { rest: rest.clone(), grpc: grpc.clone() }).await).await;
+    let grpc = listen(&connections, metered(grpc_router)).await;
+    let echo = listen(&connections, echo_of(&Addresses { rest: rest.clone(), grpc: grpc.clone() }).await).await;
     report(&json!({"rest": rest, "grpc": grpc, "echo": echo}));
 
     let wait = tokio::task::spawn_blocking(|| std::io::stdin().read_to_end(&mut Vec::new()));
@@ -107,10 +108,10 @@ fn report(line: &serde_json::Value) {
     std::io::stdout().flush().unwrap();
 }
 
-async fn listen(router: Router) -> String {
+async fn listen(connections: &Arc<Connections>, router: Router) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
-    tokio::spawn(serve(listener, router, ServerSettings::default(), std::future::pending()));
+    tokio::spawn(serve(listener, router, Arc::clone(connections), std::future::pending()));
     format!("http://{address}")
 }
 

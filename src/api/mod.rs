@@ -5,6 +5,7 @@ pub mod auth;
 pub mod grpc;
 mod observed_body;
 mod panic;
+mod receive;
 pub mod rest;
 pub mod server;
 mod trace_context;

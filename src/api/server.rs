@@ -1,58 +1,65 @@
-//! Accepts connections, bounds their number and age, applies timeouts to them, and ends them gracefully.
+//! Accepts connections, bounds their number, age and memory, applies timeouts to them, and ends them gracefully.
 //!
 //! `axum::serve` keeps connections with half-sent heads and without requests open for ever, so each connection is
 //! driven here: HTTP/1 and HTTP/2 on the same port, distinguished by their first bytes.
 
+use std::collections::hash_map::RandomState;
+use std::hash::BuildHasher as _;
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
-use axum::body::Body;
-use axum::extract::Request;
-use axum::http::Version;
-use http_body_util::BodyExt as _;
-use hyper::body::Incoming;
-use hyper::service::service_fn;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
-use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep};
-use tower::ServiceExt as _;
+use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, sleep};
 
-mod activity;
 mod answer_body;
+mod connection;
+mod connections;
+mod memory;
+mod metered_stream;
+mod patience;
+mod requests;
 #[cfg(feature = "tls")]
 pub mod tls;
-mod write_timeout;
 
-use activity::Activity;
-use answer_body::AnswerBody;
-use write_timeout::WriteTimeout;
+use crate::metrics::ConnectionEnd;
+pub(super) use connection::{Connection, Use};
+pub use connections::Connections;
+use connections::Place;
+pub(super) use memory::Lease;
+use metered_stream::MeteredStream;
 
 /// Limits and timeouts of a server's connections.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ServerSettings {
-    /// Connections that may be open at once; more wait in the listen backlog of the operating system.
+    /// Connections that may be open at once, on all ports together; a newcomer replaces the least used of the largest
+    /// holder.
     pub max_connections: usize,
+    /// Connections of one address that may be open at once, where there is no proxy before the server.
+    pub max_connections_per_address: Option<usize>,
+    /// What bodies being received and answers not yet taken may hold, bytes; one connection a quarter of it.
+    pub memory_budget_bytes: usize,
     /// Requests of one HTTP/2 connection that may be open at once.
     pub max_streams: u32,
     /// How long a caller may take to send the head of a request, counted from the connection or from the end of the
     /// request before (HTTP/1), and for the TLS handshake before that.
     pub head_timeout: Duration,
-    /// How long a caller may leave an answer unread; an HTTP/2 connection then takes no new requests, and is cut after
-    /// the same time again.
+    /// How long a caller may leave an answer unread, beside the time that its bytes take at the least rate; an HTTP/2
+    /// connection then takes no new requests, and is cut after the same time again.
     pub write_timeout: Duration,
     /// How often an HTTP/2 connection without traffic is pinged, and how long the reply may take.
     pub ping_interval: Duration,
     /// How long an HTTP/2 connection may stay without a request.
     pub idle_timeout: Duration,
-    /// Age at which a connection takes no new requests, so that load spreads over replicas.
+    /// Age at which a connection takes no new requests, so that load spreads over replicas; a tenth more or less, so that
+    /// those who came together do not leave together.
     pub max_age: Duration,
-    /// How long the requests of an aged connection may take to end.
+    /// How often an aged connection is looked after: it ends once no caller's request is under way.
     pub age_grace: Duration,
     /// Certificate and key of the server; with them it speaks TLS only, without them plain text only.
     #[cfg(feature = "tls")]
@@ -62,9 +69,11 @@ pub struct ServerSettings {
 impl Default for ServerSettings {
     fn default() -> Self {
         Self {
-            max_connections: 1024,
+            max_connections: 512,
+            max_connections_per_address: None,
+            memory_budget_bytes: 64 << 20,
             max_streams: 128,
-            head_timeout: Duration::from_secs(30),
+            head_timeout: Duration::from_secs(10),
             write_timeout: Duration::from_secs(30),
             ping_interval: Duration::from_secs(20),
             idle_timeout: Duration::from_secs(5 * 60),
@@ -78,49 +87,47 @@ impl Default for ServerSettings {
 
 /// Flow-control window of one HTTP/2 stream for requests, bytes.
 const STREAM_WINDOW_BYTES: u32 = 64 * 1024;
-/// Flow-control window of a whole connection for requests, bytes: several times that of a stream, so that a batch that
-/// the server has stopped reading blocks no other call.
-const CONNECTION_WINDOW_BYTES: u32 = 1024 * 1024;
+/// Flow-control window of a whole connection for requests, bytes. All that arrives is read at once, into the budget; half of
+/// this is what h2 allows small frames to cost until they are read, which one turn of reading stays below.
+const CONNECTION_WINDOW_BYTES: u32 = 512 * 1024;
+/// Longest head of a request, bytes; also what a connection buffers of its answers over HTTP/1.
+const HEAD_BYTES: usize = 32 * 1024;
+/// What one stream of HTTP/2 buffers of its answer, bytes.
+const SEND_BUFFER_BYTES: usize = 64 * 1024;
 
 /// How long to wait after the system refused a connection because too many files are open, until some are closed.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+/// How long a connection may last that comes while the server ends: a probe.
+const LAST_PROBE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Serves until `shutdown` is ready, then closes the listener, shuts the connections down gracefully, and returns when
 /// the last answer is written.
 pub async fn serve(
     listener: TcpListener,
     router: Router,
-    settings: ServerSettings,
+    connections: Arc<Connections>,
     shutdown: impl Future<Output = ()> + Send,
 ) {
-    let (closing, is_closing) = watch::channel(false);
-    let mut connections = JoinSet::new();
-    let permits = Arc::new(Semaphore::new(settings.max_connections));
+    let mut tasks = JoinSet::new();
     tokio::pin!(shutdown);
     loop {
-        let accepted = async {
-            let permit = Arc::clone(&permits).acquire_owned().await;
-            (permit, listener.accept().await)
-        };
         tokio::select! {
             () = &mut shutdown => break,
             // Removes connections that have ended, which the set would keep otherwise.
-            Some(_) = connections.join_next(), if !connections.is_empty() => {}
-            (permit, accepted) = accepted => match accepted {
-                Ok((stream, _)) => {
-                    let (router, settings, is_closing) = (router.clone(), settings.clone(), is_closing.clone());
-                    connections.spawn(async move {
-                        let _permit = permit;
-                        receive(stream, router, &settings, is_closing).await;
-                    });
+            Some(_) = tasks.join_next(), if !tasks.is_empty() => {}
+            accepted = listener.accept() => match accepted {
+                Ok((stream, peer)) => {
+                    if let Some(place) = connections.admit(peer) {
+                        tasks.spawn(receive(stream, router.clone(), place));
+                    }
                 }
                 Err(error) => pause_after(&error).await,
             },
         }
     }
     drop(listener);
-    closing.send_replace(true);
-    while connections.join_next().await.is_some() {}
+    connections.close();
+    while tasks.join_next().await.is_some() {}
 }
 
 async fn pause_after(error: &io::Error) {
@@ -135,66 +142,79 @@ async fn pause_after(error: &io::Error) {
 }
 
 /// Receives one connection, plain or under TLS.
-async fn receive(stream: TcpStream, router: Router, settings: &ServerSettings, is_closing: watch::Receiver<bool>) {
+async fn receive(stream: TcpStream, router: Router, place: Place) {
     // Answers are written in one piece: Nagle's wait for more to send only adds delay.
     if let Err(error) = stream.set_nodelay(true) {
         tracing::debug!(error = %error, "a connection keeps its send delay");
     }
+    let connection = &place.connection;
     #[cfg(feature = "tls")]
-    if let Some(identity) = &settings.identity {
-        if let Some(stream) = identity.shake_hands(stream, settings.head_timeout, is_closing.clone()).await {
-            drive(stream, router, settings, is_closing).await;
+    if let Some(identity) = &connection.connections.settings.identity {
+        let shaken = tokio::select! {
+            shaken = identity.shake_hands(stream, connection.connections.settings.head_timeout) => shaken,
+            () = connection.connections.closing() => None,
+            () = connection.ended() => None,
+        };
+        if let Some(stream) = shaken {
+            drive(stream, router, connection).await;
         }
         return;
     }
-    drive(stream, router, settings, is_closing).await;
+    drive(stream, router, connection).await;
 }
 
 /// Drives one connection to its end.
 async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
     stream: S,
     router: Router,
-    settings: &ServerSettings,
-    mut is_closing: watch::Receiver<bool>,
+    connection: &Arc<Connection>,
 ) {
-    let activity = Arc::new(Activity::default());
-    let io = TokioIo::new(WriteTimeout::new(stream, settings.write_timeout, Arc::clone(&activity)));
+    let connections = &connection.connections;
+    let settings = &connections.settings;
+    let io = TokioIo::new(MeteredStream::new(stream, settings.write_timeout, Arc::clone(connection)));
     let builder = builder(settings);
-    let connection = builder.serve_connection(io, service(router, Arc::clone(&activity)));
-    tokio::pin!(connection);
+    let served = builder.serve_connection(io, requests::service(router, Arc::clone(connection)));
+    tokio::pin!(served);
 
+    let is_late = connections.is_closing();
+    let max_age = if is_late { LAST_PROBE_TIMEOUT } else { settings.max_age.mul_f64(jitter()) };
     let silent = sleep(settings.head_timeout);
-    let aged = sleep(settings.max_age);
-    let expired = sleep(settings.max_age + settings.age_grace);
-    tokio::pin!(silent, aged, expired);
+    let aged = sleep(max_age);
+    tokio::pin!(silent, aged);
+    let mut expired = interval_at(Instant::now() + max_age + settings.age_grace, settings.age_grace);
     let mut idle = interval_at(Instant::now() + settings.idle_timeout, settings.idle_timeout);
-    // Beside the write timeout of the connection: an answer that waits for the window of its HTTP/2 stream is not yet
-    // written to the connection.
-    let mut unread = interval_at(Instant::now() + settings.write_timeout, settings.write_timeout);
+    // Beside the patience of the stream: an answer that waits for the window of its HTTP/2 stream is not yet written.
+    let mut unread = interval(settings.write_timeout / 4);
     unread.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let (mut is_watched, mut is_ending, mut seen, mut unread_until) = (true, false, 0, None);
     loop {
         let must_end = tokio::select! {
-            ended = &mut connection => {
+            ended = &mut served => {
                 if let Err(error) = ended {
                     tracing::debug!(error = %error, "a connection failed");
                 }
                 return;
             }
+            () = connection.ended() => return,
             // Until the first bytes show which protocol it is, hyper runs no timer of its own.
             () = &mut silent, if is_watched => {
-                if !activity.has_sent_preface() {
-                    return;
+                if !connection.has_sent_preface() {
+                    return slow(connection);
                 }
                 is_watched = false;
                 false
             }
-            _ = is_closing.wait_for(|closing| *closing), if !is_ending => true,
+            () = connections.closing(), if !is_ending && !is_late => true,
             () = &mut aged, if !is_ending => true,
-            () = &mut expired => return,
-            _ = idle.tick() => activity.is_idle_since(&mut seen),
+            _ = expired.tick() => {
+                if !connection.has_callers() {
+                    return;
+                }
+                false
+            }
+            _ = idle.tick() => connection.is_idle_since(&mut seen),
             now = unread.tick() => match unread_until {
-                _ if !activity.is_unread_for(settings.write_timeout) => {
+                _ if !connection.is_out_of_patience() => {
                     unread_until = None;
                     false
                 }
@@ -202,20 +222,29 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
                     unread_until = Some(now + settings.write_timeout);
                     true
                 }
-                Some(end) if now >= end => return,
+                Some(end) if now >= end => return slow(connection),
                 Some(_) => false,
             },
         };
         if must_end && !is_ending {
             is_ending = true;
-            connection.as_mut().graceful_shutdown();
+            served.as_mut().graceful_shutdown();
         }
     }
 }
 
+fn slow(connection: &Connection) {
+    connection.connections.metrics.connection_ended(ConnectionEnd::Slow);
+}
+
+/// A factor from 0.9 to 1.1.
+fn jitter() -> f64 {
+    0.9 + 0.2 * (RandomState::new().hash_one(()) as f64 / u64::MAX as f64)
+}
+
 fn builder(settings: &ServerSettings) -> auto::Builder<TokioExecutor> {
     let mut builder = auto::Builder::new(TokioExecutor::new());
-    builder.http1().timer(TokioTimer::new()).header_read_timeout(settings.head_timeout);
+    builder.http1().timer(TokioTimer::new()).header_read_timeout(settings.head_timeout).max_buf_size(HEAD_BYTES);
     builder
         .http2()
         .timer(TokioTimer::new())
@@ -223,32 +252,8 @@ fn builder(settings: &ServerSettings) -> auto::Builder<TokioExecutor> {
         .keep_alive_timeout(settings.ping_interval)
         .initial_stream_window_size(STREAM_WINDOW_BYTES)
         .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
+        .max_header_list_size(HEAD_BYTES as u32)
+        .max_send_buf_size(SEND_BUFFER_BYTES)
         .max_concurrent_streams(settings.max_streams);
     builder
-}
-
-fn service(
-    router: Router,
-    activity: Arc<Activity>,
-) -> impl hyper::service::Service<
-    Request<Incoming>,
-    Response = axum::response::Response,
-    Error = std::convert::Infallible,
-    Future: Send + 'static,
-> {
-    service_fn(move |request: Request<Incoming>| {
-        let (router, under_way) = (router.clone(), Activity::enter(&activity));
-        async move {
-            let version = request.version();
-            let response = router.oneshot(request.map(Body::new)).await?;
-            // The body holds `under_way`, so that the request counts until its answer is written or dropped.
-            Ok(response.map(|body| match version {
-                Version::HTTP_2 => Body::new(AnswerBody::new(body, under_way)),
-                _ => Body::new(body.map_frame(move |frame| {
-                    let _ = &under_way;
-                    frame
-                })),
-            }))
-        }
-    })
 }

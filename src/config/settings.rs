@@ -86,12 +86,16 @@ settings! {
         tls_certificate: Option<PathBuf> = "",
         /// File with the private key of the certificate in PEM.
         tls_key: Option<PathBuf> = "",
-        /// Connections per port that may be open at once.
-        max_connections: NonZeroUsize = "1024",
+        /// Connections that may be open at once, on both ports together; a newcomer replaces the least used one of whoever has most.
+        max_connections: NonZeroUsize = "512",
+        /// Connections of one address that may be open at once, where no proxy stands before the server; empty: no limit.
+        max_connections_per_address: Option<NonZeroUsize> = "",
+        /// MiB that bodies being received and answers not yet taken may hold, one connection a quarter of it; more is refused with 429.
+        memory_budget_mib: NonZeroUsize = "64",
         /// Requests of one HTTP/2 connection that may be open at once.
         max_streams: u32 = "128",
         /// Seconds that a caller may take to send the head of a request.
-        head_timeout_s: Duration = "30",
+        head_timeout_s: Duration = "10",
         /// Seconds that an HTTP/2 connection may stay without a request.
         idle_timeout_s: Duration = "300",
         /// Seconds after which a connection takes no new requests.

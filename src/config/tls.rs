@@ -27,9 +27,13 @@ pub(super) fn with_identity(settings: &ServeSettings, server: ServerSettings, fa
     server
 }
 
-/// The same limits and timeouts without TLS: probes and scrapers speak plain text.
-pub(crate) fn plain(server: &ServerSettings) -> ServerSettings {
+/// Connections that the admin port takes: probes and scrapers are few.
+const ADMIN_CONNECTIONS: usize = 64;
+
+/// The same timeouts without TLS: probes and scrapers speak plain text.
+pub(crate) fn for_probes(server: &ServerSettings) -> ServerSettings {
     ServerSettings {
+        max_connections: ADMIN_CONNECTIONS,
         #[cfg(feature = "tls")]
         identity: None,
         ..server.clone()

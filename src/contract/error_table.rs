@@ -5,6 +5,8 @@
 pub enum ErrorCode {
     /// The queue is full.
     QueueFull,
+    /// The byte budget for bodies and answers is used up; the service stays ready.
+    MemoryFull,
     /// The wait for a worker would outlast the deadline.
     DeadlineUnreachable,
     /// The deadline passed before there was a plan.
@@ -70,8 +72,9 @@ pub struct ErrorEntry {
 
 impl ErrorCode {
     /// All codes.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::QueueFull,
+        Self::MemoryFull,
         Self::DeadlineUnreachable,
         Self::DeadlineExceeded,
         Self::Unavailable,
@@ -95,6 +98,7 @@ impl ErrorCode {
     pub const fn entry(self) -> ErrorEntry {
         match self {
             Self::QueueFull           => row("queue_full",           429, GrpcCode::ResourceExhausted, true,  "the queue is full"),
+            Self::MemoryFull          => row("memory_full",          429, GrpcCode::ResourceExhausted, true,  "the memory for bodies and answers is full"),
             Self::DeadlineUnreachable => row("deadline_unreachable", 429, GrpcCode::ResourceExhausted, true,  "the wait for a worker would outlast the deadline"),
             Self::DeadlineExceeded    => row("deadline_exceeded",    504, GrpcCode::DeadlineExceeded,  true,  "the deadline passed before there was a plan"),
             Self::Unavailable         => row("unavailable",          503, GrpcCode::Unavailable,       true,  "the server takes no work at present"),

@@ -20,6 +20,9 @@ use crate::metrics::Metrics;
 use crate::metrics::catalogue::{self, Family};
 use crate::service::Job as _;
 
+/// Arrays of a full answer with one number per step: trajectory and contacts.
+const ARRAYS_OF_STEPS: usize = 26;
+
 /// What is done with each kind.
 pub trait Visitor {
     /// One kind.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::table::{line, row, separations, write_timeline};
-use super::{Kind, Limits, ManeuverSolver};
+use super::{ARRAYS_OF_STEPS, Kind, Limits, ManeuverSolver};
 use crate::contract::Problem;
 use crate::contract::convert::{contacts, count, named, required, schedule};
 use crate::contract::message::{ContactSolver, ReferencePoint, SimulateGrid, SimulateRequest, SimulateResponse};
@@ -74,6 +74,10 @@ impl Kind for Simulate {
             step_count,
             contact_method: contact_solver.into(),
         }))?)
+    }
+
+    fn answer_numbers(input: &SimulateInput) -> usize {
+        ARRAYS_OF_STEPS * input.step_count
     }
 
     fn answer(_input: &SimulateInput, done: &Done<Simulation>) -> SimulateResponse {

@@ -112,6 +112,17 @@ pub(super) const GRPC_DURATION: Family = histogram(
     REQUEST_BUCKETS,
     "Duration of gRPC calls from their head to the end of their answer, by method and status.",
 );
+pub(super) const CONNECTIONS: Family = gauge("slipdrive_connections", &[], "Connections that are open.");
+pub(super) const CONNECTIONS_ENDED: Family = counter(
+    "slipdrive_connections_ended_total",
+    &["cause"],
+    "Connections that the server ended or did not take, by cause: all places taken, too much unread, too slow.",
+);
+pub(super) const HELD_BYTES: Family = gauge(
+    "slipdrive_held_bytes",
+    &[],
+    "Memory that is reserved for requests: bodies being received, and answers not yet taken.",
+);
 pub(super) const BUILD_INFO: Family =
     gauge("slipdrive_build_info", &["version", "features"], "Always 1; the labels say what runs.");
 
@@ -130,5 +141,8 @@ pub const ALL: &[Family] = &[
     SOLVER_PANICS,
     HTTP_DURATION,
     GRPC_DURATION,
+    CONNECTIONS,
+    CONNECTIONS_ENDED,
+    HELD_BYTES,
     BUILD_INFO,
 ];

@@ -32,6 +32,34 @@ pub struct Metrics {
     solver_panics: IntCounter,
     http_duration: HistogramVec,
     grpc_duration: HistogramVec,
+    connections: IntGauge,
+    connections_ended: IntCounterVec,
+    held_bytes: IntGauge,
+}
+
+/// Why the server ended a connection that its peer would have kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ConnectionEnd {
+    /// All places were taken.
+    NoPlace,
+    /// Its unread answers or half-sent bodies held memory that others needed.
+    Unread,
+    /// Its peer was too slow: to speak, or to take an answer.
+    Slow,
+}
+
+impl ConnectionEnd {
+    /// All ends.
+    pub const ALL: [Self; 3] = [Self::NoPlace, Self::Unread, Self::Slow];
+
+    /// The label.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::NoPlace => "no_place",
+            Self::Unread => "unread",
+            Self::Slow => "slow",
+        }
+    }
 }
 
 /// What the queue holds at one moment.
@@ -127,8 +155,14 @@ impl Metrics {
             solver_panics: registration.counter(&catalogue::SOLVER_PANICS),
             http_duration: registration.histograms(&catalogue::HTTP_DURATION),
             grpc_duration: registration.histograms(&catalogue::GRPC_DURATION),
+            connections: registration.gauge(&catalogue::CONNECTIONS),
+            connections_ended: registration.counters(&catalogue::CONNECTIONS_ENDED),
+            held_bytes: registration.gauge(&catalogue::HELD_BYTES),
             registry,
         };
+        for end in ConnectionEnd::ALL {
+            metrics.connections_ended.with_label_values(&[end.as_str()]);
+        }
         for end in JobEnd::CANCELLED {
             metrics.cancelled.with_label_values(&[end.as_str()]);
         }
@@ -192,6 +226,27 @@ impl Metrics {
         histogram.observe(duration.as_secs_f64());
     }
 
+    /// Counts a connection as open.
+    pub fn connection_opened(&self) {
+        self.connections.inc();
+    }
+
+    /// Counts a connection as open no more.
+    pub fn connection_closed(&self) {
+        self.connections.dec();
+    }
+
+    /// Counts a connection that the server ended, or did not take.
+    pub fn connection_ended(&self, cause: ConnectionEnd) {
+        self.connections_ended.with_label_values(&[cause.as_str()]).inc();
+    }
+
+    /// So many bytes are reserved for requests in place of as many as before.
+    pub fn held(&self, bytes: usize, before: usize) {
+        let signed = |bytes: usize| i64::try_from(bytes).unwrap_or(i64::MAX);
+        self.held_bytes.add(signed(bytes) - signed(before));
+    }
+
     /// All families as text, with these levels of the queue.
     pub fn render(&self, levels: &QueueLevels) -> Vec<u8> {
         let as_gauge = |count: usize| i64::try_from(count).unwrap_or(i64::MAX);
@@ -207,6 +262,12 @@ impl Metrics {
             tracing::error!(error = %error, "the metrics cannot be written");
         }
         text
+    }
+}
+
+impl std::fmt::Debug for Metrics {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Metrics").finish_non_exhaustive()
     }
 }
 

@@ -18,7 +18,7 @@ use tokio::time::timeout;
 use tonic::{Code, Request, Status};
 
 use crate::support::protobuf::code_of;
-use crate::support::{Answer, FakeSolver, Gate, HANG_BOUND, TestServer, small_solution};
+use crate::support::{Answer, FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
 
 /// What the solver does with a seed, beside answering at once.
 const SEED_HOLD: u64 = 1;
@@ -129,6 +129,12 @@ async fn provoke(code: ErrorCode) -> Option<Refusals> {
             let refusals = solve_both(&case.server, 0, None).await;
             case.gate.open();
             refusals
+        }
+        ErrorCode::MemoryFull => {
+            // One connection has a quarter of it: less than a full answer of 200 steps.
+            let settings = ServerSettings { memory_budget_bytes: 128 * 1024, ..ServerSettings::default() };
+            let server = TestServer::start_with(0, instant_solver(), ApiSettings::default(), settings).await;
+            solve_both(&server, 0, None).await
         }
         ErrorCode::DeadlineUnreachable => unreachable_deadline().await,
         ErrorCode::DeadlineExceeded => {

@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use futures_util::StreamExt as _;
@@ -174,24 +175,11 @@ async fn aged_connection_says_so_and_finishes_what_it_has() {
 async fn aged_connection_is_cut_when_its_grace_has_passed() {
     let soon = Duration::from_millis(100);
     let settings = ServerSettings { max_age: soon, age_grace: soon, ..ServerSettings::default() };
-    let solver = FakeSolver(|_: &SolveInput, control: &RunControl<'_>| {
-        while !control.is_stopped() {
-            std::thread::yield_now();
-        }
-        small_solution(StopReason::Stopped)
-    });
-    let (server, transports) = with_timeouts(Arc::new(solver), settings).await;
-    for (address, path) in transports {
-        let mut connection = Connection::open(address, 65_535).await;
-        connection.whole_request(1, path).await;
-        connection.reads_to_the_end().await;
-    }
-    let empty = async {
-        while server.service.jobs_in_flight() > 0 {
-            tokio::task::yield_now().await;
-        }
-    };
-    timeout(HANG_BOUND, empty).await.expect("their solves are stopped");
+    let (server, _) = with_timeouts(instant_solver(), settings).await;
+    // Work has limits of its own; this never ends.
+    let mut connection = Connection::open(server.grpc_address, 65_535).await;
+    connection.whole_request(1, "/grpc.health.v1.Health/Watch").await;
+    connection.reads_to_the_end().await;
 }
 
 #[tokio::test]
@@ -214,13 +202,14 @@ async fn endless_chunks_are_refused_at_the_limit() {
 }
 
 #[tokio::test]
-async fn batch_whose_caller_does_not_read_is_not_read_either() {
+async fn batch_whose_caller_does_not_read_ends_with_its_share_of_the_memory() {
     let server = TestServer::start(4, instant_solver()).await;
     let sent = Arc::new(std::sync::atomic::AtomicUsize::new(0));
     let count = Arc::clone(&sent);
     let torques = vec![0.5; 1000];
+    let item_bytes = 2 * 8 * torques.len();
     let items = futures_util::stream::iter(0..20_000).map(move |index| {
-        count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        count.fetch_add(item_bytes, Ordering::Relaxed);
         let guess = pb::InitialGuess {
             final_time_s: Some(1.0),
             torque_left_n_m: torques.clone(),
@@ -233,15 +222,30 @@ async fn batch_whose_caller_does_not_read_is_not_read_either() {
         }
     });
     let mut client = server.grpc().await;
-    let answers = client.solve_batch(items).await.unwrap();
-    // Others are served meanwhile, many times over.
+    let mut answers = client.solve_batch(items).await.unwrap().into_inner();
+    // Others are served meanwhile, many times over, until no more is sent.
     let mut other = server.grpc().await;
-    for _ in 0..200 {
-        other.get_limits(pb::GetLimitsRequest {}).await.unwrap();
+    let mut before = usize::MAX;
+    while before != sent.load(Ordering::Relaxed) {
+        before = sent.load(Ordering::Relaxed);
+        for _ in 0..200 {
+            other.get_limits(pb::GetLimitsRequest {}).await.unwrap();
+        }
     }
-    let sent = sent.load(std::sync::atomic::Ordering::Relaxed);
-    assert!(sent < 20_000, "the server stopped reading: {sent} items were sent");
-    drop(answers);
+    let mut answered = 0;
+    let end = loop {
+        match timeout(HANG_BOUND, answers.message()).await.unwrap() {
+            Ok(answer) => {
+                assert!(answer.is_some(), "the batch was not ended by its caller");
+                answered += item_bytes;
+            }
+            Err(status) => break status,
+        }
+    };
+    // Its share, and the windows and buffers of both sides.
+    let (share, buffers) = (4 << 20, 4 << 20);
+    assert!(before <= answered + share + buffers, "{before} bytes were sent, {answered} answered");
+    assert_eq!((end.code(), code_of(&end).as_str()), (tonic::Code::ResourceExhausted, "memory_full"));
 }
 
 #[tokio::test]

@@ -4,6 +4,7 @@
 
 mod architecture;
 mod batch;
+mod budgets;
 mod command_line;
 #[cfg(unix)]
 mod container;

@@ -158,7 +158,7 @@ async fn probes_of_their_own_port_are_not_beside_the_api() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let admin = listener.local_addr().unwrap();
     let router = rest::admin_router(&server.state);
-    let task = tokio::spawn(server::serve(listener, router, ServerSettings::default(), std::future::pending()));
+    let task = tokio::spawn(server::serve(listener, router, Arc::clone(&server.connections), std::future::pending()));
     for path in ["/livez", "/readyz", "/metrics"] {
         assert_eq!(server.get(path).await.status, 404, "{path}");
         let answer = server.client.get(format!("http://{admin}{path}")).send().await.unwrap();

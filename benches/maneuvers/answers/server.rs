@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use axum::Router;
-use slipdrive::api::server::{ServerSettings, serve};
+use slipdrive::api::server::{Connections, ServerSettings, serve};
 use slipdrive::api::{ApiSettings, ApiState, grpc, rest};
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits};
 use slipdrive::service::{Service, ServiceSettings};
@@ -31,15 +31,15 @@ impl Server {
         let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
         let state = ApiState::new(service, jobs, ApiSettings::default());
         let (router, _health) = grpc::router(&state).await;
-        let grpc = GrpcCaller::connect(listen(router).await?).await?;
-        let rest = RestCaller::new(listen(rest::router(&state)).await?)?;
+        let grpc = GrpcCaller::connect(listen(&state, router).await?).await?;
+        let rest = RestCaller::new(listen(&state, rest::router(&state)).await?)?;
         Ok(Self { rest, grpc })
     }
 }
 
-async fn listen(router: Router) -> Result<String> {
+async fn listen(state: &ApiState, router: Router) -> Result<String> {
     let listener = TcpListener::bind("127.0.0.1:0").await?;
     let address = listener.local_addr()?;
-    tokio::spawn(serve(listener, router, ServerSettings::default(), std::future::pending()));
+    tokio::spawn(serve(listener, router, Connections::of(state, ServerSettings::default()), std::future::pending()));
     Ok(format!("http://{address}"))
 }

@@ -9,10 +9,11 @@ use std::time::{Duration, Instant};
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderMap, Method, header};
-use http_body_util::{BodyExt as _, LengthLimitError, Limited};
-use tokio::time::timeout;
 
+use super::read_ahead::ReadAhead;
 use crate::api::access::{Notes, RequestContext};
+use crate::api::receive::{connection_of, only_probes, receive};
+use crate::api::server::{Connection, Use};
 use crate::api::{ApiState, CAUSE_IS_LOGGED};
 use crate::contract::{ErrorCode, Problem};
 use crate::jobs::{Jobs, Kind, Visitor};
@@ -22,7 +23,9 @@ const MANEUVER_SERVICE: &str = "/slipdrive.v1.ManeuverService/";
 const HEALTH_SERVICE: &str = "/grpc.health.v1.Health/";
 const REFLECTION_SERVICE: &str = "/grpc.reflection.";
 /// Compression flag and length before each message.
-const FRAME_HEAD_BYTES: usize = 5;
+pub(super) const FRAME_HEAD_BYTES: usize = 5;
+/// Longest message of a health check, bytes: the name of a service.
+const HEALTH_MESSAGE_BYTES: usize = 1024;
 
 /// What a handler gets with its call.
 #[derive(Clone)]
@@ -33,6 +36,8 @@ pub(super) struct Call {
     pub(super) notes: Notes,
     /// When the caller needs the answer.
     pub(super) deadline: Option<Instant>,
+    /// How it came.
+    pub(super) connection: Arc<Connection>,
     /// The permit to queue its job, until it is taken.
     permit: Arc<Mutex<Option<Permit>>>,
 }
@@ -114,7 +119,17 @@ pub(super) async fn admit(
     context: &RequestContext,
 ) -> Result<Request, Problem> {
     let path = request.uri().path();
-    if !path.starts_with(HEALTH_SERVICE) && !state.settings.keys.admit(request.headers()) {
+    let connection = connection_of(request.extensions());
+    if path.starts_with(HEALTH_SERVICE) {
+        let (head, mut body) = request.into_parts();
+        let limit = HEALTH_MESSAGE_BYTES + FRAME_HEAD_BYTES;
+        let (message, _) = receive(&mut body, limit, state.settings.body_timeout, &connection).await?;
+        return Ok(Request::from_parts(head, Body::from(message)));
+    }
+    if connection.may == Use::Probes {
+        return Err(only_probes());
+    }
+    if !state.settings.keys.admit(request.headers()) {
         let detail = "the API key is missing or wrong: send the metadata `authorization: Bearer KEY`";
         return Err(Problem::new(ErrorCode::Unauthenticated, detail));
     }
@@ -128,16 +143,19 @@ pub(super) async fn admit(
     }
     check_media_type(request.headers())?;
     let deadline = deadline(request.headers(), context.arrival)?;
-    let (mut head, body) = request.into_parts();
+    let limit = state.jobs.limits().max_body_bytes;
+    let (mut head, mut body) = request.into_parts();
     let body = match needs {
-        Needs::Stream => body,
+        Needs::Stream => Body::new(ReadAhead::of(body, limit, &connection, &context.request_id)),
         Needs::MessageAndPermit | Needs::Message | Needs::MessageAtAnyTime => {
-            receive(body, state.jobs.limits().max_body_bytes, state.settings.body_timeout).await?
+            let received = receive(&mut body, limit + FRAME_HEAD_BYTES, state.settings.body_timeout, &connection).await;
+            let (message, lease) = received?;
+            Body::from(Arc::new(lease).holding(message.into()))
         }
     };
     let permit = if needs == Needs::MessageAndPermit { Some(state.service.reserve()?) } else { None };
     let (request_id, notes) = (context.request_id.clone(), context.notes.clone());
-    head.extensions.insert(Call { request_id, notes, deadline, permit: Arc::new(Mutex::new(permit)) });
+    head.extensions.insert(Call { request_id, notes, deadline, connection, permit: Arc::new(Mutex::new(permit)) });
     Ok(Request::from_parts(head, body))
 }
 
@@ -156,20 +174,6 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
             unsupported(format!("`grpc-encoding` is {encoding:?}, must be identity"))
         }
         _ => Ok(()),
-    }
-}
-
-async fn receive(body: Body, limit: usize, body_timeout: Duration) -> Result<Body, Problem> {
-    let collected = timeout(body_timeout, Limited::new(body, limit + FRAME_HEAD_BYTES).collect()).await;
-    match collected {
-        Ok(Ok(collected)) => Ok(Body::from(collected.to_bytes())),
-        Ok(Err(error)) if error.is::<LengthLimitError>() => Err(Problem::body_too_large(limit)),
-        Ok(Err(error)) => {
-            Err(Problem::new(ErrorCode::MalformedBody, format!("the message ended before it was complete: {error}")))
-        }
-        Err(_) => {
-            Err(Problem::new(ErrorCode::BodyTimeout, format!("the message was not complete after {body_timeout:?}")))
-        }
     }
 }
 

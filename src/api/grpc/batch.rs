@@ -1,7 +1,8 @@
 //! A batch: many jobs over one stream, each answered as it ends.
 //!
-//! The state lives in the answer stream and moves only when the transport asks for the next answer. So a caller who does
-//! not read is not read from either, at most `batch_window` items are held, and a caller who leaves drops them all.
+//! The state lives in the answer stream and moves only when the transport asks for the next answer. So of a caller who does
+//! not read at most `batch_window` items are begun; what else it sends waits, unparsed, in the share of the byte budget
+//! that [`super::read_ahead`] has. A caller who leaves drops all of it.
 
 use std::collections::HashSet;
 use std::future::pending;
@@ -9,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use futures_util::future::BoxFuture;
 use futures_util::stream::{BoxStream, FuturesUnordered, Stream, StreamExt as _, TryStreamExt as _, unfold};
-use tokio::time::sleep_until;
+use tokio::time::{sleep, sleep_until};
 use tonic::{Status, Streaming};
 use tracing::{Instrument as _, Span};
 
@@ -18,6 +19,8 @@ use super::pb::batch_request::Request;
 use super::pb::batch_response::Answer;
 use super::{middleware, pb, status};
 use crate::api::ApiState;
+use crate::api::receive::memory_full;
+use crate::api::server::Lease;
 use crate::contract::convert::required;
 use crate::contract::{ErrorCode, Problem};
 use crate::rules::{Checks, Rule};
@@ -27,8 +30,14 @@ use crate::service::ServiceError;
 const REQUEST_ID_RULE: Rule = Rule::between(1.0, 128.0, "bytes long");
 const TIMEOUT_RULE: Rule = Rule::at_least(1.0, "ms");
 
+/// The answer to one item, and the memory that it holds.
+pub(super) type ItemResult = Result<(Answer, Lease), Problem>;
+
 /// Gives the answer to one item, by its kind.
-pub(super) type Dispatch = for<'a> fn(&'a ApiState, Request, &'a Call) -> BoxFuture<'a, Result<Answer, Problem>>;
+pub(super) type Dispatch = for<'a> fn(&'a ApiState, Request, &'a Call) -> BoxFuture<'a, ItemResult>;
+
+/// How long a batch may last without an item or an answer.
+const STANDSTILL: Duration = Duration::from_secs(2 * 60);
 
 /// One batch under way.
 pub(super) struct Batch {
@@ -39,7 +48,9 @@ pub(super) struct Batch {
     span: Span,
     /// None once nothing more is read.
     inbound: Option<BoxStream<'static, Result<pb::BatchRequest, Status>>>,
-    running: FuturesUnordered<BoxFuture<'static, pb::BatchResponse>>,
+    running: FuturesUnordered<BoxFuture<'static, (pb::BatchResponse, Option<Lease>)>>,
+    /// Of the answer that was given last, until the next is asked for.
+    lease: Option<Lease>,
     /// Ids of the unanswered items.
     unanswered: HashSet<String>,
     /// What the stream ends with once all items are answered; none for success.
@@ -56,7 +67,7 @@ impl Batch {
     ) -> Self {
         let (running, unanswered) = (FuturesUnordered::new(), HashSet::new());
         let inbound = Some(inbound.map_ok(Into::into).boxed());
-        Self { state, call, dispatch, span: Span::current(), inbound, running, unanswered, end: None }
+        Self { state, call, dispatch, span: Span::current(), inbound, running, lease: None, unanswered, end: None }
     }
 
     /// All answers; the last is an error if the batch was ended before its caller ended it.
@@ -73,11 +84,13 @@ impl Batch {
 
     /// The next answer; none when nothing more is read and all items are answered.
     async fn next_answer(&mut self) -> Option<pb::BatchResponse> {
+        self.lease = None;
         loop {
             let may_read = self.running.len() < self.state.settings.batch_window.get();
             let (service, deadline) = (&self.state.service, self.call.deadline);
             tokio::select! {
-                Some(answer) = self.running.next(), if !self.running.is_empty() => {
+                Some((answer, lease)) = self.running.next(), if !self.running.is_empty() => {
+                    self.lease = lease;
                     self.unanswered.remove(&answer.request_id);
                     return Some(answer);
                 }
@@ -88,20 +101,29 @@ impl Batch {
                         }
                     }
                     Ok(None) => self.inbound = None,
-                    Err(status) => {
-                        let limit = self.state.jobs.limits().max_body_bytes;
-                        self.end_with(middleware::of_framework(&status, false, "", limit));
-                    }
+                    Err(status) => self.end_with(self.unreadable(&status)),
                 },
                 () = service.closed(), if self.inbound.is_some() => {
                     let unavailable = self.state.service.check_open().err();
                     self.end_with(unavailable.map_or_else(|| Problem::new(ErrorCode::Unavailable, ""), Problem::from));
+                }
+                () = sleep(STANDSTILL), if self.inbound.is_some() && self.running.is_empty() => {
+                    let detail = format!("nothing came for {STANDSTILL:?}");
+                    self.end_with(Problem::new(ErrorCode::BodyTimeout, detail));
                 }
                 () = passed(deadline), if self.inbound.is_some() => {
                     self.end_with(ServiceError::DeadlineExceeded.into());
                 }
                 else => return None,
             }
+        }
+    }
+
+    /// Why the next item cannot be read.
+    fn unreadable(&self, status: &Status) -> Problem {
+        match status::code_of(status) {
+            Some(ErrorCode::MemoryFull) => memory_full(),
+            _ => middleware::of_framework(status, false, "", self.state.jobs.limits().max_body_bytes),
         }
     }
 
@@ -125,8 +147,8 @@ impl Batch {
         call.deadline = item_deadline.into_iter().chain(call.deadline).min();
         let answered = async move {
             match dispatch(&state, request, &call).await {
-                Ok(answer) => pb::BatchResponse { request_id, answer: Some(answer) },
-                Err(problem) => refused(&state, request_id, &problem),
+                Ok((answer, lease)) => (pb::BatchResponse { request_id, answer: Some(answer) }, Some(lease)),
+                Err(problem) => (refused(&state, request_id, &problem), None),
             }
         };
         self.running.push(Box::pin(answered.instrument(self.span.clone())));

@@ -6,9 +6,18 @@ use tokio::time::timeout_at;
 
 use super::admission::Call;
 use crate::api::ApiState;
+use crate::api::server::Lease;
 use crate::contract::Problem;
 use crate::jobs::Kind;
 use crate::service::{Permit, Running, ServiceError};
+
+/// Length of a number in an answer, bytes.
+const NUMBER_BYTES: usize = size_of::<f64>();
+
+/// What the answer to this input will probably hold.
+pub(super) fn answer_bytes<K: Kind>(input: &K::Input) -> usize {
+    K::answer_numbers(input) * NUMBER_BYTES
+}
 
 /// Queues an accepted job; its answer is written on the worker.
 pub(super) fn start<K: Kind>(
@@ -25,20 +34,23 @@ pub(super) fn start<K: Kind>(
     Ok(running?)
 }
 
-/// The answer to one item. Waits for a permit, where single callers would be refused; the last quarter of the queue stays
-/// theirs.
+/// The answer to one item, and the memory that it holds. Waits for memory and a permit, where single callers would be
+/// refused; the last quarter of the queue stays theirs.
 pub(super) async fn answer_of<K: Kind>(
     kind: &Arc<K>,
     state: &ApiState,
     request: K::Request,
     call: &Call,
-) -> Result<K::Answer, Problem> {
+) -> Result<(K::Answer, Lease), Problem> {
     let input = K::accept(request, state.jobs.limits())?;
-    let permit = match call.deadline {
-        Some(deadline) => timeout_at(deadline.into(), state.service.reserve_for_batch())
-            .await
-            .unwrap_or(Err(ServiceError::DeadlineExceeded))?,
-        None => state.service.reserve_for_batch().await?,
+    let bytes = answer_bytes::<K>(&input);
+    let reserve = async {
+        let lease = call.connection.lease_at_last(bytes).await;
+        Ok((lease, state.service.reserve_for_batch().await?))
     };
-    Ok(start(kind, permit, input, call)?.outcome().await?)
+    let (lease, permit) = match call.deadline {
+        Some(deadline) => timeout_at(deadline.into(), reserve).await.unwrap_or(Err(ServiceError::DeadlineExceeded))?,
+        None => reserve.await?,
+    };
+    Ok((start(kind, permit, input, call)?.outcome().await?, lease))
 }

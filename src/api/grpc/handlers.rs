@@ -9,13 +9,15 @@ use futures_util::stream::{BoxStream, StreamExt as _, TryStreamExt as _};
 use tonic::{Request, Response, Status, Streaming};
 
 use super::admission::Call;
-use super::batch::Batch;
-use super::calls::{answer_of, start};
+use super::batch::{Batch, ItemResult};
+use super::calls::{answer_bytes, answer_of, start};
 use super::pb::batch_request::Request as Item;
 use super::pb::batch_response::Answer as ItemAnswer;
 use super::pb::maneuver_service_server::ManeuverService;
 use super::pb::solve_stream_response::Event as SolveEvent;
 use super::{pb, status};
+use crate::api::receive::memory_full;
+use crate::api::server::Lease;
 use crate::api::{ApiState, CAUSE_IS_LOGGED};
 use crate::contract::convert::count;
 use crate::contract::{ErrorCode, Problem};
@@ -35,15 +37,15 @@ impl ManeuverService for Handlers {
     type SolveStreamStream = Answers<pb::SolveStreamResponse>;
 
     async fn solve(&self, request: Request<pb::SolveRequest>) -> Result<Response<pb::SolveResponse>, Status> {
-        let solution = Some(self.unary(&self.0.jobs.solve, request).await?);
-        Ok(Response::new(pb::SolveResponse { solution }))
+        let answered = self.unary(&self.0.jobs.solve, request).await?;
+        Ok(answered.map(|solution| pb::SolveResponse { solution: Some(solution) }))
     }
 
     async fn solve_stream(
         &self,
         request: Request<pb::SolveRequest>,
     ) -> Result<Response<Self::SolveStreamStream>, Status> {
-        let (running, call) = self.started(&self.0.jobs.solve, request)?;
+        let (running, call, lease) = self.started(&self.0.jobs.solve, request).await?;
         // When the caller leaves, the server drops the stream, which stops the job.
         let events = running.events().map(move |event| {
             let event = match event {
@@ -54,7 +56,7 @@ impl ManeuverService for Handlers {
             };
             Ok(pb::SolveStreamResponse { event: Some(event) })
         });
-        Ok(Response::new(events.boxed()))
+        Ok(holding(Response::new(events.boxed()), lease))
     }
 
     async fn solve_batch(
@@ -74,7 +76,7 @@ impl ManeuverService for Handlers {
     }
 
     async fn simulate(&self, request: Request<pb::SimulateRequest>) -> Result<Response<pb::SimulateResponse>, Status> {
-        self.unary(&self.0.jobs.simulate, request).await.map(Response::new)
+        self.unary(&self.0.jobs.simulate, request).await
     }
 
     async fn validate(&self, request: Request<pb::SolveRequest>) -> Result<Response<pb::ValidateResponse>, Status> {
@@ -94,36 +96,53 @@ impl ManeuverService for Handlers {
 }
 
 /// The answer to one item of a batch, by its kind.
-fn answer_to<'a>(state: &'a ApiState, item: Item, call: &'a Call) -> BoxFuture<'a, Result<ItemAnswer, Problem>> {
-    let jobs = &state.jobs;
-    let answer = async move {
-        match item {
-            Item::Solve(request) => answer_of(&jobs.solve, state, request, call).await.map(ItemAnswer::Solve),
-            Item::Simulate(request) => answer_of(&jobs.simulate, state, request, call).await.map(ItemAnswer::Simulate),
-        }
-    };
-    answer.boxed()
+fn answer_to<'a>(state: &'a ApiState, item: Item, call: &'a Call) -> BoxFuture<'a, ItemResult> {
+    match item {
+        Item::Solve(request) => of_kind(&state.jobs.solve, state, request, call, ItemAnswer::Solve),
+        Item::Simulate(request) => of_kind(&state.jobs.simulate, state, request, call, ItemAnswer::Simulate),
+    }
 }
 
-/// A job that was queued, and its call.
-type Started<K> = (Running<<K as Kind>::Answer, <K as Job>::Progress>, Call);
+fn of_kind<'a, K: Kind>(
+    kind: &'a Arc<K>,
+    state: &'a ApiState,
+    request: K::Request,
+    call: &'a Call,
+    wrap: fn(K::Answer) -> ItemAnswer,
+) -> BoxFuture<'a, ItemResult> {
+    let answered = answer_of(kind, state, request, call);
+    answered.map(move |answered| answered.map(|(answer, lease)| (wrap(answer), lease))).boxed()
+}
+
+/// A job that was queued, its call, and the memory that is reserved for its answer.
+type Started<K> = (Running<<K as Kind>::Answer, <K as Job>::Progress>, Call, Lease);
 
 impl Handlers {
-    fn started<K: Kind>(&self, kind: &Arc<K>, request: Request<K::Request>) -> Result<Started<K>, Status> {
+    async fn started<K: Kind>(&self, kind: &Arc<K>, request: Request<K::Request>) -> Result<Started<K>, Status> {
         let call = call_of(&request)?;
-        let accepted = K::accept(request.into_inner(), self.0.jobs.limits());
-        let running = accepted.and_then(|input| start(kind, call.take_permit()?, input, &call));
-        match running {
-            Ok(running) => Ok((running, call)),
+        let started = async {
+            let input = K::accept(request.into_inner(), self.0.jobs.limits())?;
+            let lease = call.connection.lease_soon(answer_bytes::<K>(&input)).await.ok_or_else(memory_full)?;
+            Ok((start(kind, call.take_permit()?, input, &call)?, lease))
+        };
+        match started.await {
+            Ok((running, lease)) => Ok((running, call, lease)),
             Err(problem) => Err(status::of_problem(&problem, &call.request_id)),
         }
     }
 
     /// When the caller leaves, the server drops this future, which stops the job.
-    async fn unary<K: Kind>(&self, kind: &Arc<K>, request: Request<K::Request>) -> Result<K::Answer, Status> {
-        let (running, call) = self.started(kind, request)?;
-        running.outcome().await.map_err(|error| status::of_problem(&error.into(), &call.request_id))
+    async fn unary<K: Kind>(&self, kind: &Arc<K>, request: Request<K::Request>) -> Result<Response<K::Answer>, Status> {
+        let (running, call, lease) = self.started(kind, request).await?;
+        let answer = running.outcome().await.map_err(|error| status::of_problem(&error.into(), &call.request_id))?;
+        Ok(holding(Response::new(answer), lease))
     }
+}
+
+/// The answer, which holds the lease until it is taken.
+fn holding<T>(mut response: Response<T>, lease: Lease) -> Response<T> {
+    response.extensions_mut().insert(Arc::new(lease));
+    response
 }
 
 /// The call's id, deadline and permit, as its admission left them.

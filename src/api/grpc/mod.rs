@@ -7,6 +7,7 @@ mod handlers;
 mod health;
 mod middleware;
 pub mod pb;
+mod read_ahead;
 mod status;
 
 use std::sync::Arc;

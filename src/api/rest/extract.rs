@@ -1,15 +1,15 @@
 //! Receives a JSON body: readiness, size and type are judged before the first byte is parsed.
 
-use std::future::poll_fn;
-use std::pin::Pin;
 use std::time::{Duration, Instant};
 
-use axum::body::{Body, HttpBody};
+use axum::body::Body;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, header};
 use tokio::time::timeout;
 
 use crate::api::ApiState;
+use crate::api::receive::{connection_of, next_chunk, receive};
+use crate::api::server::Lease;
 use crate::contract::{ErrorCode, Problem};
 
 /// Refused bodies are read on for this long, and up to [`MAX_DISCARDED_BYTES`]: a connection closed with unread bytes
@@ -35,17 +35,14 @@ pub(super) fn deadline(headers: &HeaderMap, arrival: Instant) -> Result<Option<I
     Ok(arrival.checked_add(Duration::from_millis(milliseconds)))
 }
 
-/// The body of a JSON request, as bytes.
+/// The body of a JSON request, as bytes, and the memory that is reserved for it.
 ///
 /// # Errors
-/// `unavailable`, `body_too_large`, `unsupported_media`, `body_timeout`, in the order of the contract.
-pub(super) async fn receive(state: &ApiState, head: &Parts, mut body: Body) -> Result<Vec<u8>, Problem> {
+/// `unavailable`, `unsupported_media`, and those of [`receive`], in the order of the contract.
+pub(super) async fn json_body(state: &ApiState, head: &Parts, mut body: Body) -> Result<(Vec<u8>, Lease), Problem> {
     let (body_timeout, limit) = (state.settings.body_timeout, state.jobs.limits().max_body_bytes);
-    let admitted = admit(state, &head.headers, limit);
-    let received = match admitted {
-        Ok(()) => {
-            timeout(body_timeout, read_within(&mut body, limit)).await.unwrap_or_else(|_| Err(too_slow(body_timeout)))
-        }
+    let received = match admit(state, &head.headers, limit) {
+        Ok(()) => receive(&mut body, limit, body_timeout, &connection_of(&head.extensions)).await,
         Err(problem) => Err(problem),
     };
     // A caller who waits for `100 Continue` has sent nothing that could be left unread.
@@ -91,20 +88,6 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
     }
 }
 
-async fn read_within(body: &mut Body, limit: usize) -> Result<Vec<u8>, Problem> {
-    let mut bytes = Vec::new();
-    while let Some(chunk) = next_chunk(body).await {
-        let chunk = chunk.map_err(|error| {
-            Problem::new(ErrorCode::MalformedBody, format!("the body ended before it was complete: {error}"))
-        })?;
-        if bytes.len() + chunk.len() > limit {
-            return Err(Problem::body_too_large(limit));
-        }
-        bytes.extend_from_slice(&chunk);
-    }
-    Ok(bytes)
-}
-
 async fn discard(body: &mut Body) {
     let mut discarded = 0;
     while let Some(Ok(chunk)) = next_chunk(body).await {
@@ -113,16 +96,6 @@ async fn discard(body: &mut Body) {
             return;
         }
     }
-}
-
-/// The next bytes of the body; trailers count as no bytes.
-async fn next_chunk(body: &mut Body) -> Option<Result<axum::body::Bytes, axum::Error>> {
-    let frame = poll_fn(|context| Pin::new(&mut *body).poll_frame(context)).await?;
-    Some(frame.map(|frame| frame.into_data().unwrap_or_default()))
-}
-
-fn too_slow(timeout: Duration) -> Problem {
-    Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {timeout:?}"))
 }
 
 #[cfg(test)]

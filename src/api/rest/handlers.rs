@@ -11,13 +11,18 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
 use super::events;
-use super::extract::{deadline, receive};
+use super::extract::{deadline, json_body};
 use crate::api::ApiState;
 use crate::api::access::RequestContext;
+use crate::api::receive::{connection_of, memory_full};
 use crate::contract::{Problem, json};
 use crate::jobs::solve::{Solve, validated};
 use crate::jobs::{Kind, limits_message};
 use crate::metrics::CONTENT_TYPE;
+
+/// Length of a number in a full answer with the comma after it, bytes: the mean over plans; the rest is settled when the
+/// answer is written.
+const NUMBER_BYTES: usize = 18;
 
 /// How the outcome of a job is delivered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,25 +43,35 @@ pub(super) async fn run<K: Kind>(
     request: Request,
 ) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let body = receive(&state, &head, body).await?;
+    let (body, of_body) = json_body(&state, &head, body).await?;
     let permit = state.service.reserve()?;
     let input = K::read(&body, state.jobs.limits())?;
+    drop((body, of_body));
+    let connection = connection_of(&head.extensions);
+    let lease = connection.lease_soon(K::answer_numbers(&input) * NUMBER_BYTES).await.ok_or_else(memory_full)?;
+    let lease = Arc::new(lease);
+    let of_answer = Arc::clone(&lease);
     let deadline = deadline(&head.headers, context.arrival)?;
     let notes = context.notes.clone();
     let running = permit.submit(kind, input, deadline, move |input, done| {
         notes.job(done.queue_wait, done.duration);
-        json::write(&K::answer(input, done))
+        let answer = json::write(&K::answer(input, done));
+        of_answer.settle(answer.len());
+        answer
     })?;
-    if delivery == Delivery::Events || K::REPORTS_PROGRESS && events::are_accepted(&head.headers) {
-        return Ok(events::respond::<K>(running, context));
-    }
-    Ok(json_answer(running.outcome().await?))
+    let mut response = if delivery == Delivery::Events || K::REPORTS_PROGRESS && events::are_accepted(&head.headers) {
+        events::respond::<K>(running, context)
+    } else {
+        json_answer(running.outcome().await?)
+    };
+    response.extensions_mut().insert(lease);
+    Ok(response)
 }
 
 /// `POST /validate`: nothing is queued.
 pub(super) async fn validate(State(state): State<ApiState>, request: Request) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let body = receive(&state, &head, body).await?;
+    let (body, _lease) = json_body(&state, &head, body).await?;
     let accepted = Solve::read(&body, state.jobs.limits())?;
     Ok(json_answer(json::write(&validated(accepted))))
 }

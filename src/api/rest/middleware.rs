@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::{HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderValue, Method, StatusCode, Version, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use tracing::Instrument as _;
@@ -14,6 +14,8 @@ use super::endpoints::endpoints;
 use super::operation::Access;
 use super::problem_json;
 use crate::api::access::{AccessLine, Endpoint, RequestContext};
+use crate::api::receive::{connection_of, only_probes};
+use crate::api::server::Use;
 use crate::api::{ApiSettings, ApiState, CAUSE_IS_LOGGED, observed_body};
 use crate::contract::{ErrorCode, Problem};
 use crate::metrics::Metrics;
@@ -48,15 +50,23 @@ impl Passage {
 pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, next: Next) -> Response {
     let (context, span) = RequestContext::open(request.uri().path(), request.headers());
     let (route, access) = passage.route(request.uri().path());
-    let may_pass = access == Access::Probe || passage.settings.keys.admit(request.headers());
+    let is_probe = access == Access::Probe;
+    let admitted = if !is_probe && connection_of(request.extensions()).may == Use::Probes {
+        Err(only_probes().into_response())
+    } else if is_probe || passage.settings.keys.admit(request.headers()) {
+        check_host(&request).map_err(|problem| problem.into_response())
+    } else {
+        Err(unauthenticated())
+    };
     let method = request.method().clone();
     let mut line =
         AccessLine::open(method.clone(), context.clone(), span.clone(), Endpoint::Http(route), passage.metrics);
-    let mut response = if may_pass {
-        request.extensions_mut().insert(context.clone());
-        next.run(request).instrument(span).await
-    } else {
-        unauthenticated()
+    let mut response = match admitted {
+        Ok(()) => {
+            request.extensions_mut().insert(context.clone());
+            next.run(request).instrument(span).await
+        }
+        Err(refusal) => refusal,
     };
     if let Some(problem) = problem_of(&mut response, &method, &context.path) {
         line.code = Some(problem.code().entry().code);
@@ -65,6 +75,16 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
     context.sign(response.headers_mut());
     line.status = Some(response.status().as_u16());
     observed_body::follow(response, line, observed_body::no_trailers)
+}
+
+/// A request of HTTP/1.1 names its host exactly once (RFC 9112, section 3.2): whatever stands between otherwise sees
+/// another request than this server.
+fn check_host(request: &Request) -> Result<(), Problem> {
+    let count = request.headers().get_all(header::HOST).iter().count();
+    if request.version() != Version::HTTP_11 || count == 1 {
+        return Ok(());
+    }
+    Err(Problem::new(ErrorCode::MalformedBody, format!("`host` is given {count} times, must be given once")))
 }
 
 fn unauthenticated() -> Response {

@@ -59,7 +59,8 @@ mod tests {
     #[tokio::test]
     async fn panic_in_a_handler_is_a_problem_without_internals() {
         let router = behind(Passage::default(), Router::new().route("/panic", get(panicking)));
-        let response = router.oneshot(Request::get("/panic").body(Body::empty()).unwrap()).await.unwrap();
+        let response =
+            router.oneshot(Request::get("/panic").header("host", "h").body(Body::empty()).unwrap()).await.unwrap();
         assert_eq!(response.status(), StatusCode::INTERNAL_SERVER_ERROR);
         assert_eq!(response.headers()["content-type"], "application/problem+json");
         let body = to_bytes(response.into_body(), 10_000).await.unwrap();
@@ -71,7 +72,8 @@ mod tests {
     async fn plain_errors_of_the_framework_become_problems() {
         let teapot = Router::new().route("/teapot", get(|| async { StatusCode::IM_A_TEAPOT }));
         let router = behind(Passage::default(), teapot);
-        let response = router.oneshot(Request::get("/teapot").body(Body::empty()).unwrap()).await.unwrap();
+        let response =
+            router.oneshot(Request::get("/teapot").header("host", "h").body(Body::empty()).unwrap()).await.unwrap();
         assert_eq!(response.headers()["content-type"], "application/problem+json");
     }
 }

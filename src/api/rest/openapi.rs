@@ -17,7 +17,8 @@ use crate::jobs::{Kind, Limits, Visitor};
 use crate::rules::Rule;
 
 /// What every request with a body may be refused with.
-const REFUSALS: [ErrorCode; 8] = [
+const REFUSALS: [ErrorCode; 9] = [
+    ErrorCode::MemoryFull,
     ErrorCode::MalformedBody,
     ErrorCode::BodyTimeout,
     ErrorCode::BodyTooLarge,

@@ -5,36 +5,44 @@
 //! a part of its own: while it has not been asked for, the caller has not read everything before it.
 
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll};
 
 use axum::Error;
 use axum::body::{Body, Bytes, HttpBody};
 use hyper::body::{Frame, SizeHint};
 
-use super::activity::UnderWay;
+use super::connection::{UnderWay, Wait};
+use super::memory::Lease;
 
 /// Largest part, bytes: the memory that one stream holds for an answer that is not read.
 const PART_BYTES: usize = 64 * 1024;
 
-/// Hands the answer over part by part and reports each part to the activity of its connection.
+/// Hands the answer over part by part, and waits for each to be taken.
 pub(super) struct AnswerBody {
     body: Body,
     /// The rest of the current frame after the parts handed over so far.
     rest: Bytes,
-    under_way: UnderWay,
+    /// Length of the part that was handed over last.
+    part_bytes: usize,
+    wait: Wait,
+    lease: Arc<Lease>,
+    /// The request counts, and holds memory of its own, until its answer is taken or dropped.
+    _request: (UnderWay, Option<Lease>),
 }
 
 impl AnswerBody {
-    pub(super) fn new(body: Body, under_way: UnderWay) -> Self {
+    pub(super) fn new(body: Body, mut wait: Wait, lease: Arc<Lease>, request: (UnderWay, Option<Lease>)) -> Self {
         // The head counts as the first part: without room for one byte of the body, the next is never asked for.
-        under_way.handed_over();
-        Self { body, rest: Bytes::new(), under_way }
+        wait.begin();
+        Self { body, rest: Bytes::new(), part_bytes: 0, wait, lease, _request: request }
     }
 
     fn part_of(&mut self, mut data: Bytes) -> Frame<Bytes> {
         let last_byte = data.len().saturating_sub(1);
         self.rest = data.split_off(last_byte.clamp(data.len().min(1), PART_BYTES));
-        self.under_way.handed_over();
+        self.part_bytes = data.len();
+        self.wait.begin();
         Frame::data(data)
     }
 }
@@ -44,13 +52,17 @@ impl HttpBody for AnswerBody {
     type Error = Error;
 
     fn poll_frame(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Error>>> {
-        self.under_way.asked_for();
+        let taken = std::mem::take(&mut self.part_bytes);
+        self.wait.end(taken);
         if !self.rest.is_empty() {
             let rest = std::mem::take(&mut self.rest);
             return Poll::Ready(Some(Ok(self.part_of(rest))));
         }
         Pin::new(&mut self.body).poll_frame(context).map_ok(|frame| match frame.into_data() {
-            Ok(data) => self.part_of(data),
+            Ok(data) => {
+                let held = self.lease.holding(data);
+                self.part_of(held)
+            }
             Err(trailers) => trailers,
         })
     }
@@ -72,19 +84,22 @@ impl HttpBody for AnswerBody {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
+    use std::time::Duration;
 
     use futures_util::StreamExt as _;
 
-    use super::super::activity::Activity;
+    use super::super::connection::Standing;
+    use super::super::connections::Connections;
     use super::*;
 
     #[tokio::test]
     async fn parts_are_small_and_the_last_byte_goes_alone() {
-        let activity = Arc::new(Activity::default());
+        let connection = Connections::detached();
         for length in [0, 1, 2, PART_BYTES, PART_BYTES + 1, 3 * PART_BYTES] {
             let bytes: Vec<_> = (0..=u8::MAX).cycle().take(length).collect();
-            let body = AnswerBody::new(Body::from(bytes.clone()), Activity::enter(&activity));
+            let (wait, under_way) = (connection.wait(Duration::MAX), connection.enter(Standing::Caller).unwrap());
+            let lease = Arc::new(Lease::empty(&connection));
+            let body = AnswerBody::new(Body::from(bytes.clone()), wait, lease, (under_way, None));
             assert_eq!((body.size_hint().exact(), body.is_end_stream()), (Some(length as u64), length == 0));
             let parts: Vec<_> = Body::new(body).into_data_stream().map(Result::unwrap).collect().await;
             assert_eq!(parts.concat(), bytes);

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::net::TcpStream;
-use tokio::sync::watch;
 use tokio::time::timeout;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
@@ -58,25 +57,20 @@ impl Identity {
         Ok(Self { config: Arc::new(config) })
     }
 
-    /// The connection after its handshake; none when that fails, takes longer than `handshake_timeout`, or the server
-    /// closes.
+    /// The connection after its handshake; none when that fails or takes longer than `handshake_timeout`.
     pub(super) async fn shake_hands(
         &self,
         stream: TcpStream,
         handshake_timeout: Duration,
-        mut is_closing: watch::Receiver<bool>,
     ) -> Option<TlsStream<TcpStream>> {
-        let handshake = timeout(handshake_timeout, TlsAcceptor::from(Arc::clone(&self.config)).accept(stream));
-        tokio::select! {
-            _ = is_closing.wait_for(|closing| *closing) => None,
-            shaken = handshake => match shaken {
-                Ok(Ok(stream)) => Some(stream),
-                Ok(Err(error)) => {
-                    tracing::debug!(error = %error, "a handshake failed");
-                    None
-                }
-                Err(_) => None,
-            },
+        let handshake = TlsAcceptor::from(Arc::clone(&self.config)).accept(stream);
+        match timeout(handshake_timeout, handshake).await {
+            Ok(Ok(stream)) => Some(stream),
+            Ok(Err(error)) => {
+                tracing::debug!(error = %error, "a handshake failed");
+                None
+            }
+            Err(_) => None,
         }
     }
 }

@@ -15,14 +15,14 @@ use finishing::FinishingPace;
 use metrics::SolveMetrics;
 use observer::SolveObserver;
 
-use super::{Example, Kind, Limits, ManeuverSolver};
+use super::{ARRAYS_OF_STEPS, Example, Kind, Limits, ManeuverSolver};
 use crate::contract::Problem;
-use crate::contract::message::{self, SolveRequest};
+use crate::contract::message::{self, SolveRequest, View};
 use crate::metrics::Metrics;
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
 use crate::service::{Cost, Done, Job, JobControl, StopCause, Stopped};
-use crate::solver::{Method, RunControl, Solution, SolveProgress, Status, StopReason as SolverStop};
+use crate::solver::{Method, RunControl, Solution, SolveProgress, SolverSettings, Status, StopReason as SolverStop};
 
 /// Solves maneuvers.
 pub struct Solve {
@@ -133,6 +133,12 @@ impl Kind for Solve {
 
     fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedSolve, Problem> {
         accept::accept(request, limits)
+    }
+
+    fn answer_numbers(accepted: &AcceptedSolve) -> usize {
+        let SolverSettings { step_count, control_count, .. } = accepted.input.settings;
+        let of_steps = if accepted.view == View::Full { ARRAYS_OF_STEPS * step_count } else { 0 };
+        of_steps + 2 * control_count
     }
 
     fn answer(accepted: &AcceptedSolve, done: &Done<Solved>) -> message::Solution {

@@ -31,7 +31,8 @@ async fn served() -> Document {
     let service = Service::start(ServiceSettings::default()).unwrap();
     let jobs = Jobs::new(Limits::default(), instant_solver(), service.metrics());
     let router = rest::router(&ApiState::new(service.into(), jobs, ApiSettings::default()));
-    let response = router.oneshot(Request::get("/openapi.json").body(Body::empty()).unwrap()).await.unwrap();
+    let response =
+        router.oneshot(Request::get("/openapi.json").header("host", "h").body(Body::empty()).unwrap()).await.unwrap();
     let bytes = to_bytes(response.into_body(), usize::MAX).await.unwrap();
     Document { value: serde_json::from_slice(&bytes).unwrap(), validators: Mutex::default() }
 }

@@ -11,11 +11,18 @@ use super::HANG_BOUND;
 const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
 pub(crate) const DATA: u8 = 0x0;
 pub(crate) const HEADERS: u8 = 0x1;
+pub(crate) const RST_STREAM: u8 = 0x3;
 pub(crate) const GOAWAY: u8 = 0x7;
+pub(crate) const WINDOW_UPDATE: u8 = 0x8;
 const SETTINGS: u8 = 0x4;
 const INITIAL_WINDOW_SIZE: u8 = 0x4;
 const END_HEADERS: u8 = 0x4;
 pub(crate) const END_STREAM: u8 = 0x1;
+
+/// Whether the path is that of a call of gRPC.
+fn is_call(path: &str) -> bool {
+    path.starts_with("/slipdrive") || path.starts_with("/grpc")
+}
 
 /// A connection that says only what it is told to say, and answers nothing by itself.
 pub(crate) struct Connection(TcpStream);
@@ -33,7 +40,7 @@ impl Connection {
 
     /// Begins a request of JSON, or of protobuf where the path is that of a call.
     pub(crate) async fn request(&mut self, stream: u32, path: &str, flags: u8) {
-        let content_type = if path.starts_with("/slipdrive") { "application/grpc" } else { "application/json" };
+        let content_type = if is_call(path) { "application/grpc" } else { "application/json" };
         // POST and http from the static table, then literals with names from there: :path, :authority, content-type.
         let mut block = vec![0x83, 0x86];
         for (name, value) in [(vec![0x04], path), (vec![0x01], "h"), (vec![0x0f, 0x10], content_type)] {
@@ -47,7 +54,7 @@ impl Connection {
     /// A whole request with the smallest body that its transport understands.
     pub(crate) async fn whole_request(&mut self, stream: u32, path: &str) {
         self.request(stream, path, 0).await;
-        let body: &[u8] = if path.starts_with("/slipdrive") { &[0; 5] } else { b"{}" };
+        let body: &[u8] = if is_call(path) { &[0; 5] } else { b"{}" };
         self.send(DATA, END_STREAM, stream, body).await;
     }
 

@@ -13,7 +13,7 @@ use nalgebra::SVector;
 use serde_json::Value;
 use slipdrive::api::grpc::pb::maneuver_service_client::ManeuverServiceClient;
 use slipdrive::api::grpc::{self, Health};
-use slipdrive::api::server::{self, ServerSettings};
+use slipdrive::api::server::{self, Connections, ServerSettings};
 use slipdrive::api::{ApiSettings, ApiState, rest};
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
 use slipdrive::robot::State;
@@ -140,6 +140,7 @@ pub(crate) struct TestServer {
     /// Address of the gRPC server.
     pub(crate) grpc_address: SocketAddr,
     pub(crate) health: Health,
+    pub(crate) connections: Arc<Connections>,
     tasks: Vec<JoinHandle<()>>,
 }
 
@@ -183,13 +184,14 @@ impl TestServer {
         let state = ApiState::new(Arc::clone(&service), jobs, api);
         let (grpc_router, health) = grpc::router(&state).await;
         let (mut addresses, mut tasks) = (Vec::new(), Vec::new());
+        let connections = Connections::of(&state, server);
         for router in [rest::router(&state), grpc_router] {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
             addresses.push(listener.local_addr().unwrap());
-            tasks.push(tokio::spawn(server::serve(listener, router, server.clone(), std::future::pending())));
+            tasks.push(tokio::spawn(server::serve(listener, router, Arc::clone(&connections), std::future::pending())));
         }
         let client = reqwest::Client::builder().timeout(HANG_BOUND).no_proxy().build().unwrap();
-        Self { address: addresses[0], grpc_address: addresses[1], service, state, client, health, tasks }
+        Self { connections, address: addresses[0], grpc_address: addresses[1], service, state, client, health, tasks }
     }
 
     /// A gRPC client with a connection of its own.

@@ -1,0 +1,83 @@
+//! Receives a body within its limit, its time and the byte budget, the same for every transport.
+
+use std::future::poll_fn;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::{Body, Bytes, HttpBody};
+use axum::http::Extensions;
+use tokio::time::timeout;
+
+use super::server::{Connection, Connections, Lease};
+use crate::contract::{ErrorCode, Problem};
+
+/// What is reserved for a body at first, bytes: most are no longer.
+const FIRST_BYTES: usize = 2 * 1024;
+/// When it is worth trying again after a lack of memory or places: those who do not read, or do not ask, make room at
+/// once.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// The connection that a request came by.
+pub(super) fn connection_of(extensions: &Extensions) -> Arc<Connection> {
+    extensions.get().cloned().unwrap_or_else(Connections::detached)
+}
+
+/// The refusal of work on a connection that has one of the last places.
+pub(super) fn only_probes() -> Problem {
+    let detail = "all connections of this server are taken; the last ones serve probes only";
+    Problem::new(ErrorCode::Unavailable, detail).worth_retrying_after(Some(RETRY))
+}
+
+/// The refusal for lack of memory.
+pub(super) fn memory_full() -> Problem {
+    let detail = "bodies and answers on their way hold all the memory of this connection or of the server";
+    Problem::new(ErrorCode::MemoryFull, detail).worth_retrying_after(Some(RETRY))
+}
+
+/// A whole body, and the memory that is reserved for it.
+///
+/// # Errors
+/// `body_too_large`, `body_timeout`, `memory_full`, or `malformed_body` when it ends too early.
+pub(super) async fn receive(
+    body: &mut Body,
+    limit: usize,
+    body_timeout: Duration,
+    connection: &Arc<Connection>,
+) -> Result<(Vec<u8>, Lease), Problem> {
+    let mut wait = connection.wait(body_timeout);
+    wait.begin();
+    let received = timeout(body_timeout, read_within(body, limit, connection)).await;
+    received.unwrap_or_else(|_| {
+        Err(Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {body_timeout:?}")))
+    })
+}
+
+async fn read_within(body: &mut Body, limit: usize, connection: &Arc<Connection>) -> Result<(Vec<u8>, Lease), Problem> {
+    let lease = connection.lease_soon(FIRST_BYTES).await.ok_or_else(memory_full)?;
+    let mut bytes = Vec::with_capacity(FIRST_BYTES);
+    while let Some(chunk) = next_chunk(body).await {
+        let chunk = chunk.map_err(|error| {
+            Problem::new(ErrorCode::MalformedBody, format!("the body ended before it was complete: {error}"))
+        })?;
+        let length = bytes.len() + chunk.len();
+        if length > limit {
+            return Err(Problem::body_too_large(limit));
+        }
+        let more = length.max(2 * bytes.len()).min(limit).saturating_sub(bytes.capacity());
+        if length > bytes.capacity() {
+            if !lease.grow_soon(more).await {
+                return Err(memory_full());
+            }
+            bytes.reserve_exact(bytes.capacity() + more - bytes.len());
+        }
+        bytes.extend_from_slice(&chunk);
+    }
+    Ok((bytes, lease))
+}
+
+/// The next bytes of the body; trailers count as no bytes.
+pub(super) async fn next_chunk(body: &mut Body) -> Option<Result<Bytes, axum::Error>> {
+    let frame = poll_fn(|context| Pin::new(&mut *body).poll_frame(context)).await?;
+    Some(frame.map(|frame| frame.into_data().unwrap_or_default()))
+}

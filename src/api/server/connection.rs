@@ -1,0 +1,300 @@
+//! What one connection does and holds: its requests, the memory that is reserved for it, and how long the server has
+//! waited for its peer.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::Notify;
+use tokio::time::Instant;
+
+use super::connections::Connections;
+use super::memory::Lease;
+use super::patience::Patience;
+
+/// Length of the HTTP/2 preface, bytes: once as many have arrived the protocol is known, and hyper's own timers run.
+const PREFACE_BYTES: u64 = 24;
+/// Requests of guests that one connection may have open at once: probes ask one by one, or a few together.
+const MAX_GUESTS: usize = 4;
+/// What a request holds beside its body and its answer, bytes: its stream, its head, and the future of its handler.
+pub(super) const REQUEST_BYTES: usize = 8 * 1024;
+
+/// Who asks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Standing {
+    /// Somebody without a key, or a probe: few requests at a time.
+    Guest,
+    /// Somebody who may ask for work.
+    Caller,
+}
+
+/// What a connection may be used for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::api) enum Use {
+    /// Everything.
+    All,
+    /// One of the last places, which are kept for probes.
+    Probes,
+}
+
+/// One open connection.
+#[derive(Debug)]
+pub(in crate::api) struct Connection {
+    pub(super) peer: SocketAddr,
+    pub(in crate::api) may: Use,
+    pub(super) connections: Arc<Connections>,
+    pub(super) held_bytes: AtomicUsize,
+    bytes_read: AtomicU64,
+    state: Mutex<State>,
+    is_ended: AtomicBool,
+    ended: Notify,
+}
+
+#[derive(Debug)]
+struct State {
+    /// Of the requests and waits so far.
+    next_number: u64,
+    requests: u64,
+    guests: usize,
+    callers: usize,
+    has_served_caller: bool,
+    last_used: Instant,
+    /// For what the server waits at present.
+    waits: BTreeMap<u64, Patience>,
+}
+
+/// How much a connection is worth keeping; the least is ended first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Worth {
+    has_served_caller: bool,
+    has_served: bool,
+    last_used: Instant,
+}
+
+impl Connection {
+    pub(super) fn new(connections: Arc<Connections>, peer: SocketAddr, may: Use) -> Self {
+        let state = State {
+            next_number: 0,
+            requests: 0,
+            guests: 0,
+            callers: 0,
+            has_served_caller: false,
+            last_used: Instant::now(),
+            waits: BTreeMap::new(),
+        };
+        Self {
+            peer,
+            may,
+            connections,
+            held_bytes: AtomicUsize::new(0),
+            bytes_read: AtomicU64::new(0),
+            state: Mutex::new(state),
+            is_ended: AtomicBool::new(false),
+            ended: Notify::new(),
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts bytes that arrived.
+    pub(super) fn read(&self, bytes: usize) {
+        self.bytes_read.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// Whether enough bytes have arrived to know the protocol.
+    pub(super) fn has_sent_preface(&self) -> bool {
+        self.state().requests > 0 || self.bytes_read.load(Ordering::Relaxed) >= PREFACE_BYTES
+    }
+
+    /// Counts a request as under way until the result is dropped; none when the connection has too many of its kind.
+    pub(super) fn enter(self: &Arc<Self>, standing: Standing) -> Option<UnderWay> {
+        let mut state = self.state();
+        state.last_used = Instant::now();
+        state.requests += 1;
+        match standing {
+            Standing::Guest if state.guests >= MAX_GUESTS => return None,
+            Standing::Guest => state.guests += 1,
+            Standing::Caller => {
+                state.callers += 1;
+                state.has_served_caller = true;
+            }
+        }
+        Some(UnderWay { connection: Arc::clone(self), standing })
+    }
+
+    /// Whether no request is under way and none came since `seen` was last set here.
+    pub(super) fn is_idle_since(&self, seen: &mut u64) -> bool {
+        let state = self.state();
+        let before = std::mem::replace(seen, state.requests);
+        *seen == before && state.callers + state.guests == 0
+    }
+
+    /// Whether a caller waits for an answer or takes one.
+    pub(super) fn has_callers(&self) -> bool {
+        self.state().callers > 0
+    }
+
+    /// What the connection is worth; none while a caller's request is under way.
+    pub(super) fn worth(&self) -> Option<Worth> {
+        let state = self.state();
+        let State { has_served_caller, last_used, requests, .. } = *state;
+        (state.callers == 0).then_some(Worth { has_served_caller, has_served: requests > 0, last_used })
+    }
+
+    /// Prepares a wait for the peer, who has `full` time for it in all.
+    pub(in crate::api) fn wait(self: &Arc<Self>, full: Duration) -> Wait {
+        let mut state = self.state();
+        let number = state.next_number;
+        state.next_number += 1;
+        Wait { connection: Arc::clone(self), number, patience: Patience::new(full) }
+    }
+
+    /// Whether the peer has used up its time for anything.
+    pub(super) fn is_out_of_patience(&self) -> bool {
+        let now = Instant::now();
+        self.state().waits.values().filter_map(Patience::until).any(|until| until <= now)
+    }
+
+    /// The longest time that the peer has kept the server waiting for one of its requests.
+    pub(super) fn longest_wait(&self) -> Duration {
+        self.state().waits.values().filter_map(Patience::spent).max().unwrap_or_default()
+    }
+
+    /// Ends the connection at once.
+    pub(super) fn end(&self) {
+        self.is_ended.store(true, Ordering::Release);
+        self.ended.notify_one();
+    }
+
+    /// Whether the connection is about to be gone.
+    pub(super) fn is_ended(&self) -> bool {
+        self.is_ended.load(Ordering::Acquire)
+    }
+
+    /// Waits until the connection is ended from outside.
+    pub(super) async fn ended(&self) {
+        self.ended.notified().await;
+    }
+
+    /// Reserves memory for a request of this connection, after giving others a moment to release theirs; none when the
+    /// budget is used up.
+    pub(in crate::api) async fn lease_soon(self: &Arc<Self>, bytes: usize) -> Option<Lease> {
+        let lease = Lease::empty(self);
+        lease.grow_soon(bytes).await.then_some(lease)
+    }
+
+    /// Like [`Connection::lease_soon`], after as long a wait as it takes.
+    pub(in crate::api) async fn lease_at_last(self: &Arc<Self>, bytes: usize) -> Lease {
+        loop {
+            if let Some(lease) = self.lease_soon(bytes).await {
+                return lease;
+            }
+        }
+    }
+}
+
+/// A request under way.
+#[derive(Debug)]
+pub(super) struct UnderWay {
+    connection: Arc<Connection>,
+    standing: Standing,
+}
+
+impl Drop for UnderWay {
+    fn drop(&mut self) {
+        let mut state = self.connection.state();
+        state.last_used = Instant::now();
+        match self.standing {
+            Standing::Guest => state.guests -= 1,
+            Standing::Caller => state.callers -= 1,
+        }
+    }
+}
+
+/// What the server waits for, from time to time: the rest of a body, or that an answer is taken.
+#[derive(Debug)]
+pub(in crate::api) struct Wait {
+    connection: Arc<Connection>,
+    number: u64,
+    patience: Patience,
+}
+
+impl Wait {
+    /// The server waits from now on.
+    pub(in crate::api) fn begin(&mut self) {
+        self.patience.begin();
+        self.connection.state().waits.insert(self.number, self.patience);
+    }
+
+    /// The wait is over, and the peer has taken so many bytes: any delay from now on is the server's own.
+    pub(super) fn end(&mut self, bytes: usize) {
+        let was_waiting = self.patience.spent().is_some();
+        self.patience.end(bytes);
+        if was_waiting {
+            self.connection.state().waits.remove(&self.number);
+        }
+    }
+
+    /// When the peer's time runs out, while the server waits.
+    pub(super) fn until(&self) -> Option<Instant> {
+        self.patience.until()
+    }
+}
+
+impl Drop for Wait {
+    fn drop(&mut self) {
+        self.end(0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn connection() -> Arc<Connection> {
+        Connections::detached()
+    }
+
+    #[test]
+    fn connection_is_idle_without_requests_old_and_new() {
+        let connection = connection();
+        let mut seen = 0;
+        let under_way = connection.enter(Standing::Caller);
+        assert!(!connection.is_idle_since(&mut seen), "one came");
+        assert!(!connection.is_idle_since(&mut seen), "it is under way");
+        drop(under_way);
+        assert!(connection.is_idle_since(&mut seen));
+    }
+
+    #[test]
+    fn guests_ask_for_little_at_a_time() {
+        let connection = connection();
+        let guests: Vec<_> = (0..MAX_GUESTS).filter_map(|_| connection.enter(Standing::Guest)).collect();
+        assert_eq!(guests.len(), MAX_GUESTS);
+        assert!(connection.enter(Standing::Guest).is_none());
+        assert!(connection.enter(Standing::Caller).is_some(), "callers are not held back by them");
+        drop(guests);
+        assert!(connection.enter(Standing::Guest).is_some());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn answer_is_unread_from_one_part_to_the_next() {
+        let (connection, full) = (connection(), Duration::from_secs(1));
+        let mut wait = connection.wait(full);
+        wait.begin();
+        tokio::time::advance(full / 2).await;
+        assert!(!connection.is_out_of_patience());
+        tokio::time::advance(full / 2).await;
+        assert!(connection.is_out_of_patience());
+        wait.end(usize::MAX);
+        assert!(!connection.is_out_of_patience(), "the server takes its time to make the next part");
+        wait.begin();
+        drop(wait);
+        tokio::time::advance(2 * full).await;
+        assert!(!connection.is_out_of_patience(), "it is over");
+    }
+}

@@ -1,0 +1,249 @@
+//! Places, memory and streams are bounded: who takes more than a share is refused or ended, and others are served.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use prost::Message as _;
+use slipdrive::api::ApiSettings;
+use slipdrive::api::auth::ApiKeys;
+use slipdrive::api::grpc::pb;
+use slipdrive::api::server::ServerSettings;
+use slipdrive::jobs::ManeuverSolver;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+
+use crate::support::http2::{Connection, DATA, END_STREAM, GOAWAY, HEADERS, RST_STREAM, WINDOW_UPDATE};
+use crate::support::{Answer, HANG_BOUND, TestServer, held_solver, instant_solver, real_solver};
+
+const HEALTH: &str = "/grpc.health.v1.Health/Check";
+const BATCH: &str = "/slipdrive.v1.ManeuverService/SolveBatch";
+
+/// A server with these settings.
+async fn server(settings: ServerSettings, solver: Arc<dyn ManeuverSolver>) -> TestServer {
+    TestServer::start_with(64, solver, ApiSettings::default(), settings).await
+}
+
+/// A figure of the server's own counts.
+fn level(server: &TestServer, name: &str) -> usize {
+    let text = String::from_utf8(server.service.metrics_text()).unwrap();
+    let line = text.lines().find(|line| line.starts_with(name)).expect("the figure is counted");
+    line.rsplit_once(' ').unwrap().1.parse().unwrap()
+}
+
+/// Asks over a connection of its own.
+async fn fresh(server: &TestServer, path: &str) -> Answer {
+    let client = reqwest::Client::builder().no_proxy().timeout(HANG_BOUND).build().unwrap();
+    Answer::of(client.get(server.url(path))).await
+}
+
+#[tokio::test]
+async fn guests_have_few_streams_and_short_messages() {
+    let api =
+        ApiSettings { keys: ApiKeys::parse("key"), body_timeout: Duration::from_millis(100), ..ApiSettings::default() };
+    let server = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
+    let mut connection = Connection::open(server.grpc_address, 0).await;
+    for stream in (1..256).step_by(2) {
+        connection.request(stream, HEALTH, 0).await;
+        // Declares 4 MB, and sends none of it.
+        connection.send(DATA, 0, stream, &[0, 0, 0x40, 0, 0]).await;
+    }
+    for _ in 4..128 {
+        assert!(connection.reads_up_to(RST_STREAM).await, "only four are served at a time");
+    }
+    for _ in 0..4 {
+        assert!(connection.reads_up_to(HEADERS).await, "those are refused when their time is over");
+    }
+    let mut connection = Connection::open(server.grpc_address, 0).await;
+    connection.request(1, HEALTH, 0).await;
+    connection.send(DATA, 0, 1, &[0; 2048]).await;
+    assert!(connection.reads_up_to(HEADERS).await, "a long message is refused before it is complete");
+}
+
+#[tokio::test]
+async fn long_heads_are_refused() {
+    let server = server(ServerSettings::default(), instant_solver()).await;
+    let mut stream = TcpStream::connect(server.address).await.unwrap();
+    let head = format!("GET /livez HTTP/1.1\r\nhost: h\r\nx-filler: {}", "x".repeat(64 * 1024));
+    let _ = stream.write_all(head.as_bytes()).await;
+    let mut answer = Vec::new();
+    // A reset closes as well.
+    let _ = timeout(HANG_BOUND, stream.read_to_end(&mut answer)).await.expect("the connection is closed at once");
+    assert!(answer.is_empty() || answer.starts_with(b"HTTP/1.1 431"), "{}", String::from_utf8_lossy(&answer));
+}
+
+#[tokio::test]
+async fn newcomers_and_probes_get_in_where_idle_connections_take_all_places() {
+    let settings = ServerSettings { max_connections: 20, ..ServerSettings::default() };
+    let server = server(settings, instant_solver()).await;
+    let mut idle = Vec::new();
+    for _ in 0..20 {
+        for _ in 0..5 {
+            idle.push(TcpStream::connect(server.address).await.unwrap());
+            idle.push(TcpStream::connect(server.grpc_address).await.unwrap());
+        }
+        assert_eq!(fresh(&server, "/limits").await.status, 200);
+        assert_eq!(fresh(&server, "/livez").await.status, 200);
+        server.grpc().await.get_limits(pb::GetLimitsRequest {}).await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn last_places_serve_probes_while_all_others_work() {
+    let settings = ServerSettings { max_connections: 16 + 2, ..ServerSettings::default() };
+    let (gate, mut started, solver) = held_solver();
+    let server = server(settings, solver).await;
+    let mut busy = Vec::new();
+    for _ in 0..2 {
+        let mut connection = Connection::open(server.address, 65_535).await;
+        connection.whole_request(1, "/solve").await;
+        busy.push(connection);
+    }
+    timeout(HANG_BOUND, started.recv()).await.unwrap();
+    while server.service.jobs_in_flight() < 2 {
+        tokio::task::yield_now().await;
+    }
+    for _ in 0..20 {
+        assert_eq!(fresh(&server, "/readyz").await.status, 200);
+        let client = reqwest::Client::builder().no_proxy().build().unwrap();
+        let refused = client.get(server.url("/limits")).send().await.unwrap();
+        assert_eq!(refused.status(), 503);
+        assert!(refused.text().await.unwrap().contains("\"unavailable\""));
+    }
+    gate.open();
+    for connection in &mut busy {
+        assert!(connection.reads_up_to(HEADERS).await, "those who work keep their places");
+    }
+}
+
+/// Of it one connection has a quarter, and large answers three quarters together.
+const SMALL_BUDGET: usize = 1 << 20;
+
+fn small_budget() -> ServerSettings {
+    ServerSettings { memory_budget_bytes: SMALL_BUDGET, ..ServerSettings::default() }
+}
+
+/// Waits until nothing is reserved any more.
+async fn is_released(server: &TestServer) {
+    let released = async {
+        while level(server, "slipdrive_held_bytes") > 0 {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    timeout(HANG_BOUND, released).await.expect("all memory is released");
+}
+
+#[tokio::test]
+async fn unread_answers_stay_within_the_budget() {
+    let server = server(small_budget(), real_solver()).await;
+    // 190 kB as JSON.
+    let body =
+        br#"{"grid": {"steps": 400}, "torque_schedule": {"interval_s": 1, "left_n_m": [0.1], "right_n_m": [0.1]}}"#;
+    let mut unread = Vec::new();
+    for _ in 0..12 {
+        let mut connection = Connection::open(server.address, 0).await;
+        for stream in (1..16).step_by(2) {
+            connection.request(stream, "/simulate", 0).await;
+            connection.send(DATA, END_STREAM, stream, body).await;
+        }
+        for _ in 0..8 {
+            assert!(connection.reads_up_to(HEADERS).await, "one is answered, the others are refused");
+        }
+        assert!(level(&server, "slipdrive_held_bytes") <= SMALL_BUDGET);
+        unread.push(connection);
+        assert_eq!(server.post("/validate", "{}").await.status, 200);
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    assert!(level(&server, "slipdrive_rejected_total{code=\"memory_full\"}") >= 7 * 12);
+    assert!(level(&server, "slipdrive_connections_ended_total{cause=\"unread\"}") > 0);
+    drop(unread);
+    is_released(&server).await;
+}
+
+#[tokio::test]
+async fn half_sent_bodies_stay_within_the_budget() {
+    let server = server(small_budget(), instant_solver()).await;
+    let (spaces, message) = (vec![b' '; 16_000], vec![0; 16_000]);
+    let mut half_sent = Vec::new();
+    for _ in 0..8 {
+        for (address, path, part) in [
+            (server.address, "/solve", &spaces),
+            (server.grpc_address, "/slipdrive.v1.ManeuverService/Solve", &message),
+        ] {
+            let mut connection = Connection::open(address, 65_535).await;
+            for stream in (1..32).step_by(2) {
+                connection.request(stream, path, 0).await;
+            }
+            for stream in (1..32).step_by(2) {
+                connection.send(DATA, 0, stream, part).await;
+                connection.send(DATA, 0, stream, part).await;
+            }
+            half_sent.push(connection);
+            assert!(level(&server, "slipdrive_held_bytes") <= SMALL_BUDGET);
+            assert_eq!(server.post("/validate", "{}").await.status, 200);
+        }
+    }
+    drop(half_sent);
+    is_released(&server).await;
+}
+
+/// One message of a batch, in a frame of its own.
+fn item(number: usize) -> Vec<u8> {
+    let message = pb::SolveBatchRequest { request_id: format!("item-{number}"), ..pb::SolveBatchRequest::default() };
+    let message = message.encode_to_vec();
+    let mut framed = vec![0];
+    framed.extend(u32::try_from(message.len()).unwrap().to_be_bytes());
+    framed.extend(message);
+    framed
+}
+
+#[tokio::test]
+async fn batches_of_many_small_frames_share_one_connection() {
+    const ITEMS: usize = 2_000;
+    let server = server(ServerSettings::default(), instant_solver()).await;
+    let mut connection = Connection::open(server.grpc_address, 1 << 30).await;
+    connection.send(WINDOW_UPDATE, 0, 0, &(1_u32 << 30).to_be_bytes()).await;
+    let streams = [1, 3, 5];
+    for stream in streams {
+        connection.request(stream, BATCH, 0).await;
+    }
+    for number in 0..ITEMS {
+        let flags = if number + 1 == ITEMS { END_STREAM } else { 0 };
+        for stream in streams {
+            connection.send(DATA, flags, stream, &item(number)).await;
+        }
+    }
+    for _ in 0..2 * streams.len() {
+        assert!(connection.reads_up_to(HEADERS).await, "each has a head and trailers");
+    }
+    let metrics = String::from_utf8(server.service.metrics_text()).unwrap();
+    assert!(metrics.contains("slipdrive_grpc_request_duration_seconds_count{code=\"OK\",method=\"SolveBatch\"} 3"));
+}
+
+#[tokio::test]
+async fn end_of_the_server_is_told_before_its_last_solve_ends() {
+    let (gate, mut started, solver) = held_solver();
+    let server = server(ServerSettings::default(), solver).await;
+    let transports: [(SocketAddr, &str); 2] =
+        [(server.address, "/solve"), (server.grpc_address, "/slipdrive.v1.ManeuverService/Solve")];
+    let mut connections = Vec::new();
+    for (address, path) in transports {
+        let mut connection = Connection::open(address, 65_535).await;
+        connection.whole_request(1, path).await;
+        connections.push(connection);
+    }
+    timeout(HANG_BOUND, started.recv()).await.unwrap();
+    assert_eq!(server.get("/livez").await.header("connection"), "");
+    server.connections.announce_end();
+    assert_eq!(server.get("/livez").await.header("connection"), "close");
+    server.connections.close();
+    for connection in &mut connections {
+        assert!(connection.reads_up_to(GOAWAY).await);
+    }
+    assert_eq!(fresh(&server, "/livez").await.status, 200, "probes are still answered");
+    gate.open();
+    for connection in &mut connections {
+        assert!(connection.reads_up_to(HEADERS).await);
+    }
+}
