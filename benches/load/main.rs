@@ -5,6 +5,7 @@
 //! cargo bench --bench load -- overload [--seconds 60]       ten times what one worker can do: goodput, refusals, memory
 //! cargo bench --bench load -- overhead                      the service around a solver that does nothing
 //! cargo bench --bench load -- departures                    callers who leave long solves in every way there is
+//! cargo bench --bench load -- hostile [--program PATH] [--row N] [--seconds S]    callers who mean no good
 //! cargo bench --bench load -- offer --rate 100 --seconds 10 --rest http://HOST:PORT --grpc http://HOST:PORT
 //! ```
 //!
@@ -17,6 +18,7 @@
 
 mod callers;
 mod departures;
+mod hostile;
 mod offer;
 mod overhead;
 mod overload;
@@ -45,6 +47,8 @@ enum Command {
     Overhead(overhead::Arguments),
     /// Lets callers leave.
     Departures,
+    /// Plays attacks on the program; not among those that run by default, for it takes half an hour.
+    Hostile(hostile::Arguments),
     /// Offers load to a running server.
     Offer(offer::Arguments),
     /// The server of the others, in a process of its own.
@@ -61,6 +65,7 @@ fn main() -> ExitCode {
             Some(Command::Overload(arguments)) => overload::run(&arguments).await,
             Some(Command::Overhead(arguments)) => overhead::run(&arguments).await,
             Some(Command::Departures) => departures::run().await,
+            Some(Command::Hostile(arguments)) => hostile::run(&arguments).await,
             Some(Command::Offer(arguments)) => offer::run(&arguments).await,
             Some(Command::Serve(arguments)) => {
                 server::run(&arguments).await;

@@ -9,7 +9,7 @@ use tokio::time::{MissedTickBehavior, interval, timeout};
 
 use crate::callers::{Callers, Question, Transport};
 use crate::offer::offer;
-use crate::process::Server;
+use crate::process::{Server, WORKER};
 use crate::tally::Latencies;
 use crate::verdict::Verdict;
 
@@ -34,9 +34,6 @@ const CAPACITY_SECONDS: f64 = 10.0;
 const SINGLE_SECONDS: f64 = 20.0;
 /// Growth from the first quarter of the overload to the last that still counts as flat: the variation of the allocator.
 const FLAT_BYTES: u64 = 8 << 20;
-
-/// The name of worker threads, as far as the system keeps it.
-const WORKER: &str = "slipdrive-worke";
 
 /// Goodput of one phase.
 struct Goodput {

@@ -9,6 +9,9 @@ use serde_json::Value;
 
 use crate::callers::Addresses;
 
+/// The name of worker threads, as far as the system keeps it.
+pub const WORKER: &str = "slipdrive-worke";
+
 /// A running server; it ends when its standard input is closed.
 pub struct Server {
     child: Child,
@@ -38,21 +41,12 @@ impl Server {
 
     /// Resident memory, bytes.
     pub fn memory_bytes(&self) -> u64 {
-        let statm = fs::read_to_string(format!("/proc/{}/statm", self.child.id())).unwrap_or_default();
-        // Pages of 4 KiB on all machines that this bench knows.
-        statm.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or_default() * 4096
+        memory_bytes(self.child.id())
     }
 
     /// Processor time of all threads whose name begins so.
     pub fn cpu_time(&self, thread: &str) -> Duration {
-        let threads = fs::read_dir(format!("/proc/{}/task", self.child.id())).into_iter().flatten().flatten();
-        let named = threads
-            .filter(|entry| fs::read_to_string(entry.path().join("comm")).is_ok_and(|name| name.starts_with(thread)));
-        let nanoseconds = named.filter_map(|entry| {
-            let text = fs::read_to_string(entry.path().join("schedstat")).ok()?;
-            text.split(' ').next()?.parse::<u64>().ok()
-        });
-        Duration::from_nanos(nanoseconds.sum())
+        cpu_time(self.child.id(), thread)
     }
 
     /// Ends the server and returns its own counts.
@@ -63,4 +57,23 @@ impl Server {
         self.child.wait().unwrap();
         serde_json::from_str(&rest).expect("the server reports its counts")
     }
+}
+
+/// Resident memory of a process, bytes; zero once it has ended.
+pub fn memory_bytes(process: u32) -> u64 {
+    let statm = fs::read_to_string(format!("/proc/{process}/statm")).unwrap_or_default();
+    // Pages of 4 KiB on all machines that this bench knows.
+    statm.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or_default() * 4096
+}
+
+/// Processor time of all threads of a process whose name begins so.
+pub fn cpu_time(process: u32, thread: &str) -> Duration {
+    let threads = fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();
+    let named = threads
+        .filter(|entry| fs::read_to_string(entry.path().join("comm")).is_ok_and(|name| name.starts_with(thread)));
+    let nanoseconds = named.filter_map(|entry| {
+        let text = fs::read_to_string(entry.path().join("schedstat")).ok()?;
+        text.split(' ').next()?.parse::<u64>().ok()
+    });
+    Duration::from_nanos(nanoseconds.sum())
 }
