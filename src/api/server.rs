@@ -85,6 +85,23 @@ impl Default for ServerSettings {
     }
 }
 
+/// What the process holds at rest, bytes: measured 10 MiB, and as much again.
+const BASE_BYTES: usize = 20 << 20;
+/// What a worker holds of the largest job and its answer while it is written, bytes.
+const WORKER_BYTES: usize = 16 << 20;
+/// What a connection holds at most outside the budget, bytes: a head of [`HEAD_BYTES`] in a buffer that has doubled, or the
+/// buffers and tables of h2 with the requests of guests; the records of TLS; and what the system's allocator loses.
+const CONNECTION_BYTES: usize = 128 * 1024;
+
+impl ServerSettings {
+    /// What the process may hold at most under these settings, bytes.
+    pub fn memory_bound_bytes(&self, workers: usize) -> usize {
+        let of_connections = self.max_connections.saturating_mul(CONNECTION_BYTES);
+        let of_workers = workers.saturating_mul(WORKER_BYTES);
+        [self.memory_budget_bytes, of_connections, of_workers].into_iter().fold(BASE_BYTES, usize::saturating_add)
+    }
+}
+
 /// Flow-control window of one HTTP/2 stream for requests, bytes.
 const STREAM_WINDOW_BYTES: u32 = 64 * 1024;
 /// Flow-control window of a whole connection for requests, bytes. All that arrives is read at once, into the budget; half of

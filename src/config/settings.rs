@@ -74,8 +74,8 @@ settings! {
         batch_window: NonZeroUsize = "16",
         /// Seconds that work is still taken after a stop signal, while probes already say that the server is not ready.
         drain_delay_s: Duration = "0",
-        /// Seconds that solves in flight may take after that before they are cut off.
-        drain_timeout_s: Duration = "30",
+        /// Seconds that jobs in flight may take after that before they are cut off: the wait for a worker and the longest time limit.
+        drain_timeout_s: Duration = "120",
         /// File with API keys, one per line; or the variable `SLIPDRIVE_API_KEYS`, separated by commas.
         api_keys_file: Option<PathBuf> = "",
         /// Lets a server without keys listen where others can reach it.

@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
-use slipdrive::jobs::Jobs;
+use slipdrive::api::server::ServerSettings;
+use slipdrive::jobs::{Jobs, Limits};
 use slipdrive::metrics::catalogue;
+use slipdrive::service::DEFAULT_QUEUE_WORK;
 use yaml_rust2::{Yaml, YamlLoader};
 
 use crate::support::process::slipdrive;
@@ -86,6 +88,8 @@ fn grace_period_is_delay_and_timeout_and_five_seconds() {
         let (delay, timeout) = (seconds("SLIPDRIVE_DRAIN_DELAY_S"), seconds("SLIPDRIVE_DRAIN_TIMEOUT_S"));
         let grace = rendering.pod()["spec"]["terminationGracePeriodSeconds"].as_i64().unwrap();
         assert_eq!(grace, delay + timeout + 5, "{}", rendering.name);
+        let is_complete = timeout as f64 >= DEFAULT_QUEUE_WORK.as_secs_f64() + Limits::default().max_time_limit_s;
+        assert!(is_complete || rendering.name == "development", "{}: accepted work is cut off", rendering.name);
         let has_hook = !rendering.container()["lifecycle"]["preStop"].is_badvalue();
         assert!(!(has_hook && delay > 0), "{}: a drain delay and a preStop hook", rendering.name);
         let readiness = &rendering.container()["readinessProbe"];
@@ -188,6 +192,9 @@ fn containers_have_no_more_rights_and_room_than_they_need() {
         let resources = &container["resources"];
         let memory = |of: &str| mebibytes(resources[of]["memory"].as_str().unwrap());
         assert!(memory("requests") <= memory("limits"), "{}", rendering.name);
+        let workers = resources["requests"]["cpu"].as_str().unwrap().parse().unwrap();
+        let bound = ServerSettings::default().memory_bound_bytes(workers) >> 20;
+        assert!(bound <= memory("limits") as usize, "{}: {bound} MiB may be in use", rendering.name);
         let cores = resources["requests"]["cpu"].as_str().unwrap();
         assert!(cores.parse::<u32>().is_ok(), "{}: workers are whole cores, not {cores}", rendering.name);
         assert!(resources["limits"]["cpu"].is_badvalue(), "{}: a CPU limit below the workers", rendering.name);
