@@ -18,15 +18,20 @@ use slipdrive::api::rest;
 use slipdrive::api::server::{self, Connections};
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits};
 use slipdrive::service::{Service, ServiceSettings};
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpSocket};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
 use crate::config::{ServerConfig, for_probes};
+use crate::heap;
 
 /// How long callers may take to read their last answer: one that does not read must not keep the process alive.
 const LAST_ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Connections that may wait to be accepted: where many crowd, those beyond would have to knock again after a second. The
+/// system may have a lower limit.
+const BACKLOG: u32 = 4096;
 
 /// Serves until a signal comes and all work in flight has ended.
 ///
@@ -42,10 +47,11 @@ pub(crate) fn serve_until_stopped(config: &ServerConfig) -> anyhow::Result<()> {
 
 async fn serve(config: &ServerConfig) -> anyhow::Result<()> {
     let mut signals = Signals::listen()?;
-    let listeners = Listeners::bind(config).await?;
+    let listeners = Listeners::bind(config)?;
     let settings = config.service_settings();
     let service = Arc::new(Service::start(settings)?);
     listeners.report(&settings)?;
+    tokio::spawn(heap::give_back_regularly());
     let (mut servers, health) = start_servers(&service, listeners, config).await?;
     tokio::select! {
         _ = servers.tasks.join_next() => anyhow::bail!("a server ended by itself"),
@@ -68,12 +74,12 @@ struct Listeners {
 }
 
 impl Listeners {
-    async fn bind(config: &ServerConfig) -> anyhow::Result<Self> {
+    fn bind(config: &ServerConfig) -> anyhow::Result<Self> {
         let settings = &config.settings;
-        let http = bind(settings.http).await?;
-        let grpc = if settings.one_port { None } else { Some(bind(settings.grpc).await?) };
+        let http = bind(settings.http)?;
+        let grpc = if settings.one_port { None } else { Some(bind(settings.grpc)?) };
         let admin = match settings.admin {
-            Some(address) => Some(bind(address).await?),
+            Some(address) => Some(bind(address)?),
             None => None,
         };
         Ok(Self { http, grpc, admin })
@@ -93,8 +99,16 @@ impl Listeners {
     }
 }
 
-async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
-    TcpListener::bind(address).await.with_context(|| format!("{address} cannot be bound"))
+fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
+    listen(address).with_context(|| format!("{address} cannot be bound"))
+}
+
+fn listen(address: SocketAddr) -> io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    #[cfg(unix)]
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    socket.listen(BACKLOG)
 }
 
 /// The running servers, their connections, and the way to close their listeners.

@@ -134,7 +134,7 @@ pub async fn serve(
             Some(_) = tasks.join_next(), if !tasks.is_empty() => {}
             accepted = listener.accept() => match accepted {
                 Ok((stream, peer)) => {
-                    if let Some(place) = connections.admit(peer) {
+                    if let Some(place) = connections.admit(peer).await {
                         tasks.spawn(receive(stream, router.clone(), place));
                     }
                 }

@@ -33,7 +33,7 @@ pub trait Kind: Job {
     /// What is asked.
     type Request: DeserializeOwned + Serialize + ToSchema + Send + 'static;
     /// What is answered.
-    type Answer: Serialize + ToSchema + Send + 'static;
+    type Answer: Serialize + ToSchema + prost::Message + 'static;
     /// What is reported of its progress; `()` if nothing.
     type Report: From<Self::Progress> + Serialize + ToSchema + Send;
 

@@ -6,6 +6,7 @@
 
 use std::collections::HashSet;
 use std::future::pending;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use futures_util::future::BoxFuture;
@@ -31,7 +32,7 @@ const REQUEST_ID_RULE: Rule = Rule::between(1.0, 128.0, "bytes long");
 const TIMEOUT_RULE: Rule = Rule::at_least(1.0, "ms");
 
 /// The answer to one item, and the memory that it holds.
-pub(super) type ItemResult = Result<(Answer, Lease), Problem>;
+pub(super) type ItemResult = Result<(Answer, Arc<Lease>), Problem>;
 
 /// Gives the answer to one item, by its kind.
 pub(super) type Dispatch = for<'a> fn(&'a ApiState, Request, &'a Call) -> BoxFuture<'a, ItemResult>;
@@ -48,9 +49,9 @@ pub(super) struct Batch {
     span: Span,
     /// None once nothing more is read.
     inbound: Option<BoxStream<'static, Result<pb::BatchRequest, Status>>>,
-    running: FuturesUnordered<BoxFuture<'static, (pb::BatchResponse, Option<Lease>)>>,
+    running: FuturesUnordered<BoxFuture<'static, (pb::BatchResponse, Option<Arc<Lease>>)>>,
     /// Of the answer that was given last, until the next is asked for.
-    lease: Option<Lease>,
+    lease: Option<Arc<Lease>>,
     /// Ids of the unanswered items.
     unanswered: HashSet<String>,
     /// What the stream ends with once all items are answered; none for success.

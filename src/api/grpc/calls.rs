@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use prost::Message as _;
 use tokio::time::timeout_at;
 
 use super::admission::Call;
@@ -14,22 +15,25 @@ use crate::service::{Permit, Running, ServiceError};
 /// Length of a number in an answer, bytes.
 const NUMBER_BYTES: usize = size_of::<f64>();
 
-/// What the answer to this input will probably hold.
+/// What the answer to this input will probably hold; settled when it is written.
 pub(super) fn answer_bytes<K: Kind>(input: &K::Input) -> usize {
     K::answer_numbers(input) * NUMBER_BYTES
 }
 
-/// Queues an accepted job; its answer is written on the worker.
+/// Queues an accepted job; its answer is written on the worker, and holds the lease from then on.
 pub(super) fn start<K: Kind>(
     kind: &Arc<K>,
     permit: Permit,
     input: K::Input,
     call: &Call,
+    lease: &Arc<Lease>,
 ) -> Result<Running<K::Answer, K::Progress>, Problem> {
-    let notes = call.notes.clone();
+    let (notes, lease) = (call.notes.clone(), Arc::clone(lease));
     let running = permit.submit(Arc::clone(kind), input, call.deadline, move |input, done| {
         notes.job(done.queue_wait, done.duration);
-        K::answer(input, done)
+        let answer = K::answer(input, done);
+        lease.settle(answer.encoded_len());
+        answer
     });
     Ok(running?)
 }
@@ -41,7 +45,7 @@ pub(super) async fn answer_of<K: Kind>(
     state: &ApiState,
     request: K::Request,
     call: &Call,
-) -> Result<(K::Answer, Lease), Problem> {
+) -> Result<(K::Answer, Arc<Lease>), Problem> {
     let input = K::accept(request, state.jobs.limits())?;
     let bytes = answer_bytes::<K>(&input);
     let reserve = async {
@@ -52,5 +56,6 @@ pub(super) async fn answer_of<K: Kind>(
         Some(deadline) => timeout_at(deadline.into(), reserve).await.unwrap_or(Err(ServiceError::DeadlineExceeded))?,
         None => reserve.await?,
     };
-    Ok((start(kind, permit, input, call)?.outcome().await?, lease))
+    let lease = Arc::new(lease);
+    Ok((start(kind, permit, input, call, &lease)?.outcome().await?, lease))
 }

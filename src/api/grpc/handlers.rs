@@ -115,7 +115,7 @@ fn of_kind<'a, K: Kind>(
 }
 
 /// A job that was queued, its call, and the memory that is reserved for its answer.
-type Started<K> = (Running<<K as Kind>::Answer, <K as Job>::Progress>, Call, Lease);
+type Started<K> = (Running<<K as Kind>::Answer, <K as Job>::Progress>, Call, Arc<Lease>);
 
 impl Handlers {
     async fn started<K: Kind>(&self, kind: &Arc<K>, request: Request<K::Request>) -> Result<Started<K>, Status> {
@@ -123,7 +123,8 @@ impl Handlers {
         let started = async {
             let input = K::accept(request.into_inner(), self.0.jobs.limits())?;
             let lease = call.connection.lease_soon(answer_bytes::<K>(&input)).await.ok_or_else(memory_full)?;
-            Ok((start(kind, call.take_permit()?, input, &call)?, lease))
+            let lease = Arc::new(lease);
+            Ok((start(kind, call.take_permit()?, input, &call, &lease)?, lease))
         };
         match started.await {
             Ok((running, lease)) => Ok((running, call, lease)),
@@ -140,8 +141,8 @@ impl Handlers {
 }
 
 /// The answer, which holds the lease until it is taken.
-fn holding<T>(mut response: Response<T>, lease: Lease) -> Response<T> {
-    response.extensions_mut().insert(Arc::new(lease));
+fn holding<T>(mut response: Response<T>, lease: Arc<Lease>) -> Response<T> {
+    response.extensions_mut().insert(lease);
     response
 }
 

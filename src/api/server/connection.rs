@@ -73,6 +73,13 @@ pub(super) struct Worth {
     last_used: Instant,
 }
 
+impl Worth {
+    /// Whether the peer has come so lately that it may not have asked yet.
+    pub(super) fn is_newer_than(&self, tenure: Duration) -> bool {
+        !self.has_served && self.last_used.elapsed() < tenure
+    }
+}
+
 impl Connection {
     pub(super) fn new(connections: Arc<Connections>, peer: SocketAddr, may: Use) -> Self {
         let state = State {
@@ -201,7 +208,7 @@ impl Connection {
 #[derive(Debug)]
 pub(super) struct UnderWay {
     connection: Arc<Connection>,
-    standing: Standing,
+    pub(super) standing: Standing,
 }
 
 impl Drop for UnderWay {

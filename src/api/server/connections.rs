@@ -7,9 +7,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::{Notify, watch};
+use tokio::time::{Instant, sleep};
 
 use super::ServerSettings;
-use super::connection::{Connection, Use};
+use super::connection::{Connection, Use, Worth};
 use crate::api::auth::ApiKeys;
 use crate::api::{ApiSettings, ApiState, Probes};
 use crate::metrics::{ConnectionEnd, Metrics};
@@ -17,6 +18,10 @@ use crate::metrics::{ConnectionEnd, Metrics};
 /// Places that are kept for probes where they have no port of their own: those of a balancer, an orchestrator, a scraper
 /// and a few people.
 const PROBE_PLACES: usize = 16;
+/// Who comes has so much time to ask for something before others may take the place: where newcomers crowd, they wait.
+const TENURE: Duration = Duration::from_millis(200);
+/// How often a newcomer looks for a place meanwhile.
+const LOOK_INTERVAL: Duration = Duration::from_millis(5);
 /// Who has kept the server waiting for less is not ended for its memory: a healthy peer takes its answer in this time.
 const LEAST_WAIT: Duration = Duration::from_millis(100);
 
@@ -89,16 +94,30 @@ impl Connections {
     }
 
     /// A place for a new connection. Where all are taken, the least used connection of the largest holder makes room;
-    /// none when those are all at work for a caller.
-    pub(super) fn admit(self: &Arc<Self>, peer: SocketAddr) -> Option<Place> {
+    /// none when those are all at work for a caller, or this peer has too many.
+    pub(super) async fn admit(self: &Arc<Self>, peer: SocketAddr) -> Option<Place> {
+        let end = Instant::now() + TENURE;
+        while self.may_have_more(peer) {
+            if let Some(place) = self.place(peer) {
+                return Some(place);
+            }
+            if Instant::now() >= end {
+                break;
+            }
+            sleep(LOOK_INTERVAL).await;
+        }
+        self.metrics.connection_ended(ConnectionEnd::NoPlace);
+        None
+    }
+
+    fn may_have_more(&self, peer: SocketAddr) -> bool {
+        let limit = self.settings.max_connections_per_address;
+        limit.is_none_or(|limit| self.open().of_holder(Holder::of(peer)) < limit)
+    }
+
+    fn place(self: &Arc<Self>, peer: SocketAddr) -> Option<Place> {
         let mut open = self.open();
-        let holder = Holder::of(peer);
-        let limit = self.settings.max_connections_per_address.unwrap_or(usize::MAX);
-        let may = if open.of_holder(holder) >= limit { None } else { self.make_room(&open) };
-        let Some(may) = may else {
-            self.metrics.connection_ended(ConnectionEnd::NoPlace);
-            return None;
-        };
+        let may = self.make_room(&open)?;
         let connection = Arc::new(Connection::new(Arc::clone(self), peer, may));
         let number = open.next_number;
         open.next_number += 1;
@@ -107,18 +126,19 @@ impl Connections {
         Some(Place { connection, number })
     }
 
-    /// What a new connection may be used for.
+    /// What a new connection may be used for; none where nobody can make room, or not yet.
     fn make_room(&self, open: &Open) -> Option<Use> {
         let for_all = self.settings.max_connections.saturating_sub(self.probe_places);
         for (may, places) in [(Use::All, for_all), (Use::Probes, self.probe_places)] {
             if open.alive().filter(|connection| connection.may == may).count() < places {
                 return Some(may);
             }
-            if places > 0
-                && let Some(least_used) = open.least_used(may)
-            {
-                self.end(least_used, ConnectionEnd::NoPlace);
-                return Some(may);
+            if let Some((worth, least_used)) = open.least_used(may) {
+                let is_old = !worth.is_newer_than(TENURE);
+                if is_old {
+                    self.end(least_used, ConnectionEnd::NoPlace);
+                }
+                return is_old.then_some(may);
             }
         }
         None
@@ -193,7 +213,7 @@ impl Open {
     }
 
     /// The least used connection of the largest holder that has any without work for a caller.
-    fn least_used(&self, may: Use) -> Option<&Arc<Connection>> {
+    fn least_used(&self, may: Use) -> Option<(Worth, &Arc<Connection>)> {
         let mut holders = BTreeMap::<Holder, (usize, Option<_>)>::new();
         for connection in self.alive().filter(|connection| connection.may == may) {
             let (count, least) = holders.entry(Holder::of(connection.peer)).or_default();
@@ -205,7 +225,7 @@ impl Open {
             }
         }
         let candidates = holders.into_values().filter_map(|(count, least)| Some((count, least?)));
-        candidates.max_by_key(|(count, _)| *count).map(|(_, (_, connection))| connection)
+        candidates.max_by_key(|(count, _)| *count).map(|(_, least)| least)
     }
 }
 
@@ -260,45 +280,50 @@ mod tests {
         lease.grow(bytes).then_some(lease)
     }
 
-    #[test]
-    fn newcomer_replaces_the_least_used_of_the_largest_holder() {
+    #[tokio::test(start_paused = true)]
+    async fn newcomer_replaces_the_least_used_of_the_largest_holder() {
         let connections = connections(3, 0);
-        let _small = connections.admit(peer(1)).unwrap();
-        let places = [2, 2].map(|last| connections.admit(peer(last)).unwrap());
+        let _small = connections.admit(peer(1)).await.unwrap();
+        let places = [connections.admit(peer(2)).await.unwrap(), connections.admit(peer(2)).await.unwrap()];
         drop(places[0].connection.enter(Standing::Caller));
-        let newcomer = connections.admit(peer(3)).unwrap();
+        let begin = Instant::now();
+        let newcomer = connections.admit(peer(3)).await.unwrap();
+        assert!(begin.elapsed() >= TENURE, "the others had time to ask");
         assert_eq!(newcomer.connection.may, Use::All);
         assert!(places[1].connection.is_ended() && !places[0].connection.is_ended());
     }
 
-    #[test]
-    fn work_for_a_caller_is_not_ended_and_probes_have_places_left() {
+    #[tokio::test(start_paused = true)]
+    async fn work_for_a_caller_is_not_ended_and_probes_have_places_left() {
         let connections = connections(PROBE_PLACES + 1, PROBE_PLACES);
-        let busy = connections.admit(peer(1)).unwrap();
+        let busy = connections.admit(peer(1)).await.unwrap();
         let _under_way = busy.connection.enter(Standing::Caller);
-        let probes: Vec<_> = (0..=PROBE_PLACES).map(|_| connections.admit(peer(1)).unwrap()).collect();
+        let mut probes = Vec::new();
+        for _ in 0..=PROBE_PLACES {
+            probes.push(connections.admit(peer(1)).await.unwrap());
+        }
         assert!(probes.iter().all(|place| place.connection.may == Use::Probes));
         assert!(probes[0].connection.is_ended(), "the first one makes room for the last");
         assert!(!busy.connection.is_ended());
     }
 
-    #[test]
-    fn nobody_is_admitted_where_all_work_and_probes_are_apart() {
+    #[tokio::test(start_paused = true)]
+    async fn nobody_is_admitted_where_all_work_and_probes_are_apart() {
         let connections = connections(1, 0);
-        let busy = connections.admit(peer(1)).unwrap();
+        let busy = connections.admit(peer(1)).await.unwrap();
         let under_way = busy.connection.enter(Standing::Caller);
-        assert!(connections.admit(peer(2)).is_none());
+        assert!(connections.admit(peer(2)).await.is_none());
         drop((under_way, busy));
-        assert!(connections.admit(peer(2)).is_some());
+        assert!(connections.admit(peer(2)).await.is_some());
     }
 
-    #[test]
-    fn hard_limit_counts_the_places_of_one_address() {
+    #[tokio::test(start_paused = true)]
+    async fn hard_limit_counts_the_places_of_one_address() {
         let settings = ServerSettings { max_connections_per_address: Some(1), ..ServerSettings::default() };
         let connections = with_settings(settings, 0);
-        let _place = connections.admit(peer(1)).unwrap();
-        assert!(connections.admit(peer(1)).is_none());
-        assert!(connections.admit(peer(2)).is_some());
+        let _place = connections.admit(peer(1)).await.unwrap();
+        assert!(connections.admit(peer(1)).await.is_none());
+        assert!(connections.admit(peer(2)).await.is_some());
     }
 
     #[test]
@@ -313,7 +338,7 @@ mod tests {
     async fn who_leaves_most_unread_is_ended_for_the_memory_of_others() {
         let settings = ServerSettings { memory_budget_bytes: 1 << 20, ..ServerSettings::default() };
         let connections = with_settings(settings, 0);
-        let places = [1, 2, 3, 4].map(|last| connections.admit(peer(last)).unwrap());
+        let places = [1, 2, 3, 4].map(|last| connections.place(peer(last)).unwrap());
         let quarter = 1 << 18;
         let leases = places.each_ref().map(|place| lease(&place.connection, quarter));
         assert!(leases[2].is_some() && leases[3].is_none(), "three quarters are for large ones");

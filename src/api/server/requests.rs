@@ -2,6 +2,7 @@
 //! memory that it holds.
 
 use std::error::Error;
+use std::future::ready;
 use std::sync::Arc;
 
 use axum::Router;
@@ -10,12 +11,13 @@ use axum::extract::Request;
 use axum::http::header::CONNECTION;
 use axum::http::{HeaderValue, Version};
 use axum::response::Response;
+use futures_util::future::Either;
 use hyper::body::Incoming;
 use hyper::service::service_fn;
 use tower::ServiceExt as _;
 
 use super::answer_body::AnswerBody;
-use super::connection::{Connection, REQUEST_BYTES, Standing};
+use super::connection::{Connection, REQUEST_BYTES, Standing, UnderWay};
 use super::memory::Lease;
 
 /// Services that everybody may ask, for other purposes than work.
@@ -31,17 +33,25 @@ pub(super) fn service(
     Error = Box<dyn Error + Send + Sync>,
     Future: Send + 'static,
 > {
-    service_fn(move |request| answer(router.clone(), Arc::clone(&connection), request))
+    service_fn(move |request| {
+        let standing = standing(&connection, &request);
+        match connection.enter(standing) {
+            // Boxed, so that a refused stream holds next to nothing.
+            Some(under_way) => {
+                Either::Left(Box::pin(answer(router.clone(), Arc::clone(&connection), request, under_way)))
+            }
+            None => Either::Right(ready(Err(refused_stream().into()))),
+        }
+    })
 }
 
 async fn answer(
     router: Router,
     connection: Arc<Connection>,
     mut request: Request<Incoming>,
+    under_way: UnderWay,
 ) -> Result<Response, Box<dyn Error + Send + Sync>> {
-    let standing = standing(&connection, &request);
-    let under_way = connection.enter(standing).ok_or_else(refused_stream)?;
-    let held = match standing {
+    let held = match under_way.standing {
         // Their number bounds what they hold.
         Standing::Guest => None,
         Standing::Caller => Some(connection.lease_soon(REQUEST_BYTES).await.ok_or_else(refused_stream)?),
