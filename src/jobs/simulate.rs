@@ -9,11 +9,14 @@ use crate::contract::convert::{contacts, count, named, required, schedule};
 use crate::contract::message::{ContactSolver, ReferencePoint, SimulateGrid, SimulateRequest, SimulateResponse};
 use crate::metrics::Metrics;
 use crate::rules::{Checks, RuleSet};
-use crate::service::{Cost, Done, Job, JobControl, Stopped};
+use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
 use crate::shooting::StateComponent;
 use crate::solver::{SimulateInput, SimulateParameters, Simulation, SolverSettings};
 
 const ARRAYS: [&str; 2] = ["torque_schedule.left_n_m", "torque_schedule.right_n_m"];
+
+/// What a step takes a small cloud machine, s.
+const STEP_S: f64 = 3e-6;
 
 /// Simulates torque schedules.
 pub struct Simulate(Arc<dyn ManeuverSolver>);
@@ -32,7 +35,11 @@ impl Job for Simulate {
     type Progress = ();
 
     fn cost(&self, input: &SimulateInput) -> Cost {
-        Cost::of_steps(input.step_count as f64)
+        Cost::seconds(input.step_count as f64 * STEP_S)
+    }
+
+    fn work_done(&self, input: &SimulateInput, _output: &Simulation) -> Option<WorkDone> {
+        Some(WorkDone { cost: self.cost(input), is_complete: true })
     }
 
     fn run(&self, input: &SimulateInput, _control: &JobControl<'_, ()>) -> Result<Simulation, Stopped> {

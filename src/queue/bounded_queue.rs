@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
+use super::clocks::Clocks;
+use super::expected_start::expected_start;
 use super::job::Job;
 use super::lock::lock;
 use super::stop::{StopCause, StopHandle};
@@ -70,20 +72,33 @@ struct State {
 #[derive(Debug)]
 struct Submitted {
     stop: StopHandle,
-    estimate: Duration,
+    clocks: Clocks,
     /// When a worker took the job.
     started: Option<Instant>,
+}
+
+impl Submitted {
+    /// How long it will probably run from now on, or from its start.
+    fn expected_rest(&self, now: Instant) -> Duration {
+        self.clocks.expected_rest(self.started.unwrap_or(now), now)
+    }
 }
 
 impl State {
     /// The submitted jobs, and how long they are expected to take.
     fn backlog(&self) -> Backlog {
-        let rest = |submitted: &Submitted| match submitted.started {
-            Some(started) => submitted.estimate.saturating_sub(started.elapsed()),
-            None => submitted.estimate,
-        };
-        let work = self.submitted.values().map(rest).fold(Duration::ZERO, Duration::saturating_add);
-        Backlog { jobs: self.submitted.len(), work }
+        let now = Instant::now();
+        let rests = self.submitted.values().map(|submitted| submitted.expected_rest(now));
+        Backlog { jobs: self.submitted.len(), work: rests.fold(Duration::ZERO, Duration::saturating_add) }
+    }
+
+    /// When a worker will probably be free for one more job.
+    fn expected_start(&self, now: Instant, workers: usize) -> Instant {
+        let running = self.submitted.values().filter(|submitted| submitted.started.is_some());
+        // Beyond the range of the clock nothing ends.
+        let ends = running.map(|submitted| now.checked_add(submitted.expected_rest(now)).unwrap_or(now));
+        let waiting = self.waiting.iter().filter_map(|job| self.submitted.get(&job.id()));
+        expected_start(now, workers, ends, waiting.map(|submitted| &submitted.clocks))
     }
 }
 
@@ -149,6 +164,12 @@ impl BoundedQueue {
     /// The jobs that wait or run, and how long they are expected to take.
     pub(super) fn backlog(&self) -> Backlog {
         lock(&self.state).backlog()
+    }
+
+    /// How long one more job will probably wait for a worker.
+    pub(super) fn expected_wait(&self) -> Duration {
+        let now = Instant::now();
+        lock(&self.state).expected_start(now, self.workers).saturating_duration_since(now)
     }
 
     /// Workers whose job still runs although it was signalled to stop longer than `timeout` ago.
@@ -250,13 +271,13 @@ impl BoundedQueue {
         drop(removed);
     }
 
-    /// Queues a job; `stop` and `estimate` are kept until its permit is released.
-    pub(super) fn push(&self, job: Job, stop: StopHandle, estimate: Duration) {
+    /// Queues a job; `stop` and `clocks` are kept until its permit is released.
+    pub(super) fn push(&self, job: Job, stop: StopHandle, clocks: Clocks) {
         let mut state = lock(&self.state);
         if let Some(cause) = state.cancelled {
             stop.stop(cause);
         }
-        state.submitted.insert(job.id(), Submitted { stop, estimate, started: None });
+        state.submitted.insert(job.id(), Submitted { stop, clocks, started: None });
         state.waiting.push_back(job);
         state.slots.recall_for(state.waiting.len());
         drop(state);

@@ -7,9 +7,10 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::thread::{Builder, Result as HelperResult, Scope, scope};
+use std::time::{Duration, Instant};
 
 use super::bounded_queue::BoundedQueue;
 
@@ -20,24 +21,35 @@ mod tests;
 #[derive(Debug)]
 pub struct IdleWorkers {
     queue: Arc<BoundedQueue>,
+    /// How long workers were lent, ns.
+    lent: AtomicU64,
 }
 
 /// One worker that is kept from taking a job; given back on drop.
-struct Loan {
-    queue: Arc<BoundedQueue>,
+struct Loan<'a> {
+    lender: &'a IdleWorkers,
     number: u64,
     is_recalled: Arc<AtomicBool>,
+    since: Instant,
 }
 
-impl Drop for Loan {
+impl Drop for Loan<'_> {
     fn drop(&mut self) {
-        self.queue.give_back_loan(self.number);
+        let Self { lender, number, since, .. } = self;
+        // 500 years fit.
+        lender.lent.fetch_add(u64::try_from(since.elapsed().as_nanos()).unwrap_or(u64::MAX), Ordering::Relaxed);
+        lender.queue.give_back_loan(*number);
     }
 }
 
 impl IdleWorkers {
     pub(super) fn new(queue: Arc<BoundedQueue>) -> Self {
-        Self { queue }
+        Self { queue, lent: AtomicU64::new(0) }
+    }
+
+    /// How long workers were lent so far, added up over all of them.
+    pub fn lent_time(&self) -> Duration {
+        Duration::from_nanos(self.lent.load(Ordering::Relaxed))
     }
 
     /// Does work in parts on the calling thread and on helpers; before each part more idle workers are borrowed.
@@ -72,13 +84,13 @@ impl IdleWorkers {
 
     /// Starts a helper on an idle worker, which works until no part is open; false when no worker is idle.
     fn start_helper<'scope>(
-        &self,
+        &'scope self,
         threads: &'scope Scope<'scope, '_>,
         take_part: &'scope (dyn Fn(&AtomicBool) -> bool + Sync),
         end: &Sender<HelperResult<()>>,
     ) -> bool {
         let Some((number, is_recalled)) = self.queue.lend() else { return false };
-        let loan = Loan { queue: Arc::clone(&self.queue), number, is_recalled };
+        let loan = Loan { lender: self, number, is_recalled, since: Instant::now() };
         let end = end.clone();
         let help = move || {
             // State that a panic leaves half changed is not used again: the borrower panics too.

@@ -14,6 +14,8 @@
 //! be released at once, and only the receiver can take entries out of a channel.
 
 mod bounded_queue;
+mod clocks;
+mod expected_start;
 mod job;
 mod lending;
 mod lock;
@@ -33,8 +35,9 @@ use std::time::Duration;
 
 use bounded_queue::BoundedQueue;
 pub use bounded_queue::{Backlog, Capacity, Load, Refusal};
+pub use clocks::{ANSWER_MARGIN, Clocks, Finishing};
 pub use lending::IdleWorkers;
-pub use permit::{ANSWER_MARGIN, Clocks, Permit};
+pub use permit::Permit;
 pub use stop::{StopCause, StopHandle};
 pub use ticket::{JobOutcome, Ticket};
 use watchdog::Watchdog;

@@ -8,34 +8,12 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
 use super::bounded_queue::{Backlog, BoundedQueue, Capacity, Refusal};
+use super::clocks::Clocks;
 use super::job::Job;
 use super::lending::IdleWorkers;
 use super::stop::{StopCause, StopHandle};
 use super::ticket::{CancelOnDrop, JobOutcome, Ticket};
 use super::watchdog::Watchdog;
-
-/// How long before a deadline a job is signalled to stop: time to write the answer and send it.
-pub const ANSWER_MARGIN: Duration = Duration::from_millis(20);
-
-/// The two clocks of a job, and how long it is expected to run.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Clocks {
-    /// How long the job may run, counted from its start on the worker.
-    pub time_limit: Option<Duration>,
-    /// When its caller needs the answer, waiting included; the job is signalled to stop [`ANSWER_MARGIN`] earlier, and
-    /// is never started after that.
-    pub deadline: Option<Instant>,
-    /// How long it is expected to run: the part of the queue's capacity for work that it takes.
-    pub estimate: Duration,
-}
-
-impl Clocks {
-    /// When a job under this deadline is signalled to stop.
-    fn stop_time(&self) -> Option<Instant> {
-        // A time that the clock cannot represent lies in the past: stop at once.
-        self.deadline.map(|deadline| deadline.checked_sub(ANSWER_MARGIN).unwrap_or_else(Instant::now))
-    }
-}
 
 /// The right to submit one job to the queue; released on drop.
 #[derive(Debug)]
@@ -80,6 +58,11 @@ impl Permit {
         self.queue.backlog()
     }
 
+    /// How long a job that is submitted at this moment will probably wait for a worker.
+    pub fn expected_wait(&self) -> Duration {
+        self.queue.expected_wait()
+    }
+
     /// The workers that the job of this permit may borrow while it runs.
     pub fn idle_workers(&self) -> IdleWorkers {
         IdleWorkers::new(Arc::clone(&self.queue))
@@ -95,9 +78,9 @@ impl Permit {
         let (id, stop) = (self.id, StopHandle::new());
         let cancel_on_drop = CancelOnDrop::new(stop.clone(), Arc::downgrade(&queue), id);
         let (sender, answer) = oneshot::channel();
-        queue.push(self.into_job(stop.clone(), clocks, work, sender), stop.clone(), clocks.estimate);
+        queue.push(self.into_job(stop.clone(), clocks, work, sender), stop.clone(), clocks);
         // After the push, so that a deadline that has passed already finds the job in the queue and removes it.
-        let deadline = clocks.stop_time().map(|time| {
+        let deadline = clocks.last_start().map(|time| {
             let queued = (Arc::downgrade(&queue), id);
             watchdog.watch_queued(&stop, (time, StopCause::Deadline), queued)
         });
@@ -114,12 +97,12 @@ impl Permit {
     ) -> Job {
         Job::new(self.id, move || {
             // The watchdog may be a moment late, and the job must not start after its deadline.
-            if clocks.stop_time().is_some_and(|time| time <= Instant::now()) {
+            if clocks.last_start().is_some_and(|time| time <= Instant::now()) {
                 stop.stop(StopCause::Deadline);
             }
             let outcome = match stop.cause() {
                 Some(cause) => JobOutcome::NeverStarted { cause },
-                None => run_timed(&stop, clocks.time_limit, work, &self.watchdog),
+                None => run_timed(&stop, &clocks, work, &self.watchdog),
             };
             // Before the outcome is sent, so that a caller who has it can reserve this permit again.
             drop(self);
@@ -137,18 +120,16 @@ impl Drop for Permit {
 
 fn run_timed<T>(
     stop: &StopHandle,
-    time_limit: Option<Duration>,
+    clocks: &Clocks,
     work: impl FnOnce(&StopHandle) -> T,
     watchdog: &Watchdog,
 ) -> JobOutcome<T> {
     let start = Instant::now();
-    // A limit beyond the range of the clock never passes: no watch.
-    let end = time_limit.and_then(|limit| start.checked_add(limit));
-    let watch = end.map(|end| watchdog.watch(stop, end, StopCause::TimeLimit));
+    let watches = clocks.stops(start).map(|stop_at| stop_at.map(|(time, cause)| watchdog.watch(stop, time, cause)));
     // The work owns all it touches, so nothing half-changed outlives a panic.
     let result = catch_unwind(AssertUnwindSafe(|| work(stop)));
     let duration = start.elapsed();
-    drop(watch);
+    drop(watches);
     match result {
         Ok(value) => JobOutcome::Finished { value, duration },
         Err(payload) => JobOutcome::Panicked { message: panic_message(payload.as_ref()) },

@@ -6,8 +6,8 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tracing::Span;
 
-use super::pace::Cost;
-use crate::queue::{IdleWorkers, StopCause, StopHandle};
+use super::pace::{Cost, WorkDone};
+use crate::queue::{Finishing, IdleWorkers, StopCause, StopHandle};
 
 /// One kind of job.
 pub trait Job: Send + Sync + 'static {
@@ -19,15 +19,23 @@ pub trait Job: Send + Sync + 'static {
     type Output: Send + 'static;
     /// What it reports while it runs; `()` if nothing.
     type Progress: Copy + Send + Sync + 'static;
-    /// Whether its durations say how fast the service works.
-    const SETS_PACE: bool = false;
 
     /// What it will probably take.
     fn cost(&self, input: &Self::Input) -> Cost;
 
-    /// When it is stopped, counted from its start; none where the input bounds it.
+    /// What it took, in the measure of [`Job::cost`]; none if it ended without such work.
+    fn work_done(&self, _input: &Self::Input, _output: &Self::Output) -> Option<WorkDone> {
+        None
+    }
+
+    /// When it must have ended, counted from its start; none where the input bounds it.
     fn time_limit(&self, _input: &Self::Input) -> Option<Duration> {
         None
+    }
+
+    /// What it does once it is stopped; its time limit and its deadline keep that much time free.
+    fn finishing(&self, _input: &Self::Input) -> Finishing {
+        Finishing::default()
     }
 
     /// Runs on a worker.

@@ -19,15 +19,15 @@ use std::time::Duration;
 
 pub use error::ServiceError;
 pub use job::{Done, Job, JobControl, Stopped};
-pub use pace::Cost;
 use pace::Pace;
+pub use pace::{Cost, WorkDone};
 pub use permit::Permit;
 pub use running::{Event, Running};
 use tokio::sync::watch;
 
 use crate::metrics::{Metrics, QueueLevels};
-pub use crate::queue::StopCause;
 use crate::queue::{self, Capacity, Queue, Refusal};
+pub use crate::queue::{Finishing, StopCause};
 
 /// How much expected work per worker may be in flight unless configured: the longest time limit. Who would wait longer
 /// had better come back.

@@ -1,17 +1,21 @@
 //! A permit to queue one job, and the job that uses it.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use tokio::sync::watch;
 
 use super::job::{Done, Job, JobControl, Stopped};
 use super::observation::{Awaited, Queued};
-use super::pace::Pace;
+use super::pace::{Cost, Pace, TimeTaken};
 use super::running::{QueuedJob, Running};
 use super::{ServiceError, ServiceSettings};
 use crate::metrics::Metrics;
-use crate::queue::{self, ANSWER_MARGIN, Backlog, Clocks, StopHandle};
+use crate::queue::{self, ANSWER_MARGIN, Clocks, StopHandle};
+
+/// How much longer than estimated a wait may be. One job may need twice the work of another that looks alike; over several
+/// that follow each other this averages out to about a quarter.
+const ERROR_OF_WAITS: f64 = 0.25;
 
 /// Leave to queue one job; given back on drop.
 pub struct Permit {
@@ -33,22 +37,23 @@ impl Permit {
         deadline: Option<Instant>,
         answer: impl FnOnce(&J::Input, &Done<J::Output>) -> T + Send + 'static,
     ) -> Result<Running<T, J::Progress>, ServiceError> {
-        let backlog = self.reserved.backlog();
-        self.check_reachable(deadline, backlog)?;
-        let position = (backlog.jobs + 1).saturating_sub(self.settings.workers.get());
+        let (cost, time_limit) = (job.cost(&input), job.time_limit(&input));
+        let estimate = self.pace.estimate(J::NAME, cost, time_limit);
+        let clocks = Clocks { time_limit, deadline, finishing: job.finishing(&input), estimate };
+        self.check_reachable(&clocks)?;
+        let position = (self.reserved.backlog().jobs + 1).saturating_sub(self.settings.workers.get());
         let (report, progress) = watch::channel(None);
-        Ok(Running { position, progress, job: self.queue(job, input, deadline, answer, report) })
+        Ok(Running { position, progress, job: self.queue(job, (input, cost), clocks, answer, report) })
     }
 
-    /// Refuses when the jobs in flight would keep the workers busy beyond the deadline. A deadline that has passed already
-    /// is no matter of waiting: its job is queued, and never started.
-    fn check_reachable(&self, deadline: Option<Instant>, backlog: Backlog) -> Result<(), ServiceError> {
-        let Some(deadline) = deadline else { return Ok(()) };
+    /// Refuses a job that would probably be stopped as soon as it starts. A deadline that has passed already is no matter
+    /// of waiting: its job is queued, and never started.
+    fn check_reachable(&self, clocks: &Clocks) -> Result<(), ServiceError> {
+        let Some(deadline) = clocks.deadline else { return Ok(()) };
         let remaining = deadline.saturating_duration_since(Instant::now());
-        let workers = self.settings.workers.get();
-        let is_idle = backlog.jobs < workers;
-        let estimated_wait = if is_idle { Duration::ZERO } else { backlog.work.div_f64(workers as f64) };
-        if remaining <= ANSWER_MARGIN || estimated_wait <= remaining {
+        let estimated_wait = self.reserved.expected_wait().mul_f64(1.0 + ERROR_OF_WAITS);
+        let kept = ANSWER_MARGIN + clocks.finishing.kept_of(remaining);
+        if estimated_wait.is_zero() || remaining <= ANSWER_MARGIN || estimated_wait.saturating_add(kept) <= remaining {
             return Ok(());
         }
         Err(ServiceError::DeadlineUnreachable { retry_after: self.pace.retry_after(), estimated_wait, remaining })
@@ -57,14 +62,13 @@ impl Permit {
     fn queue<J: Job, T: Send + 'static>(
         self,
         job: Arc<J>,
-        input: J::Input,
-        deadline: Option<Instant>,
+        (input, cost): (J::Input, Cost),
+        clocks: Clocks,
         answer: impl FnOnce(&J::Input, &Done<J::Output>) -> T + Send + 'static,
         progress: watch::Sender<Option<J::Progress>>,
     ) -> QueuedJob<T> {
         let Self { reserved, pace, metrics, .. } = self;
-        let (job_id, cost, time_limit) = (reserved.job_id(), job.cost(&input), job.time_limit(&input));
-        let clocks = Clocks { time_limit, deadline, estimate: pace.estimate(cost, time_limit) };
+        let job_id = reserved.job_id();
         let queued = Queued::new(&metrics, job_id);
         let (workers, recorded) = (reserved.idle_workers(), Arc::clone(&pace));
         let work = move |stop: &StopHandle| -> Result<T, Stopped> {
@@ -73,10 +77,12 @@ impl Permit {
             let start = Instant::now();
             let output = job.run(&input, &control)?;
             let done = Done { output, queue_wait: observed.queue_wait(), duration: start.elapsed() };
-            if J::SETS_PACE {
-                recorded.record(cost, done.duration);
-            }
             let answer = answer(&input, &done);
+            if let Some(work) = job.work_done(&input, &done.output) {
+                let duration = start.elapsed();
+                let of_workers = duration.saturating_add(workers.lent_time());
+                recorded.record(J::NAME, cost, work, TimeTaken { duration, of_workers });
+            }
             job.answered(&done);
             Ok(answer)
         };

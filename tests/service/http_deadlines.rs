@@ -54,7 +54,9 @@ async fn deadline_that_passes_in_the_line_is_answered_at_once_and_nothing_is_sta
     let server = Arc::new(TestServer::start(1, Arc::new(solver)).await);
     let running = {
         let server = Arc::clone(&server);
-        tokio::spawn(async move { server.post("/solve", r#"{"solver": {"seed": 1}}"#).await })
+        // Nobody expects to wait long for a single rollout.
+        let body = r#"{"solver": {"seed": 1, "rollout_limit": 1}}"#;
+        tokio::spawn(async move { server.post("/solve", body).await })
     };
     assert_eq!(has_started.recv().await, Some(1));
     // The worker is held: only the watchdog can answer.
@@ -120,10 +122,12 @@ async fn wait_behind_short_solves_is_not_taken_for_one_behind_long_ones() {
             return small_solution(StopReason::Finished);
         }
         spin_until_stopped(control);
-        small_solution(StopReason::Stopped)
+        let mut solution = small_solution(StopReason::Stopped);
+        solution.report.rollouts = 40_000;
+        solution
     });
     let server = Arc::new(TestServer::start(4, Arc::new(solver)).await);
-    // The pace: 64 starts take half a second, one start some 8 ms.
+    // The pace: 40,000 rollouts take half a second, the 200 of one start some ms.
     assert_eq!(server.post("/solve", r#"{"solver": {"starts": 64, "time_limit_s": 0.5}}"#).await.status, 200);
     has_started.recv().await.unwrap();
     let running = {

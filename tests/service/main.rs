@@ -28,6 +28,7 @@ mod openapi;
 #[cfg(feature = "otel")]
 mod otel_export;
 mod overload;
+mod pace;
 #[cfg(unix)]
 mod replicas;
 mod request_log;

@@ -4,7 +4,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use crate::support::{TestServer, real_solver};
+use slipdrive::api::grpc::pb;
+
+use crate::support::{Answer, TestServer, real_solver};
 
 /// Far more than the certificate of the finest grid takes on a busy machine, far less than the solves alone.
 const SLACK: Duration = Duration::from_secs(3);
@@ -43,4 +45,29 @@ async fn best_iterate_comes_in_time() {
             assert!(answer["report"]["replay"]["miss_m"].is_number());
         }
     }
+}
+
+#[tokio::test]
+async fn finest_grid_is_answered_by_the_deadline() {
+    const TIMEOUT: Duration = Duration::from_millis(500);
+    let server = TestServer::start(4, real_solver()).await;
+    let start = Instant::now();
+    let request = server.client.post(server.url("/solve")).header("content-type", "application/json");
+    let request = request.header("request-timeout-ms", TIMEOUT.as_millis().to_string());
+    let answer = Answer::of(request.body(long_solve(&json!({"steps": 10_000}), "sequential_linear", 60.0))).await;
+    assert!(start.elapsed() < TIMEOUT + SLACK);
+    assert_eq!((answer.status, &answer.json()["stop_reason"]), (200, &"deadline".into()), "{}", answer.text());
+    let start = Instant::now();
+    let goal = pb::Goal { y_m: Some(5.0), ..pb::Goal::default() };
+    let request = pb::SolveRequest {
+        maneuver: Some(pb::Maneuver { goal: Some(goal), ..pb::Maneuver::default() }),
+        grid: Some(pb::SolveGrid { steps: Some(10_000), ..pb::SolveGrid::default() }),
+        ..pb::SolveRequest::default()
+    };
+    let mut request = tonic::Request::new(request);
+    // Set by hand: the client of tonic would cut the call at the very moment.
+    request.metadata_mut().insert("grpc-timeout", format!("{}m", TIMEOUT.as_millis()).parse().unwrap());
+    let solution = server.grpc().await.solve(request).await.unwrap().into_inner().solution.unwrap();
+    assert!(start.elapsed() < TIMEOUT + SLACK);
+    assert_eq!(solution.stop_reason(), pb::StopReason::Deadline);
 }

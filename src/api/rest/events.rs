@@ -73,7 +73,7 @@ mod tests {
         type Progress = <Solve as Job>::Progress;
 
         fn cost(&self, (): &()) -> Cost {
-            Cost::of_steps(1.0)
+            Cost::seconds(1.0)
         }
 
         fn run(&self, (): &(), _control: &JobControl<'_, Self::Progress>) -> Result<(), Stopped> {

@@ -1,11 +1,12 @@
 //! How long a solve takes to finish once it is stopped: its certificate and its answer.
 //!
-//! A plan is replayed on a finer grid and written node by node, so the time grows with the steps. A time limit allows for
-//! it: the stop flag is set that much earlier.
+//! A plan is replayed on a finer grid and written node by node, so the time grows with the steps. Time limits and deadlines
+//! allow for it: the stop flag is set that much earlier.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use crate::service::Finishing;
 use crate::solver::{Refinement, SolverSettings};
 
 /// Before anything was measured: a small cloud machine takes some 7 us per step.
@@ -16,9 +17,9 @@ const SLOW_DOWN: f64 = 0.1;
 const PACE_RANGE_S: (f64, f64) = (1e-6, 1e-4);
 /// Certificates of fewer steps say more about the machine's load than about its pace.
 const FEWEST_STEPS: usize = 100;
-/// Most of a time limit that is kept for finishing.
+/// Most of the available time that is kept for finishing.
 const LARGEST_SHARE: f64 = 0.75;
-/// Most of a time limit that is kept where the steps are automatic: short limits end on the first, cheap grid.
+/// Most of it where the steps are automatic: short searches end on the first, cheap grid.
 const LARGEST_AUTOMATIC_SHARE: f64 = 0.1;
 
 /// Seconds per step that finishing has taken lately.
@@ -43,15 +44,14 @@ impl FinishingPace {
         *pace = if latest > *pace { latest } else { *pace + SLOW_DOWN * (latest - *pace) };
     }
 
-    /// When a solve is stopped, counted from its start, so that it answers within `time_limit`.
-    pub(super) fn search_time(&self, settings: &SolverSettings, time_limit: Duration) -> Duration {
+    /// What a solve with these settings keeps free of its time.
+    pub(super) fn finishing(&self, settings: &SolverSettings) -> Finishing {
         let pace = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let (step_count, share) = match settings.refinement {
+        let (step_count, largest_share) = match settings.refinement {
             Refinement::Fixed => (settings.step_count, LARGEST_SHARE),
             Refinement::UntilConfirmed { step_limit } => (step_limit, LARGEST_AUTOMATIC_SHARE),
         };
-        let finishing = Duration::from_secs_f64(pace * step_count as f64).min(time_limit.mul_f64(share));
-        time_limit.saturating_sub(finishing)
+        Finishing { time: Duration::from_secs_f64(pace * step_count as f64), largest_share }
     }
 }
 
@@ -81,22 +81,27 @@ mod tests {
         SolverSettings { step_count, refinement: Refinement::Fixed, ..SolverSettings::default() }
     }
 
+    /// What a limit of a second leaves for the search.
+    fn search_time(pace: &FinishingPace, step_count: usize) -> Duration {
+        SECOND.saturating_sub(pace.finishing(&fixed(step_count)).kept_of(SECOND))
+    }
+
     #[test]
     fn finer_grids_are_stopped_earlier() {
         let pace = FinishingPace::default();
-        let times = [200, 10_000].map(|steps| pace.search_time(&fixed(steps), SECOND));
+        let times = [200, 10_000].map(|steps| search_time(&pace, steps));
         assert!(times[1] < times[0] && times[0] < SECOND, "{times:?}");
     }
 
     #[test]
     fn slow_finish_counts_at_once_and_fast_ones_slowly() {
         let pace = FinishingPace::default();
-        let before = pace.search_time(&fixed(10_000), SECOND);
+        let before = search_time(&pace, 10_000);
         pace.record(1000, Duration::from_millis(20));
-        let slow = pace.search_time(&fixed(10_000), SECOND);
+        let slow = search_time(&pace, 10_000);
         assert!(slow < before);
         pace.record(1000, Duration::from_millis(2));
-        let after = pace.search_time(&fixed(10_000), SECOND);
+        let after = search_time(&pace, 10_000);
         assert!(slow < after && after < before);
     }
 
@@ -104,7 +109,8 @@ mod tests {
     fn short_limits_keep_time_for_the_search() {
         let pace = FinishingPace::default();
         let limit = Duration::from_millis(1);
-        assert!(pace.search_time(&fixed(10_000), limit) >= limit.mul_f64(0.24));
-        assert!(pace.search_time(&SolverSettings::default(), limit) >= limit.mul_f64(0.89));
+        let kept = |settings: &SolverSettings| pace.finishing(settings).kept_of(limit);
+        assert!(kept(&fixed(10_000)) <= limit.mul_f64(0.76));
+        assert!(kept(&SolverSettings::default()) <= limit.mul_f64(0.11));
     }
 }

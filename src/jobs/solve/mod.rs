@@ -2,6 +2,7 @@
 
 mod accept;
 mod answer;
+mod cost;
 mod finishing;
 mod metrics;
 mod observer;
@@ -21,8 +22,8 @@ use crate::contract::message::{self, SolveRequest, View};
 use crate::metrics::Metrics;
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
-use crate::service::{Cost, Done, Job, JobControl, StopCause, Stopped};
-use crate::solver::{Method, RunControl, Solution, SolveProgress, SolverSettings, Status, StopReason as SolverStop};
+use crate::service::{Cost, Done, Finishing, Job, JobControl, StopCause, Stopped, WorkDone};
+use crate::solver::{RunControl, Solution, SolveProgress, SolverSettings, Status, StopReason as SolverStop};
 
 /// Solves maneuvers.
 pub struct Solve {
@@ -79,21 +80,21 @@ impl Job for Solve {
     type Input = AcceptedSolve;
     type Output = Solved;
     type Progress = SolveProgress;
-    const SETS_PACE: bool = true;
 
     fn cost(&self, accepted: &AcceptedSolve) -> Cost {
-        let settings = &accepted.input.settings;
-        // The forward drive of 5 m takes 281 rollouts from its first start, and 235,000 by Nelder-Mead.
-        let rollouts_per_start = match settings.method {
-            Method::SequentialLinear => 300.0,
-            Method::NelderMead => 200_000.0,
-        };
-        let rollouts = (settings.start_count as f64 * rollouts_per_start).min(settings.rollout_limit as f64);
-        Cost::of_steps(rollouts * settings.step_count as f64)
+        cost::expected(&accepted.input.settings)
+    }
+
+    fn work_done(&self, accepted: &AcceptedSolve, solved: &Solved) -> Option<WorkDone> {
+        cost::done(&accepted.input.settings, solved)
     }
 
     fn time_limit(&self, accepted: &AcceptedSolve) -> Option<Duration> {
-        Some(self.finishing.search_time(&accepted.input.settings, accepted.time_limit))
+        Some(accepted.time_limit)
+    }
+
+    fn finishing(&self, accepted: &AcceptedSolve) -> Finishing {
+        self.finishing.finishing(&accepted.input.settings)
     }
 
     fn run(&self, accepted: &AcceptedSolve, control: &JobControl<'_, SolveProgress>) -> Result<Solved, Stopped> {
@@ -168,21 +169,5 @@ fn stop_reason(claimed: SolverStop, cause: Option<StopCause>) -> Result<StopReas
             tracing::error!("the solver says that it was stopped, but nobody stopped it");
             Err(Stopped::Unasked)
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::jobs::InProcessSolver;
-
-    #[test]
-    fn cost_follows_the_starts_up_to_the_rollout_limit() {
-        let solve = Solve::new(Arc::new(InProcessSolver), &Metrics::new());
-        let cost = |body: &str| solve.cost(&Solve::read(body.as_bytes(), &Limits::default()).unwrap());
-        let steps = |rollouts: f64| Cost::of_steps(rollouts * 200.0);
-        assert_eq!(cost(r#"{"solver": {"starts": 8}}"#), steps(2400.0));
-        assert_eq!(cost(r#"{"solver": {"starts": 16}}"#), steps(4800.0));
-        assert_eq!(cost(r#"{"solver": {"rollout_limit": 1}}"#), steps(1.0));
     }
 }

@@ -1,0 +1,101 @@
+//! When a job is signalled to stop, and how long it will keep a worker.
+
+use std::time::{Duration, Instant};
+
+use super::stop::StopCause;
+
+/// How long before a deadline an answer must be complete: time to send it.
+pub const ANSWER_MARGIN: Duration = Duration::from_millis(20);
+
+/// What a job does after it was signalled to stop.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Finishing {
+    /// How long that will probably take.
+    pub time: Duration,
+    /// Most of the available time that is kept free for it.
+    pub largest_share: f64,
+}
+
+impl Finishing {
+    /// What is kept free for it of the time that a job has.
+    pub fn kept_of(&self, available: Duration) -> Duration {
+        self.time.min(available.mul_f64(self.largest_share))
+    }
+}
+
+/// The two clocks of a job, and how long it is expected to run.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Clocks {
+    /// How long the job may take, counted from its start on the worker.
+    pub time_limit: Option<Duration>,
+    /// When its caller needs the answer, waiting included; the answer is to be complete [`ANSWER_MARGIN`] earlier, and the
+    /// job is never started after that.
+    pub deadline: Option<Instant>,
+    /// What both clocks keep free for the time after the signal to stop.
+    pub finishing: Finishing,
+    /// How long it is expected to run: the part of the queue's capacity for work that it takes.
+    pub estimate: Duration,
+}
+
+impl Clocks {
+    /// When a job under this deadline is not started any more.
+    pub(super) fn last_start(&self) -> Option<Instant> {
+        // A time that the clock cannot represent lies in the past: never start.
+        self.deadline.map(|deadline| deadline.checked_sub(ANSWER_MARGIN).unwrap_or_else(Instant::now))
+    }
+
+    /// When a job that starts at this time is signalled to stop, and why.
+    pub(super) fn stops(&self, start: Instant) -> [Option<(Instant, StopCause)>; 2] {
+        let until_deadline = self.last_start().map(|end| end.saturating_duration_since(start));
+        [(self.time_limit, StopCause::TimeLimit), (until_deadline, StopCause::Deadline)].map(|(available, cause)| {
+            let search = available.map(|available| available.saturating_sub(self.finishing.kept_of(available)));
+            // A limit beyond the range of the clock never passes.
+            Some((start.checked_add(search?)?, cause))
+        })
+    }
+
+    /// How long a job that started at `start` will probably still run at `now`; it may start later than that.
+    ///
+    /// One that has outlasted its estimate is expected to go on for as long as it has overrun, or for its estimate again:
+    /// nothing better is known.
+    pub(super) fn expected_rest(&self, start: Instant, now: Instant) -> Duration {
+        let elapsed = now.saturating_duration_since(start);
+        let limit = self.time_limit.map(|limit| limit.saturating_sub(elapsed));
+        let until_deadline = self.deadline.map(|deadline| deadline.saturating_duration_since(start.max(now)));
+        let rest = self.estimate.abs_diff(elapsed).min(self.estimate);
+        let ends = [Some(rest), limit, until_deadline];
+        ends.into_iter().flatten().min().unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    #[test]
+    fn both_clocks_keep_the_finishing_time_free() {
+        let start = Instant::now();
+        let finishing = Finishing { time: SECOND / 10, largest_share: 0.5 };
+        let deadline = Some(start + ANSWER_MARGIN + SECOND);
+        let clocks = Clocks { time_limit: Some(SECOND / 10), deadline, finishing, estimate: SECOND };
+        let stops = [(start + SECOND / 20, StopCause::TimeLimit), (start + SECOND * 9 / 10, StopCause::Deadline)];
+        assert_eq!(clocks.stops(start), stops.map(Some));
+        let endless = Clocks { time_limit: Some(Duration::MAX), ..Clocks::default() };
+        assert_eq!(endless.stops(start), [None, None]);
+    }
+
+    #[test]
+    fn rest_is_bounded_by_both_clocks() {
+        let start = Instant::now();
+        let rest = |clocks: Clocks, elapsed: Duration| clocks.expected_rest(start, start + elapsed);
+        let unlimited = Clocks { estimate: 3 * SECOND, ..Clocks::default() };
+        assert_eq!(rest(unlimited, SECOND), 2 * SECOND);
+        assert_eq!(rest(unlimited, 5 * SECOND), 2 * SECOND, "as much again as it has overrun");
+        assert_eq!(rest(unlimited, 100 * SECOND), 3 * SECOND, "at most its estimate again");
+        assert_eq!(rest(Clocks { time_limit: Some(2 * SECOND), ..unlimited }, SECOND), SECOND);
+        assert_eq!(rest(Clocks { deadline: Some(start + SECOND), ..unlimited }, SECOND), Duration::ZERO);
+        assert_eq!(unlimited.expected_rest(start + SECOND, start), 3 * SECOND, "it starts later");
+    }
+}
