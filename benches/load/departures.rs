@@ -9,18 +9,19 @@ use std::time::{Duration, Instant};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::api::grpc::pb::{self, View};
-use slipdrive::api::server::{Connections, ServerSettings, serve};
+use slipdrive::api::server::{Connections, ServerSettings};
 use slipdrive::api::{ApiSettings, ApiState, grpc, rest};
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
 use slipdrive::service::{Service, ServiceSettings};
 use slipdrive::solver::RunControl;
 use slipdrive::solver::{SimulateInput, Simulation, Solution, SolveInput};
 use tokio::io::AsyncWriteExt as _;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpStream;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, sleep_until, timeout};
 
 use crate::callers::{Addresses, Callers, Question};
+use crate::server::listen;
 use crate::tally::Latencies;
 use crate::verdict::Verdict;
 
@@ -97,20 +98,14 @@ pub async fn run() -> Verdict {
     let service = Arc::new(Service::start(settings).unwrap());
     let jobs = Jobs::new(Limits::default(), watched, service.metrics());
     let state = ApiState::new(Arc::clone(&service), jobs, ApiSettings::default());
-    let rest = listen(&state, rest::router(&state)).await;
+    let connections = Connections::of(&state, ServerSettings::default());
+    let rest = listen(&connections, rest::router(&state)).await;
     let (grpc_router, _health) = grpc::router(&state).await;
-    let callers = Callers::connect(&Addresses { rest, grpc: listen(&state, grpc_router).await }).await;
+    let callers = Callers::connect(&Addresses { rest, grpc: listen(&connections, grpc_router).await }).await;
     let mut verdict = Verdict::default();
     leave(&callers, &service, &solver, &mut verdict).await;
     ask_all_at_once(&callers, &service, &mut verdict).await;
     verdict
-}
-
-async fn listen(state: &ApiState, router: axum::Router) -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let address = listener.local_addr().unwrap();
-    tokio::spawn(serve(listener, router, Connections::of(state, ServerSettings::default()), std::future::pending()));
-    format!("http://{address}")
 }
 
 /// A solve that goes on until it is stopped.

@@ -4,6 +4,7 @@
 //! cargo bench --bench load                                  all of the following
 //! cargo bench --bench load -- overload [--seconds 60]       ten times what one worker can do: goodput, refusals, memory
 //! cargo bench --bench load -- overhead                      the service around a solver that does nothing
+//! cargo bench --bench load -- pace                          deadlines that one worker can keep, and those it cannot
 //! cargo bench --bench load -- departures                    callers who leave long solves in every way there is
 //! cargo bench --bench load -- hostile [--program PATH] [--row N] [--seconds S]    callers who mean no good
 //! cargo bench --bench load -- offer --rate 100 --seconds 10 --rest http://HOST:PORT --grpc http://HOST:PORT
@@ -22,6 +23,7 @@ mod hostile;
 mod offer;
 mod overhead;
 mod overload;
+mod pace;
 mod process;
 mod server;
 mod tally;
@@ -49,6 +51,8 @@ enum Command {
     Departures,
     /// Plays attacks on the program; not among those that run by default, for it takes half an hour.
     Hostile(hostile::Arguments),
+    /// Asks for more than one worker can do by the deadlines.
+    Pace,
     /// Offers load to a running server.
     Offer(offer::Arguments),
     /// The server of the others, in a process of its own.
@@ -66,6 +70,7 @@ fn main() -> ExitCode {
             Some(Command::Overhead(arguments)) => overhead::run(&arguments).await,
             Some(Command::Departures) => departures::run().await,
             Some(Command::Hostile(arguments)) => hostile::run(&arguments).await,
+            Some(Command::Pace) => pace::run().await,
             Some(Command::Offer(arguments)) => offer::run(&arguments).await,
             Some(Command::Serve(arguments)) => {
                 server::run(&arguments).await;
@@ -74,6 +79,7 @@ fn main() -> ExitCode {
             None => {
                 let mut verdict = overhead::run(&overhead::Arguments::default()).await;
                 verdict.join(&departures::run().await);
+                verdict.join(&pace::run().await);
                 verdict.join(&overload::run(&overload::Arguments::default()).await);
                 verdict
             }

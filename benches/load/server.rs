@@ -108,7 +108,8 @@ fn report(line: &serde_json::Value) {
     std::io::stdout().flush().unwrap();
 }
 
-async fn listen(connections: &Arc<Connections>, router: Router) -> String {
+/// Serves on a free port of this machine, and gives its address.
+pub async fn listen(connections: &Arc<Connections>, router: Router) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     tokio::spawn(serve(listener, router, Arc::clone(connections), std::future::pending()));
