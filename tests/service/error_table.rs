@@ -57,10 +57,11 @@ impl Case {
         Self { server, gate, has_started }
     }
 
-    /// Occupies the only worker until the gate opens.
-    async fn hold_worker(&mut self) {
+    /// Occupies the only worker until the gate opens, with a search that seems to need so many rollouts.
+    async fn hold_worker(&mut self, rollout_limit: u64) {
         let request = self.server.client.post(self.server.url("/solve")).header("content-type", "application/json");
-        tokio::spawn(request.body(format!(r#"{{"solver": {{"seed": {SEED_HOLD}}}}}"#)).send());
+        let body = format!(r#"{{"solver": {{"seed": {SEED_HOLD}, "rollout_limit": {rollout_limit}}}}}"#);
+        tokio::spawn(request.body(body).send());
         assert_eq!(timeout(HANG_BOUND, self.has_started.recv()).await.unwrap(), Some(SEED_HOLD));
     }
 }
@@ -125,7 +126,7 @@ async fn provoke(code: ErrorCode) -> Option<Refusals> {
     let server = &case.server;
     let refusals = match code {
         ErrorCode::QueueFull => {
-            case.hold_worker().await;
+            case.hold_worker(1).await;
             let refusals = solve_both(&case.server, 0, None).await;
             case.gate.open();
             refusals
@@ -139,7 +140,7 @@ async fn provoke(code: ErrorCode) -> Option<Refusals> {
         ErrorCode::DeadlineUnreachable => unreachable_deadline().await,
         ErrorCode::DeadlineExceeded => {
             let mut case = Case::start(1, ApiSettings::default()).await;
-            case.hold_worker().await;
+            case.hold_worker(1).await;
             let refusals = solve_both(&case.server, 0, Some(50)).await;
             case.gate.open();
             assert!(case.has_started.try_recv().is_err(), "nothing was started");
@@ -204,7 +205,7 @@ async fn unreachable_deadline() -> Refusals {
     let body = format!(r#"{{"solver": {{"seed": {SEED_SPIN}, "time_limit_s": 0.5}}}}"#);
     assert_eq!(case.server.post("/solve", body).await.status, 200);
     assert_eq!(case.has_started.recv().await, Some(SEED_SPIN));
-    case.hold_worker().await;
+    case.hold_worker(1_000_000).await;
     let refusals = solve_both(&case.server, 0, Some(300)).await;
     case.gate.open();
     refusals

@@ -124,7 +124,9 @@ async fn after_the_drain_delay_new_callers_are_sent_elsewhere_and_work_in_flight
 
 #[tokio::test]
 async fn solves_that_outlast_the_drain_timeout_are_answered_as_unavailable() {
-    let mut server = ServerProcess::start(&["--drain-timeout-s", "0.2", "--queue-length", "4"], &[]);
+    // Each is expected to use up its time limit of a minute.
+    let flags = ["--drain-timeout-s", "0.2", "--queue-length", "4", "--queue-work-s", "600"];
+    let mut server = ServerProcess::start(&flags, &[]);
     let client = client();
     let jobs = [spawn_post(&client, &server, ENDLESS), spawn_post(&client, &server, ENDLESS)];
     until(&client, &server, "slipdrive_queue_depth", 1.0).await;

@@ -108,7 +108,8 @@ async fn ends_of_jobs_are_counted() {
 
     let running = {
         let server = Arc::clone(&server);
-        tokio::spawn(async move { server.post("/solve", BODY).await.status })
+        // Nobody expects to wait long for a single rollout.
+        tokio::spawn(async move { server.post("/solve", r#"{"solver": {"rollout_limit": 1}}"#).await.status })
     };
     timeout(HANG_BOUND, has_started.recv()).await.unwrap();
     let waiting = server.client.post(server.url("/solve")).header("content-type", "application/json").body(BODY);
