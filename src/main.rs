@@ -45,8 +45,8 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
                 Ok(ExitCode::SUCCESS)
             }
             Ok(config) => {
-                let _exporter = telemetry::start(&config.log)?;
-                shutdown::serve_until_stopped(&config).map(|()| ExitCode::SUCCESS)
+                let telemetry = telemetry::start(&config.log)?;
+                shutdown::serve_until_stopped(&config, telemetry.dropped_lines()).map(|()| ExitCode::SUCCESS)
             }
             Err(faults) => Ok(refuse(&faults)),
         },
@@ -61,7 +61,7 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
 fn logged(matches: &ArgMatches, command: impl FnOnce() -> anyhow::Result<ExitCode>) -> anyhow::Result<ExitCode> {
     match log_settings(matches)? {
         Ok(log) => {
-            let _exporter = telemetry::start(&log)?;
+            let _telemetry = telemetry::start(&log)?;
             command()
         }
         Err(faults) => Ok(refuse(&faults)),

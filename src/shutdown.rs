@@ -22,6 +22,7 @@ use tokio::net::{TcpListener, TcpSocket};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
+use tracing_appender::non_blocking::ErrorCounter;
 
 use crate::config::{ServerConfig, for_probes};
 use crate::heap;
@@ -37,19 +38,20 @@ const BACKLOG: u32 = 4096;
 ///
 /// # Errors
 /// When the address cannot be bound or the server fails.
-pub(crate) fn serve_until_stopped(config: &ServerConfig) -> anyhow::Result<()> {
+pub(crate) fn serve_until_stopped(config: &ServerConfig, dropped_lines: ErrorCounter) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().thread_name("slipdrive-http").build()?;
-    let result = runtime.block_on(serve(config));
+    let result = runtime.block_on(serve(config, dropped_lines));
     // Without waiting: connections that are still open have had their timeout.
     runtime.shutdown_background();
     result
 }
 
-async fn serve(config: &ServerConfig) -> anyhow::Result<()> {
+async fn serve(config: &ServerConfig, dropped_lines: ErrorCounter) -> anyhow::Result<()> {
     let mut signals = Signals::listen()?;
     let listeners = Listeners::bind(config)?;
     let settings = config.service_settings();
     let service = Arc::new(Service::start(settings)?);
+    service.metrics().follow_dropped_lines(move || dropped_lines.dropped_lines() as u64);
     listeners.report(&settings)?;
     tokio::spawn(heap::give_back_regularly());
     let (mut servers, health) = start_servers(&service, listeners, config).await?;
@@ -217,19 +219,25 @@ async fn drain(
     }
 }
 
-/// Ctrl-C and, where there is one, the terminate signal.
+/// Ctrl-C and, where there are such, the terminate signal and the hangup signal, which ends nothing.
 struct Signals {
     #[cfg(unix)]
     interrupt: tokio::signal::unix::Signal,
     #[cfg(unix)]
     terminate: tokio::signal::unix::Signal,
+    #[cfg(unix)]
+    hangup: tokio::signal::unix::Signal,
 }
 
 impl Signals {
     #[cfg(unix)]
     fn listen() -> io::Result<Self> {
         use tokio::signal::unix::{SignalKind, signal};
-        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hangup: signal(SignalKind::hangup())?,
+        })
     }
 
     #[cfg(not(unix))]
@@ -239,9 +247,12 @@ impl Signals {
 
     #[cfg(unix)]
     async fn next(&mut self) {
-        tokio::select! {
-            _ = self.interrupt.recv() => {}
-            _ = self.terminate.recv() => {}
+        loop {
+            tokio::select! {
+                _ = self.interrupt.recv() => return,
+                _ = self.terminate.recv() => return,
+                Some(()) = self.hangup.recv() => tracing::info!("SIGHUP is ignored: nothing is reloaded"),
+            }
         }
     }
 

@@ -1,12 +1,18 @@
 //! Starts logs and spans: logs go to standard error, so that standard output carries answers only; spans go to a
 //! collector, in builds with the feature `otel`.
+//!
+//! A thread of its own writes the log: whoever does not read it blocks that thread alone. Lines that find no room are
+//! dropped and counted.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::io::{self, IsTerminal as _};
 use std::panic::{self, PanicHookInfo};
+use std::sync::mpsc::channel;
 use std::thread;
+use std::time::Duration;
 
 use anyhow::Context as _;
+use tracing_appender::non_blocking::{ErrorCounter, NonBlockingBuilder, WorkerGuard};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer, Registry};
@@ -16,10 +22,45 @@ use crate::config::{LogFormat, LogSettings};
 #[cfg(feature = "otel")]
 mod export;
 
-/// Exports the remaining spans when it is dropped.
-pub(crate) struct Exporter {
+/// Lines that wait to be written: those of a second under full load, less than a MB.
+const WAITING_LINES: usize = 1024;
+/// How long the last lines may take to be written; longer than the writer's own time for that, 1.1 s.
+const LAST_LINES_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Exports the remaining spans and writes the remaining lines when it is dropped.
+pub(crate) struct Telemetry {
+    // In this order: the exporter may have a last line to write.
     #[cfg(feature = "otel")]
     _provider: Option<export::Provider>,
+    lines: Lines,
+}
+
+impl Telemetry {
+    /// The number of lines that were dropped so far.
+    pub(crate) fn dropped_lines(&self) -> ErrorCounter {
+        self.lines.dropped.clone()
+    }
+}
+
+/// The writer of the log; writes what is left when it is dropped.
+struct Lines {
+    dropped: ErrorCounter,
+    writer: Option<WorkerGuard>,
+}
+
+impl Drop for Lines {
+    fn drop(&mut self) {
+        let (done, is_done) = channel();
+        let writer = self.writer.take();
+        // On a thread of its own, because a writer that nobody reads complains on standard output, which may be blocked too.
+        thread::spawn(move || {
+            drop(writer);
+            // Sending fails when nobody waits any more.
+            let _ = done.send(());
+        });
+        // An error means that the time is over: the lines are lost.
+        let _ = is_done.recv_timeout(LAST_LINES_TIMEOUT);
+    }
 }
 
 type BoxedLayer = Box<dyn Layer<Registry> + Send + Sync>;
@@ -28,10 +69,13 @@ type BoxedLayer = Box<dyn Layer<Registry> + Send + Sync>;
 ///
 /// # Errors
 /// When the log filter is invalid, or the exporter cannot be built.
-pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Exporter> {
+pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Telemetry> {
     let filter = EnvFilter::try_new(&settings.log)
         .with_context(|| format!("the log filter `{}` cannot be understood", settings.log))?;
-    let lines = tracing_subscriber::fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
+    let writer = NonBlockingBuilder::default().lossy(true).buffered_lines_limit(WAITING_LINES);
+    let (writer, guard) = writer.thread_name("slipdrive-log").finish(io::stderr());
+    let written = Lines { dropped: writer.error_counter(), writer: Some(guard) };
+    let lines = tracing_subscriber::fmt::layer().with_writer(writer).with_ansi(io::stderr().is_terminal());
     let lines: BoxedLayer = match settings.log_format {
         LogFormat::Text => lines.with_filter(filter).boxed(),
         LogFormat::Json => lines.json().flatten_event(true).with_filter(filter).boxed(),
@@ -44,9 +88,10 @@ pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Exporter> {
     layers.extend(provider.as_ref().map(|provider| provider.layer().boxed()));
     tracing_subscriber::registry().with(layers).init();
     panic::set_hook(Box::new(log_panic));
-    Ok(Exporter {
+    Ok(Telemetry {
         #[cfg(feature = "otel")]
         _provider: provider,
+        lines: written,
     })
 }
 

@@ -1,5 +1,6 @@
 //! The id of a request, its line in the log and its place in the counts, the same for every transport.
 
+use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -35,6 +36,8 @@ pub(super) struct RequestContext {
     pub(super) arrival: Instant,
     /// Its path, shortened.
     pub(super) path: String,
+    /// Where it came from.
+    pub(super) peer: Option<SocketAddr>,
     /// Its id, the caller's own or a new one.
     pub(super) request_id: String,
     /// The trace that it belongs to.
@@ -45,12 +48,12 @@ pub(super) struct RequestContext {
 
 impl RequestContext {
     /// The context of the request that arrives at this moment, and its span.
-    pub(super) fn open(path: &str, headers: &HeaderMap) -> (Self, Span) {
+    pub(super) fn open(path: &str, headers: &HeaderMap, peer: Option<SocketAddr>) -> (Self, Span) {
         let path: String = path.chars().take(MAX_PATH).collect();
         let request_id = request_id(headers);
         let span = tracing::info_span!("request", request.id = request_id, trace.id = field::Empty);
         let trace = TraceContext::of_request(&span, headers);
-        (Self { arrival: Instant::now(), path, request_id, trace, notes: Notes::default() }, span)
+        (Self { arrival: Instant::now(), path, peer, request_id, trace, notes: Notes::default() }, span)
     }
 
     /// Writes the id and the trace into the head of the answer.
@@ -115,6 +118,8 @@ pub(super) struct AccessLine {
     pub(super) status: Option<u16>,
     /// The code of the problem that was answered, if any.
     pub(super) code: Option<&'static str>,
+    /// Whether it is a probe or a scrape, which come every few seconds.
+    pub(super) is_probe: bool,
 }
 
 impl AccessLine {
@@ -126,7 +131,7 @@ impl AccessLine {
         endpoint: Endpoint,
         metrics: Arc<Metrics>,
     ) -> Self {
-        Self { method, context, _span: span, endpoint, metrics, status: None, code: None }
+        Self { method, context, _span: span, endpoint, metrics, status: None, code: None, is_probe: false }
     }
 
     /// The caller left before the end of the answer.
@@ -142,6 +147,38 @@ impl AccessLine {
             (None, Endpoint::Http(_)) => (gone.http_status, Some(gone.code)),
             (None, Endpoint::Grpc(_)) => (status_number(Code::from(gone.grpc_code as i32)), Some(gone.code)),
         }
+    }
+
+    fn is_success(&self, status: u16) -> bool {
+        match &self.endpoint {
+            Endpoint::Http(_) => status < 400,
+            Endpoint::Grpc(_) => status == status_number(Code::Ok),
+        }
+    }
+
+    /// Writes the line: successful probes are of interest to nobody but their developers.
+    fn write(&self, (status, code): (u16, Option<&'static str>), noted: &Noted, duration: Duration) {
+        let milliseconds = |duration: Duration| duration.as_secs_f64() * 1e3;
+        // The level of an event is fixed when it is compiled.
+        macro_rules! line {
+            ($level:ident) => {
+                tracing::$level!(
+                    parent: Span::none(),
+                    request.id = self.context.request_id,
+                    trace.id = self.context.trace.trace_id(),
+                    http.method = %self.method,
+                    http.path = self.context.path,
+                    peer.address = self.context.peer.map(field::display),
+                    response.status = status,
+                    problem.code = code,
+                    queue.wait_ms = noted.queue_wait.map(milliseconds),
+                    solve.duration_ms = noted.solve_time.map(milliseconds),
+                    request.duration_ms = milliseconds(duration),
+                    "request"
+                )
+            };
+        }
+        if self.is_probe && self.is_success(status) { line!(debug) } else { line!(info) }
     }
 
     fn count(&self, (status, code): (u16, Option<&'static str>), duration: Duration) {
@@ -166,20 +203,7 @@ impl Drop for AccessLine {
         let noted = self.context.notes.noted();
         let (status, code) = self.outcome(&noted);
         self.count((status, code), duration);
-        let milliseconds = |duration: Duration| duration.as_secs_f64() * 1e3;
-        tracing::info!(
-            parent: Span::none(),
-            request.id = self.context.request_id,
-            trace.id = self.context.trace.trace_id(),
-            http.method = %self.method,
-            http.path = self.context.path,
-            response.status = status,
-            problem.code = code,
-            queue.wait_ms = noted.queue_wait.map(milliseconds),
-            solve.duration_ms = noted.solve_time.map(milliseconds),
-            request.duration_ms = milliseconds(duration),
-            "request"
-        );
+        self.write((status, code), &noted, duration);
     }
 }
 

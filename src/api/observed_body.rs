@@ -98,7 +98,7 @@ mod tests {
 
     fn response(body: Body) -> (Response, Arc<Metrics>) {
         let metrics = Arc::new(Metrics::new());
-        let (context, span) = RequestContext::open("/solve", &HeaderMap::new());
+        let (context, span) = RequestContext::open("/solve", &HeaderMap::new(), None);
         let mut line =
             AccessLine::open(Method::POST, context, span, Endpoint::Http("/solve".into()), Arc::clone(&metrics));
         line.status = Some(200);

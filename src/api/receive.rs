@@ -1,6 +1,7 @@
 //! Receives a body within its limit, its time and the byte budget, the same for every transport.
 
 use std::future::poll_fn;
+use std::net::SocketAddr;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,6 +22,11 @@ const RETRY: Duration = Duration::from_secs(1);
 /// The connection that a request came by.
 pub(super) fn connection_of(extensions: &Extensions) -> Arc<Connection> {
     extensions.get().cloned().unwrap_or_else(Connections::detached)
+}
+
+/// Its other end.
+pub(super) fn peer_of(extensions: &Extensions) -> Option<SocketAddr> {
+    extensions.get::<Arc<Connection>>().map(|connection| connection.peer)
 }
 
 /// The refusal of work on a connection that has one of the last places.

@@ -123,6 +123,8 @@ pub(super) const HELD_BYTES: Family = gauge(
     &[],
     "Memory that is reserved for requests: bodies being received, and answers not yet taken.",
 );
+pub(super) const LOG_LINES_DROPPED: Family =
+    counter("slipdrive_log_lines_dropped_total", &[], "Lines of the log that were dropped because nobody read it.");
 pub(super) const BUILD_INFO: Family =
     gauge("slipdrive_build_info", &["version", "features"], "Always 1; the labels say what runs.");
 
@@ -144,5 +146,6 @@ pub const ALL: &[Family] = &[
     CONNECTIONS,
     CONNECTIONS_ENDED,
     HELD_BYTES,
+    LOG_LINES_DROPPED,
     BUILD_INFO,
 ];

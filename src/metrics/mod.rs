@@ -7,6 +7,7 @@
 pub mod catalogue;
 mod registration;
 
+use std::sync::OnceLock;
 use std::time::Duration;
 
 use prometheus::{Encoder as _, Gauge, Histogram, HistogramVec, IntCounter, IntCounterVec, IntGaugeVec, TextEncoder};
@@ -35,6 +36,9 @@ pub struct Metrics {
     connections: IntGauge,
     connections_ended: IntCounterVec,
     held_bytes: IntGauge,
+    log_lines_dropped: IntCounter,
+    /// What counts the dropped lines.
+    dropped_lines: OnceLock<Box<dyn Fn() -> u64 + Send + Sync>>,
 }
 
 /// Why the server ended a connection that its peer would have kept.
@@ -158,6 +162,8 @@ impl Metrics {
             connections: registration.gauge(&catalogue::CONNECTIONS),
             connections_ended: registration.counters(&catalogue::CONNECTIONS_ENDED),
             held_bytes: registration.gauge(&catalogue::HELD_BYTES),
+            log_lines_dropped: registration.counter(&catalogue::LOG_LINES_DROPPED),
+            dropped_lines: OnceLock::new(),
             registry,
         };
         for end in ConnectionEnd::ALL {
@@ -247,6 +253,12 @@ impl Metrics {
         self.held_bytes.add(signed(bytes) - signed(before));
     }
 
+    /// Reports the lines that this log has dropped so far; only the first log is followed.
+    pub fn follow_dropped_lines(&self, dropped_lines: impl Fn() -> u64 + Send + Sync + 'static) {
+        // A second log of one process would count the same lines.
+        let _ = self.dropped_lines.set(Box::new(dropped_lines));
+    }
+
     /// All families as text, with these levels of the queue.
     pub fn render(&self, levels: &QueueLevels) -> Vec<u8> {
         let as_gauge = |count: usize| i64::try_from(count).unwrap_or(i64::MAX);
@@ -257,6 +269,9 @@ impl Metrics {
         self.workers.with_label_values(&["stuck"]).set(as_gauge(levels.stuck_workers));
         self.workers.with_label_values(&["helping"]).set(as_gauge(levels.helping_workers));
         self.workers.with_label_values(&["idle"]).set(as_gauge(levels.idle_workers));
+        if let Some(dropped_lines) = self.dropped_lines.get() {
+            self.log_lines_dropped.inc_by(dropped_lines().saturating_sub(self.log_lines_dropped.get()));
+        }
         let mut text = Vec::new();
         if let Err(error) = TextEncoder::new().encode(&self.registry.gather(), &mut text) {
             tracing::error!(error = %error, "the metrics cannot be written");
@@ -318,6 +333,15 @@ mod tests {
             text.lines().filter(own).count(),
             catalogue::ALL.iter().filter(|f| f.name.starts_with("slipdrive_")).count()
         );
+    }
+
+    #[test]
+    fn dropped_lines_are_those_of_the_log() {
+        let metrics = filled();
+        metrics.follow_dropped_lines(|| 7);
+        for _ in 0..2 {
+            assert!(text(&metrics).contains("\nslipdrive_log_lines_dropped_total 7\n"));
+        }
     }
 
     #[test]

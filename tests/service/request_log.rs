@@ -1,8 +1,12 @@
 //! One line of the log for each request, in both forms, and what the health command says.
 
 use serde_json::Value;
+use tonic::transport::Endpoint;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_client::HealthClient;
 
-use crate::support::process::{ServerProcess, slipdrive};
+use crate::support::HANG_BOUND;
+use crate::support::process::{ServerProcess, sample, slipdrive};
 
 const TRACE: &str = "4bf92f3577b34da6a3ce929d0e0e4736";
 const BODY: &str = r#"{"solver": {"starts": 1}, "view": "plan"}"#;
@@ -32,6 +36,7 @@ async fn line_in_json_has_ids_outcome_and_waits_and_no_secrets() {
     assert_eq!((&line["request.id"], &line["trace.id"]), (&"caller-7".into(), &TRACE.into()));
     assert_eq!((&line["http.method"], &line["http.path"]), (&"POST".into(), &"/solve".into()));
     assert_eq!((&line["response.status"], line.get("problem.code")), (&200.into(), None));
+    assert!(line["peer.address"].as_str().is_some_and(|address| address.starts_with("127.0.0.1:")), "{line}");
     for duration in ["queue.wait_ms", "solve.duration_ms", "request.duration_ms"] {
         assert!(line[duration].as_f64().is_some_and(|value| value >= 0.0), "{duration}: {line}");
     }
@@ -53,6 +58,54 @@ async fn event_stream_is_logged_when_it_ends_with_its_waits() {
     assert!(events.contains("event: result"), "{events}");
     let line = server.log_line(&["request.id=\"stream-1\"", "request.duration_ms="]);
     assert!(line.contains("queue.wait_ms=") && line.contains("solve.duration_ms="), "{line}");
+}
+
+#[tokio::test]
+async fn successful_probes_are_logged_for_developers_only() {
+    let server = ServerProcess::start(&["--log", "slipdrive=debug", "--log-format", "json"], &[]);
+    let level = |words: &[&str]| {
+        let line: Value = serde_json::from_str(&server.log_line(words)).unwrap();
+        line["level"].as_str().unwrap().to_owned()
+    };
+    for path in ["/livez", "/readyz", "/metrics"] {
+        assert_eq!(client().get(server.admin_url(path)).send().await.unwrap().status(), 200);
+        assert_eq!(level(&["request.duration_ms", path]), "DEBUG");
+    }
+    assert_eq!(client().post(server.admin_url("/livez")).send().await.unwrap().status(), 405);
+    assert_eq!(level(&["request.duration_ms", "/livez"]), "INFO", "it failed");
+    let endpoint = Endpoint::from_shared(format!("http://{}", server.grpc)).unwrap();
+    let mut health = HealthClient::new(endpoint.connect().await.unwrap());
+    health.check(HealthCheckRequest::default()).await.unwrap();
+    assert_eq!(level(&["request.duration_ms", "/grpc.health.v1.Health/Check"]), "DEBUG");
+    health.check(HealthCheckRequest { service: "nothing".to_owned() }).await.unwrap_err();
+    assert_eq!(level(&["request.duration_ms", "/grpc.health.v1.Health/Check"]), "INFO");
+}
+
+#[tokio::test]
+async fn log_that_nobody_reads_holds_nothing_up_and_its_lines_are_counted() {
+    let mut server = ServerProcess::start_with_unread_log(&[]);
+    let client = reqwest::Client::builder().no_proxy().timeout(HANG_BOUND).build().unwrap();
+    for _ in 0..2000 {
+        assert_eq!(client.get(server.url("/limits")).send().await.unwrap().status(), 200);
+    }
+    assert_eq!(client.get(server.admin_url("/livez")).send().await.unwrap().status(), 200);
+    assert!(sample(&client, &server, "slipdrive_log_lines_dropped_total").await > 0.0);
+    #[cfg(unix)]
+    {
+        server.signal("TERM");
+        assert_eq!(server.wait().code(), Some(0), "nobody reads the last lines either");
+    }
+}
+
+#[cfg(unix)]
+#[tokio::test]
+async fn hangup_signal_is_logged_and_ends_nothing() {
+    let server = ServerProcess::start(&[], &[]);
+    for _ in 0..2 {
+        server.signal("HUP");
+        server.log_line(&["SIGHUP is ignored"]);
+    }
+    assert_eq!(client().get(server.admin_url("/readyz")).send().await.unwrap().status(), 200);
 }
 
 #[tokio::test]

@@ -103,9 +103,14 @@ impl Methods {
     }
 }
 
+/// Whether the path is that of a probe.
+pub(super) fn is_probe(path: &str) -> bool {
+    path.starts_with(HEALTH_SERVICE)
+}
+
 /// Whether the path belongs to another service, which speaks for itself.
 pub(super) fn is_foreign(path: &str) -> bool {
-    path.starts_with(HEALTH_SERVICE) || path.starts_with(REFLECTION_SERVICE)
+    is_probe(path) || path.starts_with(REFLECTION_SERVICE)
 }
 
 /// The call, ready for its handler.

@@ -13,6 +13,7 @@ use tracing::Instrument as _;
 use super::admission::{self, Methods};
 use super::status;
 use crate::api::access::{self, AccessLine, Endpoint, RequestContext};
+use crate::api::receive::peer_of;
 use crate::api::{ApiState, observed_body};
 use crate::contract::{ErrorCode, Problem};
 
@@ -25,10 +26,11 @@ pub(super) struct Passage {
 
 /// Gives the call an id and a trace, admits it or not, and logs and counts it once it is answered or abandoned.
 pub(super) async fn pass(State(Passage { state, methods }): State<Passage>, request: Request, next: Next) -> Response {
-    let (context, span) = RequestContext::open(request.uri().path(), request.headers());
+    let (context, span) = RequestContext::open(request.uri().path(), request.headers(), peer_of(request.extensions()));
     let endpoint = Endpoint::Grpc(methods.label(&context.path));
     let metrics = Arc::clone(state.service.metrics());
     let mut line = AccessLine::open(request.method().clone(), context.clone(), span.clone(), endpoint, metrics);
+    line.is_probe = admission::is_probe(&context.path);
     let limit = state.jobs.limits().max_body_bytes;
     let mut response = match admission::admit(&state, &methods, request, &context).await {
         Ok(request) => next.run(request).instrument(span).await,

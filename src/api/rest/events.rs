@@ -89,7 +89,7 @@ mod tests {
         let answer = |(): &(), _: &Done<()>| b"{}".to_vec();
         let held = Arc::new(Held(Mutex::new(released)));
         let running = service.reserve().unwrap().submit(held, (), None, answer).unwrap();
-        let context = RequestContext::open("/solve", &HeaderMap::new()).0;
+        let context = RequestContext::open("/solve", &HeaderMap::new(), None).0;
         let mut body = respond::<Solve>(running, context).into_body().into_data_stream();
         // The clock jumps to the next timer whenever nothing else is to be done.
         let begin = tokio::time::Instant::now();

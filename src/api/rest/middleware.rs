@@ -14,7 +14,7 @@ use super::endpoints::endpoints;
 use super::operation::Access;
 use super::problem_json;
 use crate::api::access::{AccessLine, Endpoint, RequestContext};
-use crate::api::receive::{connection_of, only_probes};
+use crate::api::receive::{connection_of, only_probes, peer_of};
 use crate::api::server::Use;
 use crate::api::{ApiSettings, ApiState, CAUSE_IS_LOGGED, observed_body};
 use crate::contract::{ErrorCode, Problem};
@@ -48,7 +48,7 @@ impl Passage {
 /// Gives the request an id and a trace, asks for its key, logs and counts it once it is answered or abandoned, and
 /// writes problems out.
 pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, next: Next) -> Response {
-    let (context, span) = RequestContext::open(request.uri().path(), request.headers());
+    let (context, span) = RequestContext::open(request.uri().path(), request.headers(), peer_of(request.extensions()));
     let (route, access) = passage.route(request.uri().path());
     let is_probe = access == Access::Probe;
     let admitted = if !is_probe && connection_of(request.extensions()).may == Use::Probes {
@@ -61,6 +61,7 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
     let method = request.method().clone();
     let mut line =
         AccessLine::open(method.clone(), context.clone(), span.clone(), Endpoint::Http(route), passage.metrics);
+    line.is_probe = is_probe;
     let mut response = match admitted {
         Ok(()) => {
             request.extensions_mut().insert(context.clone());

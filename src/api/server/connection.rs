@@ -42,7 +42,7 @@ pub(in crate::api) enum Use {
 /// One open connection.
 #[derive(Debug)]
 pub(in crate::api) struct Connection {
-    pub(super) peer: SocketAddr,
+    pub(in crate::api) peer: SocketAddr,
     pub(in crate::api) may: Use,
     pub(super) connections: Arc<Connections>,
     pub(super) held_bytes: AtomicUsize,

@@ -3,7 +3,7 @@
 use std::io::{BufRead as _, BufReader};
 use std::net::SocketAddr;
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel};
 use std::thread;
 use std::time::Instant;
 
@@ -47,6 +47,22 @@ pub(crate) struct ServerProcess {
 impl ServerProcess {
     /// Starts a server on free ports; returns when it listens.
     pub(crate) fn start(flags: &[&str], variables: &[(&str, &str)]) -> Self {
+        let (tell, log) = channel();
+        Self::start_telling(flags, variables, log, move |line| tell.send(line).is_ok())
+    }
+
+    /// As [`ServerProcess::start`], but of its log only the lines are read that a test asks for.
+    pub(crate) fn start_with_unread_log(flags: &[&str]) -> Self {
+        let (tell, log) = sync_channel(0);
+        Self::start_telling(flags, &[], log, move |line| tell.send(line).is_ok())
+    }
+
+    fn start_telling(
+        flags: &[&str],
+        variables: &[(&str, &str)],
+        log: Receiver<String>,
+        tell: impl Fn(String) -> bool + Send + 'static,
+    ) -> Self {
         let mut child = slipdrive()
             .args(["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--admin", "127.0.0.1:0"])
             .args(["--workers", "1"])
@@ -55,11 +71,10 @@ impl ServerProcess {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let (tell, log) = channel();
         let stderr = BufReader::new(child.stderr.take().unwrap());
         thread::spawn(move || {
             for line in stderr.lines().map_while(Result::ok) {
-                if tell.send(line).is_err() {
+                if !tell(line) {
                     return;
                 }
             }
