@@ -53,7 +53,8 @@ impl Drop for Lines {
         let (done, is_done) = channel();
         let writer = self.writer.take();
         // On a thread of its own, because a writer that nobody reads complains on standard output, which may be blocked too.
-        thread::spawn(move || {
+        // When the system refuses the thread, the writer is dropped here.
+        let _ = thread::Builder::new().spawn(move || {
             drop(writer);
             // Sending fails when nobody waits any more.
             let _ = done.send(());
