@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::mem;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
@@ -13,6 +13,7 @@ use super::expected_start::expected_start;
 use super::job::Job;
 use super::lock::lock;
 use super::stop::{StopCause, StopHandle};
+use super::sync::{Condvar, Mutex, PoisonError};
 use super::worker_slots::WorkerSlots;
 
 /// How much may be in flight at once.

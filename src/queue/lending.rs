@@ -8,13 +8,16 @@
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Sender, channel};
-use std::thread::{Builder, Result as HelperResult, Scope, scope};
+use std::thread::Result as HelperResult;
 use std::time::{Duration, Instant};
 
 use super::bounded_queue::BoundedQueue;
+use super::sync::mpsc::{Sender, channel};
+use super::sync::spawn_scoped;
+use super::sync::thread::{Scope, scope};
 
 #[cfg(test)]
+#[cfg(not(shuttle))]
 mod tests;
 
 /// The workers that may be idle while a job runs.
@@ -101,6 +104,6 @@ impl IdleWorkers {
             let _ = end.send(result);
         };
         // When the system refuses the thread, the calling one works on alone.
-        Builder::new().name("slipdrive-helper".to_owned()).spawn_scoped(threads, help).is_ok()
+        spawn_scoped(threads, "slipdrive-helper", help)
     }
 }

@@ -3,7 +3,7 @@
 //! A poisoned lock is safe to use throughout the queue: no foreign code runs while one of its locks is held, and each
 //! critical section leaves the state valid after every statement.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use super::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Locks the mutex, also after a panic of another holder.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

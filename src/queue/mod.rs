@@ -19,9 +19,14 @@ mod expected_start;
 mod job;
 mod lending;
 mod lock;
+#[cfg(test)]
+#[cfg(shuttle)]
+mod model;
 mod permit;
 mod stop;
+mod sync;
 #[cfg(test)]
+#[cfg(not(shuttle))]
 mod tests;
 mod ticket;
 mod watchdog;

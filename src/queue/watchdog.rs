@@ -1,14 +1,15 @@
 //! One thread that stops jobs when their time limit or deadline has come.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
-use std::thread::{Builder, JoinHandle};
+use std::sync::{Arc, Weak};
 use std::time::Instant;
 use std::{io, mem};
 
 use super::bounded_queue::BoundedQueue;
 use super::lock::lock;
 use super::stop::{StopCause, StopHandle};
+use super::sync::thread::{Builder, JoinHandle};
+use super::sync::{Condvar, Mutex, PoisonError};
 
 /// The watchdog thread and the times that it watches.
 #[derive(Debug)]

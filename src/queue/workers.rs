@@ -1,12 +1,13 @@
 //! The worker threads.
 
 use std::num::NonZeroUsize;
-use std::sync::{Arc, Mutex};
-use std::thread::{Builder, JoinHandle};
+use std::sync::Arc;
 use std::{io, mem};
 
 use super::bounded_queue::BoundedQueue;
 use super::lock::lock;
+use super::sync::Mutex;
+use super::sync::thread::{Builder, JoinHandle};
 
 /// A fixed number of threads, each running one job after the other.
 #[derive(Debug)]
