@@ -11,8 +11,10 @@ use super::attacker::{FIRST_WINDOW_BYTES, Life, PING, Peer};
 use super::found::Found;
 
 /// More than a door has places by default.
-const CROWD: usize = 1_100;
+const CROWD: u32 = 1_100;
 const PINGS: Duration = Duration::from_secs(5);
+/// Between one arrival and the next: what arrives faster than it is accepted is lost in the backlog of the system.
+const ARRIVALS: Duration = Duration::from_millis(4);
 /// Between the end of a connection and the next: attackers live across a network.
 const RETURN: Duration = Duration::from_millis(100);
 
@@ -47,8 +49,9 @@ where
 {
     let mut members = JoinSet::new();
     for address in [on.rest, on.grpc] {
-        for _ in 0..CROWD {
+        for member in 0..CROWD {
             members.spawn(async move {
+                sleep(ARRIVALS * member).await;
                 let mut lives = Vec::new();
                 while Instant::now() < on.end {
                     lives.extend(connect(address, on.end).await);
