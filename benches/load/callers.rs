@@ -107,6 +107,12 @@ impl Callers {
         ManeuverServiceClient::new(self.channels[channel].clone())
     }
 
+    /// A solve over REST, to be sent.
+    pub fn post(&self, json: String) -> reqwest::RequestBuilder {
+        let request = self.client.post(format!("{}/solve", self.addresses.rest));
+        request.header("content-type", "application/json").body(json)
+    }
+
     /// Sends at once; the latency counts from the scheduled time.
     pub async fn ask(&self, number: u64, transport: Transport, question: &Question, scheduled: Instant) -> Outcome {
         let lateness = scheduled.elapsed();
@@ -118,9 +124,8 @@ impl Callers {
     }
 
     async fn ask_rest(&self, number: u64, question: &Question) -> (String, bool) {
-        let request = self.client.post(format!("{}/solve", self.addresses.rest));
-        let request = request.header("content-type", "application/json").header("x-request-id", number.to_string());
-        let response = match request.header(VIEW, &question.view).body(question.json.clone()).send().await {
+        let request = self.post(question.json.clone()).header("x-request-id", number.to_string());
+        let response = match request.header(VIEW, &question.view).send().await {
             Ok(response) => response,
             Err(error) => return (format!("not sent: {error:?}"), true),
         };
@@ -155,9 +160,7 @@ impl Callers {
 
     /// The bytes of an answer.
     pub async fn answer_of_rest(&self, question: &Question) -> axum::body::Bytes {
-        let request = self.client.post(format!("{}/solve", self.addresses.rest));
-        let request = request.header("content-type", "application/json").body(question.json.clone());
-        request.send().await.unwrap().error_for_status().unwrap().bytes().await.unwrap()
+        self.post(question.json.clone()).send().await.unwrap().error_for_status().unwrap().bytes().await.unwrap()
     }
 
     /// Whether both transports report that they are ready.

@@ -1,5 +1,6 @@
 //! Callers who leave long solves in four ways must free their workers, and each answer must reach its own caller.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -8,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use serde_json::Value;
 use slipdrive::api::grpc::pb::{self, View};
 use slipdrive::api::server::{Connections, ServerSettings};
 use slipdrive::api::{ApiSettings, ApiState, grpc, rest};
@@ -19,6 +21,7 @@ use tokio::io::AsyncWriteExt as _;
 use tokio::net::TcpStream;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, sleep_until, timeout};
+use tonic_types::StatusExt as _;
 
 use crate::callers::{Addresses, Callers, Question};
 use crate::server::listen;
@@ -142,7 +145,10 @@ async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, ver
         let stay = random.random_range(Duration::ZERO..3 * ARRIVAL_INTERVAL);
         gone.spawn(depart(callers.clone(), number, stay));
     }
-    while gone.join_next().await.transpose().unwrap().is_some() {}
+    let mut ends = BTreeMap::<String, u32>::new();
+    while let Some(end) = gone.join_next().await {
+        *ends.entry(end.unwrap()).or_default() += 1;
+    }
     let last = Instant::now();
     let is_empty = async {
         while service.jobs_in_flight() > 0 {
@@ -151,6 +157,12 @@ async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, ver
     };
     let is_empty = timeout(Duration::from_secs(5), is_empty).await.is_ok();
     verdict.require("all places are given back", is_empty, &format!("{:.1?} after the last departure", last.elapsed()));
+    let is_expected = |end: &String| EXPECTED_ENDS.contains(&end.as_str());
+    verdict.require(
+        "answers are what a deadline or a full queue gives",
+        ends.keys().all(is_expected),
+        &format!("{ends:?}"),
+    );
     let (departure, deadline) = (solver.after_departure.lock().unwrap(), solver.after_deadline.lock().unwrap());
     let processor = solver.processor_after_departure.lock().unwrap();
     let found = format!("{departure} of {} stopped solves", departure.count());
@@ -164,8 +176,12 @@ async fn leave(callers: &Callers, service: &Service, solver: &WatchedSolver, ver
     println!("    with the best plan at a deadline, its certificate included: {deadline} of {}", deadline.count());
 }
 
-/// Sends a long solve and leaves after `stay` in one of four ways.
-async fn depart(callers: Callers, number: u32, stay: Duration) {
+/// How a caller may end: gone without an answer, with the best plan at its deadline, or refused with one of these codes.
+const EXPECTED_ENDS: [&str; 5] = [GONE, "deadline", "deadline_exceeded", "deadline_unreachable", "queue_full"];
+const GONE: &str = "gone";
+
+/// Sends a long solve and leaves after `stay` in one of four ways; says how it ended.
+async fn depart(callers: Callers, number: u32, stay: Duration) -> String {
     let (json, message) = long_solve();
     let mut client = callers.grpc(number.into());
     match number % 4 {
@@ -178,26 +194,44 @@ async fn depart(callers: Callers, number: u32, stay: Duration) {
             );
             stream.write_all(format!("{head}{json}").as_bytes()).await.unwrap();
             sleep(stay).await;
+            GONE.to_owned()
         }
-        1 => drop(timeout(stay, client.solve(message)).await),
+        1 => timeout(stay, client.solve(message)).await.map_or_else(|_| GONE.to_owned(), end_of),
         2 => {
             let pb::SolveRequest { robot, maneuver, grid, solver, initial_guess, view } = message;
             let request = pb::SolveStreamRequest { robot, maneuver, grid, solver, initial_guess, view };
-            if let Ok(events) = client.solve_stream(request).await {
-                sleep(stay).await;
-                drop(events);
+            match client.solve_stream(request).await {
+                Ok(events) => {
+                    sleep(stay).await;
+                    drop(events);
+                    GONE.to_owned()
+                }
+                Err(status) => code_of(&status),
             }
         }
         _ => {
-            let mut request = tonic::Request::new(message);
-            let deadline = format!("{}m", stay.as_millis() + 1);
-            // Set as metadata: the client would give up by itself at this time.
-            request.metadata_mut().insert("grpc-timeout", deadline.parse().unwrap());
-            // Either a plan or a refusal is right, but there must be an answer.
-            let answer = timeout(Duration::from_secs(10), client.solve(request)).await.expect("the deadline is kept");
-            drop(answer);
+            // Over REST: clients of gRPC give up by themselves at this time.
+            let (deadline, question) = (stay.as_millis() + 1, callers.post(json));
+            let answer = question.header("request-timeout-ms", deadline.to_string()).send();
+            let answer = timeout(Duration::from_secs(10), answer).await.expect("the deadline is kept").unwrap();
+            let body: Value = serde_json::from_slice(&answer.bytes().await.unwrap()).unwrap();
+            let told = body["code"].as_str().or(body["stop_reason"].as_str()).unwrap_or("nothing");
+            told.to_owned()
         }
     }
+}
+
+/// The stop reason of a plan, or the code of a refusal.
+fn end_of(answer: Result<tonic::Response<pb::SolveResponse>, tonic::Status>) -> String {
+    match answer.map(|response| response.into_inner().solution.unwrap().stop_reason()) {
+        Ok(reason) => reason.as_str_name().trim_start_matches("STOP_REASON_").to_lowercase(),
+        Err(status) => code_of(&status),
+    }
+}
+
+fn code_of(status: &tonic::Status) -> String {
+    let reason = status.get_details_error_info().map(|info| info.reason.to_lowercase());
+    reason.unwrap_or_else(|| format!("{status:?}"))
 }
 
 async fn ask_all_at_once(callers: &Callers, service: &Service, verdict: &mut Verdict) {
