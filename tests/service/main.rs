@@ -11,6 +11,7 @@ mod container;
 mod departures;
 mod deployment;
 mod error_table;
+mod frames;
 mod grpc_contract;
 mod helped_service;
 mod hostile;
