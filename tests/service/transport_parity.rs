@@ -1,7 +1,8 @@
-//! The same requests by both transports: the same plan, the same code, the same fields at fault.
+//! The same requests by both transports: the same answer to its last field, the same code, the same fields at fault.
 
 use rand::{Rng, RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::Serialize;
 use serde_json::{Value, json};
 use slipdrive::api::grpc::pb;
 
@@ -50,41 +51,15 @@ fn invalid(index: usize) -> Value {
     faults[index % faults.len()].clone()
 }
 
-fn enum_name(name: &str, prefix: &str) -> String {
-    name.strip_prefix(prefix).unwrap().to_lowercase()
-}
-
-fn assert_same_plan(rest: &Value, grpc: &pb::Solution) {
-    assert_eq!(rest["input_hash"], grpc.input_hash);
-    assert_eq!(rest["status"], enum_name(grpc.status().as_str_name(), "STATUS_"));
-    assert_eq!(rest["stop_reason"], enum_name(grpc.stop_reason().as_str_name(), "STOP_REASON_"));
-    assert_eq!(rest["replay_confirmed"], grpc.replay_confirmed);
-    assert_eq!(rest["final_time_s"], grpc.final_time_s);
-    let schedule = grpc.torque_schedule.as_ref().unwrap();
-    assert_eq!(rest["torque_schedule"]["left_n_m"], json!(schedule.left_n_m));
-    assert_eq!(rest["torque_schedule"]["right_n_m"], json!(schedule.right_n_m));
-    assert_eq!(rest["torque_schedule"]["interval_s"], json!(schedule.interval_s));
-    let (trajectory, contacts) = (grpc.trajectory.as_ref(), grpc.contacts.as_ref());
-    assert_eq!(rest.get("trajectory").map(|all| &all["x_m"]), trajectory.map(|all| json!(all.x_m)).as_ref());
-    assert_eq!(rest.get("trajectory").map(|all| &all["time_s"]), trajectory.map(|all| json!(all.time_s)).as_ref());
-    let front = contacts.map(|all| json!(all.front.as_ref().unwrap().normal_force_n));
-    assert_eq!(rest.get("contacts").map(|all| &all["front"]["normal_force_n"]), front.as_ref());
-    assert_eq!(rest["contact_modes"].as_array().unwrap().len(), grpc.contact_modes.len());
-    for (rest, grpc) in rest["contact_modes"].as_array().unwrap().iter().zip(&grpc.contact_modes) {
-        assert_eq!(rest["front"], enum_name(grpc.front().as_str_name(), "CONTACT_MODE_"));
-        assert_eq!(
-            (&rest["end_s"], &rest["degrees_of_freedom"]),
-            (&json!(grpc.end_s), &json!(grpc.degrees_of_freedom))
-        );
+/// The same tree, whatever way it travelled; the time that a solve took is its own.
+fn assert_same(mut rest: Value, grpc: &impl Serialize) {
+    let mut grpc = serde_json::to_value(grpc).unwrap();
+    for answer in [&mut rest, &mut grpc] {
+        if let Some(report) = answer.get_mut("report") {
+            assert!(report["solve_time_s"].take().as_f64().is_some_and(|time| time >= 0.0));
+        }
     }
-    let report = grpc.report.as_ref().unwrap();
-    assert_eq!(rest["report"]["rollouts"], report.rollouts);
-    assert_eq!(rest["report"]["lower_bound_s"], report.lower_bound_s);
-    let assumption = enum_name(report.lower_bound_assumption().as_str_name(), "LOWER_BOUND_ASSUMPTION_");
-    assert_eq!(rest["report"]["lower_bound_assumption"], assumption);
-    assert_eq!(rest["report"]["switching_sign_violations"], report.switching_sign_violations);
-    assert_eq!(rest["report"]["replay"]["miss_m"], report.replay.as_ref().unwrap().miss_m);
-    assert_eq!(rest["goal_error"]["y_m"], grpc.goal_error.as_ref().unwrap().y_m);
+    assert_eq!(rest, grpc);
 }
 
 #[tokio::test]
@@ -100,7 +75,7 @@ async fn fifty_requests_get_the_same_by_both_transports() {
         match grpc {
             Ok(response) => {
                 assert_eq!(rest.status, 200, "seed {SEED}, {body}: {}", rest.text());
-                assert_same_plan(&rest.json(), response.get_ref().solution.as_ref().unwrap());
+                assert_same(rest.json(), response.get_ref().solution.as_ref().unwrap());
                 plans += 1;
             }
             Err(status) => {
@@ -130,14 +105,30 @@ async fn infeasible_requests_get_the_same_reason_by_both_transports() {
         let body = json!({"maneuver": maneuver});
         let rest = server.post("/solve", body.to_string()).await.json();
         let grpc = client.solve(solve_request(&body)).await.unwrap().into_inner().solution.unwrap();
-        assert_same_plan(&rest, &grpc);
         assert_eq!((&rest["status"], &rest["reason"]["code"]), (&json!("infeasible"), &json!(code)));
-        let reason = grpc.reason.unwrap();
-        let told = json!({
-            "code": reason.code, "field": reason.field, "time_s": reason.time_s, "value": reason.value,
-            "limit": reason.limit, "message": reason.message,
+        assert_same(rest, &grpc);
+    }
+}
+
+#[tokio::test]
+async fn motions_are_the_same_by_both_transports() {
+    let server = TestServer::start(4, real_solver()).await;
+    let (left_n_m, right_n_m) = (vec![1.0, -0.5, 0.25], vec![-1.0, 0.125, 1.0]);
+    for (contact_solver, name) in [(pb::ContactSolver::Exact, "exact"), (pb::ContactSolver::FixedPoint, "fixed_point")]
+    {
+        let schedule = json!({"interval_s": 0.4, "left_n_m": left_n_m, "right_n_m": right_n_m});
+        let body = json!({"torque_schedule": schedule, "grid": {"steps": 60}, "contact_solver": name});
+        let rest = server.post("/simulate", body.to_string()).await.json();
+        let torque_schedule = Some(pb::TorqueSchedule {
+            interval_s: Some(0.4),
+            left_n_m: left_n_m.clone(),
+            right_n_m: right_n_m.clone(),
         });
-        assert_eq!(rest["reason"], told);
+        let grid = Some(pb::SimulateGrid { steps: Some(60) });
+        let contact_solver = contact_solver.into();
+        let request = pb::SimulateRequest { torque_schedule, grid, contact_solver, ..pb::SimulateRequest::default() };
+        assert_eq!(rest["trajectory"]["time_s"].as_array().unwrap().len(), 61);
+        assert_same(rest, &server.grpc().await.simulate(request).await.unwrap().into_inner());
     }
 }
 
@@ -147,13 +138,8 @@ async fn empty_requests_complete_to_the_same_by_both_transports() {
     let mut client = server.grpc().await;
     let rest = server.post("/validate", "{}").await.json();
     let grpc = client.validate(pb::ValidateRequest::default()).await.unwrap().into_inner();
-    assert_eq!(rest["input_hash"], grpc.input_hash);
-    assert_eq!(rest["robot"]["wheel_radius_m"], json!(grpc.robot.unwrap().wheel_radius_m));
-    assert_eq!(rest["grid"]["steps"], json!(grpc.grid.unwrap().steps));
-    assert_eq!(rest["solver"]["time_limit_s"], json!(grpc.solver.unwrap().time_limit_s));
-    let goal = grpc.maneuver.unwrap().goal.unwrap();
-    assert_eq!(rest["maneuver"]["goal"]["free"], json!(goal.free));
-    assert_eq!(rest["maneuver"]["goal"]["y_m"], json!(goal.y_m));
+    assert_eq!(rest["input_hash"].as_str().map(str::len), Some(64), "{rest}");
+    assert_same(rest, &grpc);
 }
 
 #[tokio::test]
@@ -161,9 +147,6 @@ async fn limits_are_told_the_same_by_both_transports() {
     let server = TestServer::start(4, real_solver()).await;
     let rest = server.get("/limits").await.json();
     let grpc = server.grpc().await.get_limits(pb::GetLimitsRequest {}).await.unwrap().into_inner();
-    assert_eq!(rest["max_steps"], grpc.max_steps);
-    assert_eq!(rest["queue_length"], grpc.queue_length);
-    assert_eq!(rest["batch_window"], grpc.batch_window);
-    assert_eq!(rest["rules"].as_array().unwrap().len(), grpc.rules.len());
-    assert_eq!(rest["rules"][0]["field"], grpc.rules[0].field);
+    assert!(rest["rules"].as_array().is_some_and(|rules| rules.len() > 30), "{rest}");
+    assert_same(rest, &grpc);
 }
