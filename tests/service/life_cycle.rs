@@ -21,6 +21,10 @@ const ENDLESS: &str = r#"{"maneuver": {"goal": {"y_m": 5}},
     "grid": {"steps": 10000, "control_intervals": 1000},
     "solver": {"method": "nelder_mead", "starts": 64, "time_limit_s": 60}}"#;
 
+/// A motion of the most steps.
+const LARGE: &str = r#"{"torque_schedule": {"interval_s": 1, "left_n_m": [0.5, -0.4], "right_n_m": [0.4, -0.5]},
+    "grid": {"steps": 10000}}"#;
+
 fn client() -> Client {
     Client::builder().no_proxy().timeout(HANG_BOUND).build().unwrap()
 }
@@ -169,10 +173,13 @@ async fn silent_callers_do_not_hold_the_process() {
     let head = b"POST /solve HTTP/1.1\r\nhost: h\r\ncontent-type: application/json\r\ncontent-length: 99\r\n\r\n{";
     half_a_body.write_all(head).await.unwrap();
     let mut unread = connect().await;
-    for _ in 0..20 {
-        // Large answers, asked for at once and never read.
-        unread.write_all(b"GET /docs HTTP/1.1\r\nhost: h\r\n\r\n").await.unwrap();
-    }
+    // Some 4 MB each, more than the buffers of both sides hold; but for the first bytes never read.
+    let head = "POST /simulate HTTP/1.1\r\nhost: h\r\ncontent-type: application/json";
+    let large = format!("{head}\r\ncontent-length: {}\r\n\r\n{LARGE}", LARGE.len());
+    unread.write_all(large.repeat(3).as_bytes()).await.unwrap();
+    let mut status = [0; 12];
+    timeout(HANG_BOUND, unread.read_exact(&mut status)).await.expect("the first answer begins").unwrap();
+    assert_eq!(&status, b"HTTP/1.1 200");
     let mut idle_http2 = TcpStream::connect(server.grpc).await.unwrap();
     idle_http2.write_all(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\x00\x00\x00\x04\x00\x00\x00\x00\x00").await.unwrap();
     assert!(idle_http2.read(&mut [0; 9]).await.unwrap() > 0, "the server speaks HTTP/2");
