@@ -17,7 +17,7 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::time::timeout;
 use tonic::{Code, Request, Status};
 
-use crate::support::protobuf::code_of;
+use crate::support::protobuf::{GRPC, code_of, framed, raw_call};
 use crate::support::{Answer, FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
 
 /// What the solver does with a seed, beside answering at once.
@@ -97,28 +97,7 @@ async fn refuse(server: &TestServer, body: &str, message: pb::SolveRequest) -> R
     Refusals { rest, grpc: server.grpc().await.solve(message).await.unwrap_err() }
 }
 
-/// Bytes over HTTP/2 to the gRPC port, as no generated client would send them.
-async fn raw_call(server: &TestServer, path: &str, headers: &[(&str, &str)], body: Vec<u8>) -> Status {
-    let client = reqwest::Client::builder().http2_prior_knowledge().no_proxy().timeout(HANG_BOUND).build().unwrap();
-    let method = headers.iter().find(|(name, _)| *name == ":method").map_or("POST", |(_, method)| method);
-    let url = format!("http://{}{path}", server.grpc_address);
-    let mut request = client.request(method.parse().unwrap(), url).header("te", "trailers");
-    for (name, value) in headers.iter().filter(|(name, _)| *name != ":method") {
-        request = request.header(*name, *value);
-    }
-    let response = request.body(body).send().await.unwrap();
-    Status::from_header_map(response.headers()).expect("the status is in the headers")
-}
-
-const GRPC: (&str, &str) = ("content-type", "application/grpc");
 const SOLVE: &str = "/slipdrive.v1.ManeuverService/Solve";
-
-fn framed(flag: u8, message: &[u8]) -> Vec<u8> {
-    let mut frame = vec![flag];
-    frame.extend(u32::try_from(message.len()).unwrap().to_be_bytes());
-    frame.extend(message);
-    frame
-}
 
 /// The situation of a row; none where no caller can meet it over a socket.
 async fn provoke(code: ErrorCode) -> Option<Refusals> {

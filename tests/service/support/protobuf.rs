@@ -1,9 +1,12 @@
 //! gRPC requests made from the JSON that REST takes, and what errors tell.
 
+use http_body_util::BodyExt as _;
 use serde_json::Value;
 use slipdrive::api::grpc::pb;
 use tonic::{Code, Status};
 use tonic_types::StatusExt as _;
+
+use super::{HANG_BOUND, TestServer};
 
 /// The protobuf form of a JSON body of `/solve`; panics where protobuf cannot say the same.
 pub(crate) fn solve_request(body: &Value) -> pb::SolveRequest {
@@ -119,6 +122,32 @@ fn solver(solver: &Value) -> pb::Solver {
         replay_tolerance_m: solver["replay_tolerance_m"].as_f64(),
         replay_tolerance_rad: solver["replay_tolerance_rad"].as_f64(),
     }
+}
+
+/// The media type of gRPC, which generated clients add by themselves.
+pub(crate) const GRPC: (&str, &str) = ("content-type", "application/grpc");
+/// The bytes of a message with its head.
+pub(crate) fn framed(flag: u8, message: &[u8]) -> Vec<u8> {
+    let mut frame = vec![flag];
+    frame.extend(u32::try_from(message.len()).unwrap().to_be_bytes());
+    frame.extend(message);
+    frame
+}
+
+/// Bytes over HTTP/2 to the gRPC port, as no generated client would send them.
+pub(crate) async fn raw_call(server: &TestServer, path: &str, headers: &[(&str, &str)], body: Vec<u8>) -> Status {
+    let client = reqwest::Client::builder().http2_prior_knowledge().no_proxy().timeout(HANG_BOUND).build().unwrap();
+    let method = headers.iter().find(|(name, _)| *name == ":method").map_or("POST", |(_, method)| method);
+    let url = format!("http://{}{path}", server.grpc_address);
+    let mut request = client.request(method.parse().unwrap(), url).header("te", "trailers");
+    for (name, value) in headers.iter().filter(|(name, _)| *name != ":method") {
+        request = request.header(*name, *value);
+    }
+    let (head, body) = axum::http::Response::from(request.body(body).send().await.unwrap()).into_parts();
+    let body = body.collect().await.expect("the answer is complete");
+    // In the head if there is no message, else at the end.
+    let in_trailers = body.trailers().and_then(Status::from_header_map);
+    Status::from_header_map(&head.headers).or(in_trailers).expect("every answer has a status")
 }
 
 /// The code of an error as REST writes it, after checking that all details are there.
