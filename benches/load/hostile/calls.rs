@@ -9,7 +9,9 @@ use prost::Message as _;
 use slipdrive::api::grpc::pb;
 use tokio::time::{Instant, sleep};
 
-use super::attacker::{DATA, END_STREAM, GOAWAY, HEADERS, Head, Peer, frame, message, streams};
+use super::attacker::{
+    DATA, END_STREAM, FIRST_WINDOW_BYTES, GOAWAY, HEADERS, Head, Peer, WINDOW_UPDATE, frame, message, streams,
+};
 use super::found::Found;
 use super::{KEY, Target};
 
@@ -29,15 +31,19 @@ const GOAWAY_BOUND: Duration = Duration::from_millis(100);
 pub async fn small_batches(on: Target) -> Found {
     let Ok(mut peer) = Peer::open(on.grpc, WIDE_WINDOW_BYTES).await else { return Found::new("not connected") };
     let mut answers: HashMap<u32, Answers> = HashMap::new();
-    let (mut unasked, mut at_once, mut complete, mut goaway) = (streams(BATCHES), 0, 0, None);
+    let (mut at_once, mut complete, mut goaway) = (0, 0, None);
+    let mut batches = streams(BATCHES).map(batch).peekable();
+    // What the server has room for; frame heads, which need none, are counted too.
+    let mut room = FIRST_WINDOW_BYTES as usize;
     loop {
         while at_once < BATCHES_AT_ONCE
-            && let Some(stream) = unasked.next()
+            && let Some(batch) = batches.next_if(|batch| batch.len() <= room)
         {
-            peer.write(&batch(stream)).await;
+            peer.write(&batch).await;
+            room -= batch.len();
             at_once += 1;
         }
-        if at_once == 0 {
+        if at_once == 0 && batches.peek().is_none() {
             break;
         }
         let Some(frame) = peer.next_before(on.end).await else { break };
@@ -47,12 +53,15 @@ pub async fn small_batches(on: Target) -> Found {
                 at_once -= 1;
                 complete += usize::from(answers.remove(&frame.stream).is_some_and(|answers| answers.count == ITEMS));
             }
-            // After the last stream and the error code comes what went wrong.
-            GOAWAY => goaway = Some(String::from_utf8_lossy(&frame.payload[8..]).into_owned()),
+            WINDOW_UPDATE if frame.stream == 0 => room += frame.number_at(0) as usize,
+            // The last stream, the error code, and what went wrong in words. A second one tells no more than the first.
+            GOAWAY if goaway.is_none() => {
+                goaway = Some((frame.number_at(4), String::from_utf8_lossy(&frame.payload[8..]).into_owned()));
+            }
             _ => {}
         }
     }
-    let goaway = goaway.map_or_else(String::new, |reason| format!(", told to go away: `{reason}`"));
+    let goaway = goaway.map_or_else(String::new, |(code, words)| format!(", told to go away: error {code} `{words}`"));
     let mut found = Found::new(format!("{complete} of {BATCHES} batches complete{goaway}"));
     found.require(complete == BATCHES as usize, "batches are cut");
     found.add(peer.life());
