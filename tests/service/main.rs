@@ -8,6 +8,7 @@ mod budgets;
 mod command_line;
 #[cfg(unix)]
 mod container;
+mod corpus;
 mod departures;
 mod deployment;
 mod error_table;

@@ -4,6 +4,7 @@ pub(crate) mod conformance;
 pub(crate) mod http2;
 pub(crate) mod process;
 pub(crate) mod protobuf;
+pub(crate) mod readers;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Condvar, Mutex};
