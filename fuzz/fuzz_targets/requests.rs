@@ -1,10 +1,12 @@
 //! Any bytes to all readers of requests. With a nightly compiler and `cargo install cargo-fuzz`:
 //!
 //! ```text
-//! cargo +nightly fuzz run requests -- -max_total_time=600 tests/data/corpus
+//! mkdir -p fuzz/corpus/requests
+//! cargo +nightly fuzz run requests fuzz/corpus/requests tests/data/corpus -- -max_total_time=600
 //! ```
 //!
-//! What it finds is worth a file in `tests/data/corpus`, named by what must become of it: the tests replay them all.
+//! New inputs go to the first folder. What breaks a reader is worth a file in `tests/data/corpus`, named by what must
+//! become of it: the tests replay them all.
 
 #![no_main]
 
