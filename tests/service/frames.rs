@@ -249,3 +249,22 @@ async fn lines_that_end_without_a_return_are_read_as_others() {
     let answers = answers_to(&server, format!("{bytes}{SMUGGLED}").as_bytes()).await;
     assert_eq!(statuses(&answers), ["200"], "{answers}");
 }
+
+#[tokio::test]
+async fn requests_without_exactly_one_host_are_malformed() {
+    let server = patient().await;
+    for request in ["GET /livez", "GET /limits", "POST /validate", "GET /nowhere"] {
+        for hosts in ["", "host: h\r\nhost: h\r\n", "host: h\r\nhost: other\r\n"] {
+            let json = "content-type: application/json\r\ncontent-length: 2\r\nconnection: close";
+            let answer =
+                answers_to(&server, format!("{request} HTTP/1.1\r\n{hosts}{json}\r\n\r\n{{}}").as_bytes()).await;
+            assert_eq!(statuses(&answer), ["400"], "{request} with {hosts:?}: {answer}");
+            assert!(answer.contains("content-type: application/problem+json\r\n"), "{answer}");
+            assert!(answer.contains("\"code\":\"malformed_body\""), "{answer}");
+        }
+    }
+    // Older than the field.
+    let answer = answers_to(&server, b"GET /livez HTTP/1.0\r\n\r\n").await;
+    assert!(answer.starts_with("HTTP/1.0 200") || answer.starts_with("HTTP/1.1 200"), "{answer}");
+    others_are_served(&server).await;
+}
