@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::optimizer::{ElasticProgram, ElasticSolver};
+use slipdrive::stop::Stop;
 
 /// One per component of the goal; all of them are equations.
 const ROWS: usize = 8;
@@ -63,7 +64,7 @@ fn by_elastic_simplex(solver: &mut ElasticSolver, data: &Data) -> f64 {
         upper: &data.upper,
         penalty_parameter: data.penalty_parameter,
     };
-    solver.solve(&program).objective
+    solver.solve(&program, Stop::never()).expect("nothing stops it").objective
 }
 
 fn programs(criterion: &mut Criterion) {

@@ -5,6 +5,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use slipdrive::robot::{Robot, RobotParameters, State};
 use slipdrive::simulation::{EndSensitivity, Rollout, Simulator, TorqueSchedule};
+use slipdrive::stop::Stop;
 
 /// The paper's grid on the reference robot: full effort, then braking with a sliding wheel.
 fn bang_bang() -> TorqueSchedule {
@@ -25,14 +26,14 @@ fn rollouts(criterion: &mut Criterion) {
         let simulator = Simulator::new(&Robot::new(parameters).expect("a valid robot"));
         let rollout = Rollout { start: &start, schedule: &schedule, step_count: 200 };
         let mut group = criterion.benchmark_group(format!("rollout_200_steps/{name}"));
-        group.bench_function("exact", |bench| bench.iter(|| simulator.end_state(black_box(&rollout))));
+        group.bench_function("exact", |bench| bench.iter(|| simulator.end_state(black_box(&rollout), Stop::never())));
         let mut sensitivity = EndSensitivity::default();
         group.bench_function("exact_with_derivatives", |bench| {
-            bench.iter(|| simulator.end_sensitivity(black_box(&rollout), 0.0, &mut sensitivity));
+            bench.iter(|| simulator.end_sensitivity(black_box(&rollout), 0.0, &mut sensitivity, Stop::never()));
         });
         group.sample_size(10);
         group.bench_function("fixed_point", |bench| {
-            bench.iter(|| simulator.end_state_by_fixed_point(black_box(&rollout)));
+            bench.iter(|| simulator.end_state_by_fixed_point(black_box(&rollout), Stop::never()));
         });
         group.finish();
     }

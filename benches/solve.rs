@@ -20,7 +20,7 @@ fn forward_drive(criterion: &mut Criterion) {
     for method in [Method::SequentialLinear, Method::NelderMead] {
         let mut input = SolveInput::forward_drive();
         input.settings.method = method;
-        let solution = solve(&input, &RunControl::unattended());
+        let solution = solve(&input, &RunControl::unattended()).expect("nothing stops it");
         println!(
             "{:<18} t_f {:.5} s, largest goal error {:.1e}, {} rollouts",
             method.as_str(),

@@ -27,17 +27,18 @@ const REQUIRED: [&str; 7] = [
 ];
 /// Messages in answers that are left out where there are none; all others are always there.
 const LEFT_OUT: [&str; 3] = ["Solution.trajectory", "Solution.contacts", "ValidateResponse.initial_guess"];
-/// Messages in answers that are null where there are none.
-const NULL: [&str; 1] = ["Solution.reason"];
-/// Numbers in answers that may not be finite, because a motion diverges or nothing was measured; JSON has null for them.
+/// Fields in answers that are null where there are none.
+const NULL: [&str; 3] = ["Report.lower_bound_assumption", "Report.replay", "Solution.reason"];
+/// Numbers in answers that may not be finite, because a motion diverges or nothing was computed; JSON has null for them.
 /// An entry without a field means all numbers of the message but times.
-const NOT_FINITE: [&str; 11] = [
+const NOT_FINITE: [&str; 12] = [
     "Contact",
     "GoalError",
     "Progress.best_final_time_s",
     "Progress.best_goal_error",
     "Reason.value",
     "Replay",
+    "Report.lower_bound_s",
     "Report.predicted_decrease_s",
     "Report.worst_contact_residual",
     "Separation.normal_force_n",
@@ -200,6 +201,9 @@ fn in_answer(field: &FieldDescriptor) -> String {
     let plain = "#[serde(default)]";
     let left_out = "#[serde(default, skip_serializing_if = \"Option::is_none\")]";
     let (serde, schema) = match field.kind() {
+        Kind::Enum(of) if is_listed(&NULL, field) => {
+            (format!("#[serde(default, {})]", named_or_null(&of)), schema_of(&format!("Option<{}>", of.name()), true))
+        }
         Kind::Enum(of) => (format!("#[serde(default, {})]", named(&of)), schema_of(of.name(), true)),
         Kind::Message(of) if field.is_list() => (plain.to_owned(), schema_of(&format!("Vec<{}>", of.name()), true)),
         Kind::Message(of) if is_listed(&NULL, field) => {
@@ -225,10 +229,16 @@ fn schema_of(of: &str, is_required: bool) -> String {
 }
 
 fn named(of: &EnumDescriptor) -> String {
+    by_name(of, "read_name")
+}
+
+fn named_or_null(of: &EnumDescriptor) -> String {
+    by_name(of, "read_name_or_null")
+}
+
+fn by_name(of: &EnumDescriptor, read: &str) -> String {
     let name = of.name();
-    format!(
-        "serialize_with = \"{JSON}::write_name::<_, {name}>\", deserialize_with = \"{JSON}::read_name::<_, {name}>\""
-    )
+    format!("serialize_with = \"{JSON}::write_name::<_, {name}>\", deserialize_with = \"{JSON}::{read}::<_, {name}>\"")
 }
 
 /// The names of enums in JSON: those of protobuf without their prefix, in lower case.

@@ -23,14 +23,14 @@
 //! ```
 //! use slipdrive::prelude::*;
 //!
-//! # fn main() -> Result<(), Violations> {
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let input = SolveInput::new(SolveParameters {
 //!     robot: RobotParameters { wheel_friction_coefficient: 0.45, ..RobotParameters::default() },
 //!     maneuver: Maneuver { goal: Goal::at_rest(0.0, 5.0, 0.0), ..Maneuver::forward_drive() },
 //!     settings: SolverSettings { start_count: 1, refinement: Refinement::Fixed, ..SolverSettings::default() },
 //!     ..SolveParameters::default()
 //! })?;
-//! let solution = solve(&input, &RunControl::unattended());
+//! let solution = solve(&input, &RunControl::unattended())?;
 //! assert_eq!(solution.status, Status::Converged);
 //! assert!((solution.schedule.final_time - 2.930).abs() < 1e-3);
 //! # Ok(())
@@ -45,6 +45,7 @@
 //! - [`shooting`]: from a maneuver to a decision vector, goal errors and their Jacobian.
 //! - [`solver`]: the search, and what its answer states about itself.
 //! - [`rules`]: what parameters must be, and all violations at once.
+//! - [`stop`]: how running work is asked to end early.
 //! - `plot` (feature `plot`): the paper's figures from a solution, as a page.
 //!
 //! With the feature `server`, beside them:
@@ -85,3 +86,4 @@ pub mod service;
 pub mod shooting;
 pub mod simulation;
 pub mod solver;
+pub mod stop;

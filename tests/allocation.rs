@@ -11,6 +11,7 @@ use std::alloc::System;
 use random::RandomCases;
 use slipdrive::robot::{Robot, RobotParameters};
 use slipdrive::simulation::{EndSensitivity, Rollout, Simulator};
+use slipdrive::stop::Stop;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]
@@ -45,12 +46,14 @@ fn counts(seed: u64) -> Counts {
     let schedule = cases.schedule(20, 1.0, 3.0);
     let rollout = Rollout { start: &start, schedule: &schedule, step_count: 200 };
     let mut end = None;
-    let end_state = allocations(|| end = Some(simulator.end_state(&rollout)));
-    let end_state_by_fixed_point = allocations(|| end = Some(simulator.end_state_by_fixed_point(&rollout)));
+    let end_state = allocations(|| end = Some(simulator.end_state(&rollout, Stop::never())));
+    let end_state_by_fixed_point =
+        allocations(|| end = Some(simulator.end_state_by_fixed_point(&rollout, Stop::never())));
     let mut sensitivity = EndSensitivity::default();
-    simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
-    let later_sensitivities =
-        [0.0, 0.03].map(|smoothing| allocations(|| simulator.end_sensitivity(&rollout, smoothing, &mut sensitivity)));
+    simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity, Stop::never()).unwrap();
+    let later_sensitivities = [0.0, 0.03].map(|smoothing| {
+        allocations(|| simulator.end_sensitivity(&rollout, smoothing, &mut sensitivity, Stop::never()).unwrap())
+    });
     Counts { end_state, end_state_by_fixed_point, later_sensitivities }
 }
 

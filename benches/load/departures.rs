@@ -17,6 +17,7 @@ use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
 use slipdrive::service::{Service, ServiceSettings};
 use slipdrive::solver::RunControl;
 use slipdrive::solver::{SimulateInput, Simulation, Solution, SolveInput};
+use slipdrive::stop::{Stop, Stopped};
 use tokio::io::AsyncWriteExt as _;
 use tokio::net::TcpStream;
 use tokio::task::JoinSet;
@@ -57,17 +58,18 @@ fn processor_time(thread: &str) -> Duration {
 }
 
 impl ManeuverSolver for WatchedSolver {
-    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Solution {
-        let (has_ended, flag) = (AtomicBool::new(false), control.stop_flag());
+    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Result<Solution, Stopped> {
+        let (has_ended, stop, cut) = (AtomicBool::new(false), control.stop(), control.cut());
         // Such as `1234/task/1235`.
         let this_thread = fs::read_link("/proc/thread-self").unwrap_or_default().display().to_string();
         let begin = processor_time(&this_thread);
         thread::scope(|scope| {
             let watch = scope.spawn(|| {
-                while !flag.load(Ordering::Relaxed) && !has_ended.load(Ordering::Relaxed) {
+                while !stop.is_set() && !has_ended.load(Ordering::Relaxed) {
                     thread::sleep(Duration::from_micros(50));
                 }
-                (Instant::now(), processor_time(&this_thread))
+                // A departure sets both flags, a deadline one after the other.
+                (Instant::now(), processor_time(&this_thread), cut.is_set())
             });
             let solution = InProcessSolver.solve(input, control);
             has_ended.store(true, Ordering::Relaxed);
@@ -76,20 +78,20 @@ impl ManeuverSolver for WatchedSolver {
             thread::yield_now();
             let processor = processor_time(&this_thread);
             *self.processor.lock().unwrap() = processor.saturating_sub(begin);
-            let (stopped, processor_when_stopped) = watch.join().unwrap();
-            if control.is_abandoned() {
+            let (stopped, processor_when_stopped, has_left) = watch.join().unwrap();
+            if stop.is_set() && has_left {
                 self.after_departure.lock().unwrap().record(ended.saturating_duration_since(stopped));
                 let since = processor.saturating_sub(processor_when_stopped);
                 self.processor_after_departure.lock().unwrap().record(since);
-            } else if control.is_stopped() {
+            } else if stop.is_set() {
                 self.after_deadline.lock().unwrap().record(ended.saturating_duration_since(stopped));
             }
             solution
         })
     }
 
-    fn simulate(&self, input: &SimulateInput) -> Simulation {
-        InProcessSolver.simulate(input)
+    fn simulate(&self, input: &SimulateInput, stop: Stop<'_>) -> Result<Simulation, Stopped> {
+        InProcessSolver.simulate(input, stop)
     }
 }
 
@@ -245,7 +247,7 @@ async fn ask_all_at_once(callers: &Callers, service: &Service, verdict: &mut Ver
             // The reference: the same solve without load.
             let mut input = SolveInput::forward_drive();
             input.maneuver.goal.set(slipdrive::shooting::StateComponent::Y, Some(goal));
-            let expected = slipdrive::solver::solve(&input, &RunControl::unattended()).schedule.final_time;
+            let expected = slipdrive::solver::solve(&input, &RunControl::unattended()).unwrap().schedule.final_time;
             let (mut own, mut others) = (0, 0);
             for round in (caller..SOLVES).step_by(CALLERS as usize) {
                 let final_time = if round % 2 == 0 {

@@ -23,6 +23,7 @@ use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
 use slipdrive::service::{Service, ServiceSettings};
 use slipdrive::solver::RunControl;
 use slipdrive::solver::{SimulateInput, Simulation, Solution, SolveInput};
+use slipdrive::stop::{Stop, Stopped};
 use tokio::net::TcpListener;
 
 use crate::callers::{Addresses, Callers, Question, VIEW};
@@ -48,12 +49,12 @@ pub enum SolverChoice {
 struct IdleSolver(Solution);
 
 impl ManeuverSolver for IdleSolver {
-    fn solve(&self, _input: &SolveInput, _control: &RunControl<'_>) -> Solution {
-        self.0.clone()
+    fn solve(&self, _input: &SolveInput, _control: &RunControl<'_>) -> Result<Solution, Stopped> {
+        Ok(self.0.clone())
     }
 
-    fn simulate(&self, input: &SimulateInput) -> Simulation {
-        InProcessSolver.simulate(input)
+    fn simulate(&self, input: &SimulateInput, stop: Stop<'_>) -> Result<Simulation, Stopped> {
+        InProcessSolver.simulate(input, stop)
     }
 }
 
@@ -69,7 +70,8 @@ pub async fn run(arguments: &Arguments) {
     let solver: Arc<dyn ManeuverSolver> = match arguments.solver {
         SolverChoice::Real => Arc::new(InProcessSolver),
         SolverChoice::Idle => {
-            Arc::new(IdleSolver(slipdrive::solver::solve(&SolveInput::forward_drive(), &RunControl::unattended())))
+            let plan = slipdrive::solver::solve(&SolveInput::forward_drive(), &RunControl::unattended());
+            Arc::new(IdleSolver(plan.expect("nothing stops it")))
         }
     };
     let settings = ServiceSettings {

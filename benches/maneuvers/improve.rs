@@ -122,7 +122,7 @@ impl Search<'_> {
             let Some(mut input) = enlarged(&self.input(), scale) else { continue };
             input.settings.start_count = EASED_STARTS;
             input.settings.seed = seed;
-            let found = solve(&input, &RunControl::unattended()).schedule;
+            let found = solve(&input, &RunControl::unattended()).expect("nothing stops it").schedule;
             self.keep_if_better(reduced(&found, scale, limit));
         }
     }
@@ -164,7 +164,7 @@ impl Search<'_> {
     }
 
     fn keep_better(&mut self, input: &SolveInput) {
-        self.keep_if_better(solve(input, &RunControl::unattended()).schedule);
+        self.keep_if_better(solve(input, &RunControl::unattended()).expect("nothing stops it").schedule);
     }
 
     fn keep_if_better(&mut self, found: TorqueSchedule) {

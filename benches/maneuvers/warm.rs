@@ -142,5 +142,5 @@ fn from_one_start(input: &SolveInput, initial_guess: Option<TorqueSchedule>) -> 
 }
 
 fn solved(input: &SolveInput) -> Solution {
-    solve(input, &RunControl::unattended())
+    solve(input, &RunControl::unattended()).expect("nothing stops it")
 }

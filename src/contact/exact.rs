@@ -19,6 +19,7 @@ use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::sliding_newton::SlidingNewton;
 use super::smoothed::falling_smoothings;
 use super::solution::ContactSolution;
+use crate::stop::Stop;
 
 /// Accepted residual relative to m g dt: well above the rounding of a solved pattern (1e-15), and far below what a
 /// wrong pattern leaves.
@@ -83,13 +84,14 @@ impl ExactSolver {
     /// Solves one step.
     ///
     /// The residual of the answer is the accuracy to which the friction law holds. It is at most 1e-10, except for steps so
-    /// short that the rounding of the slip exceeds that.
+    /// short that the rounding of the slip exceeds that. Once stopped, it is what the residual says.
     #[inline]
     pub fn solve<const N: usize>(
         self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
         guess: &Guess<N>,
+        stop: &Stop,
     ) -> (ContactSolution<N>, SolvePath) {
         let search = Search::new(operator, problem);
         if let Some(solution) = search.in_pattern(guess.pattern, &guess.impulse) {
@@ -98,7 +100,7 @@ impl ExactSolver {
         if let Some(solution) = search.in_other_patterns(guess) {
             return (solution, SolvePath::OtherPattern);
         }
-        (search.after_sweeps(), SolvePath::FixedPoint)
+        (search.after_sweeps(stop), SolvePath::FixedPoint)
     }
 
     /// Whether another pattern also solves the step, with a different motion than `solution`.
@@ -176,27 +178,30 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// Fixed-point sweeps until the pattern of their iterate can be solved; continuation where that fails.
     #[cold]
-    fn after_sweeps(&self) -> ContactSolution<N> {
+    fn after_sweeps(&self, stop: &Stop) -> ContactSolution<N> {
         let settings = FixedPointSettings::default();
         let mut fixed_point = FixedPointSolver::new(settings);
         let mut sweeps = FIRST_SWEEPS;
         // Motions that overflowed have no solution: their residual is not finite without any sweep.
         let is_finite = self.problem.free_slip.sum().is_finite() && self.problem.weight_impulse().is_finite();
-        while is_finite && sweeps <= MOST_SWEEPS {
-            for _ in 0..sweeps {
+        while is_finite && sweeps <= MOST_SWEEPS && !stop.is_set() {
+            for number in 1..=sweeps {
                 fixed_point.sweep(self.operator, self.problem);
+                if number % Stop::PERIOD == 0 && stop.is_set() {
+                    break;
+                }
             }
             let seen = fixed_point.solution(self.operator, self.problem);
             if let Some(solution) = self.in_pattern(seen.pattern, &seen.impulse) {
                 return solution;
             }
-            if let Some(solution) = self.by_sliding_multipliers(&seen) {
+            if let Some(solution) = self.by_sliding_multipliers(&seen, stop) {
                 return solution;
             }
             sweeps *= 2;
         }
         let swept = fixed_point.solution(self.operator, self.problem);
-        let followed = if is_finite { self.by_vanishing_smoothing() } else { None };
+        let followed = if is_finite { self.by_vanishing_smoothing(stop) } else { None };
         followed.filter(|followed| followed.residual < swept.residual).unwrap_or(swept)
     }
 
@@ -205,7 +210,7 @@ impl<'a, const N: usize> Search<'a, N> {
     /// At the boundary between sticking and slipping, where optimal plans often lie, the slips of all patterns vanish: the
     /// sweeps would take millions of iterations, and the equations of the patterns become singular.
     #[cold]
-    fn by_vanishing_smoothing(&self) -> Option<ContactSolution<N>> {
+    fn by_vanishing_smoothing(&self, stop: &Stop) -> Option<ContactSolution<N>> {
         let (operator, problem, iteration_limit) = (self.operator, self.problem, self.iteration_limit);
         let pattern = ContactPattern::ALL_SLIP;
         let mut best: Option<ContactSolution<N>> = None;
@@ -219,7 +224,7 @@ impl<'a, const N: usize> Search<'a, N> {
             if best.is_none_or(|best| solution.residual < best.residual) {
                 best = Some(solution);
             }
-            if solution.residual <= self.tolerance {
+            if solution.residual <= self.tolerance || stop.is_set() {
                 break;
             }
         }
@@ -229,15 +234,16 @@ impl<'a, const N: usize> Search<'a, N> {
     /// Newton with sliding multipliers in every pattern with spatial slip, from the fixed point's iterate: a slip may be so
     /// slow that the iterate's own pattern is sticking.
     #[cold]
-    fn by_sliding_multipliers(&self, seen: &ContactSolution<N>) -> Option<ContactSolution<N>> {
+    fn by_sliding_multipliers(&self, seen: &ContactSolution<N>, stop: &Stop) -> Option<ContactSolution<N>> {
         let start = contact_impulses(self.operator, seen);
         let small_update = self.small_update();
-        all_patterns::<N>().filter(|pattern| DelassusOperator::<N>::linear_index(*pattern).is_none()).find_map(
-            |pattern| {
+        all_patterns::<N>()
+            .filter(|pattern| DelassusOperator::<N>::linear_index(*pattern).is_none())
+            .take_while(|_| !stop.is_set())
+            .find_map(|pattern| {
                 let newton = SlidingNewton { operator: self.operator, problem: self.problem, pattern };
                 newton.solve(&start, small_update, |impulse| self.accepted(self.candidate(pattern, impulse)))
-            },
-        )
+            })
     }
 
     /// Full friction against the slip that the step would have without friction.

@@ -13,6 +13,7 @@ use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_disc;
 use super::solution::{ContactImpulse, ContactSolution};
+use crate::stop::Stop;
 
 /// When the sweeps end.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,18 +50,23 @@ impl FixedPointSolver {
         self.sweeps
     }
 
-    /// Solves one step.
+    /// Solves one step; once stopped, the answer is the iterate of the last sweep.
     #[inline]
     pub fn solve<const N: usize>(
         &mut self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
+        stop: &Stop,
     ) -> ContactSolution<N> {
         let smallest_change = self.settings.tolerance * problem.weight_impulse();
-        for _ in 0..self.settings.sweep_limit {
-            if self.sweep(operator, problem) <= smallest_change {
+        let mut left = self.settings.sweep_limit;
+        while left > 0 {
+            let block = left.min(Stop::PERIOD);
+            let has_converged = (0..block).any(|_| self.sweep(operator, problem) <= smallest_change);
+            if has_converged || stop.is_set() {
                 break;
             }
+            left -= block;
         }
         self.solution(operator, problem)
     }

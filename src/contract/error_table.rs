@@ -9,8 +9,10 @@ pub enum ErrorCode {
     MemoryFull,
     /// The wait for a worker would outlast the deadline.
     DeadlineUnreachable,
-    /// The deadline passed before there was a plan.
+    /// The deadline passed before there was an answer.
     DeadlineExceeded,
+    /// The server's own limit passed before there was an answer.
+    TimeLimitExceeded,
     /// Starting or draining.
     Unavailable,
     /// The caller left.
@@ -72,11 +74,12 @@ pub struct ErrorEntry {
 
 impl ErrorCode {
     /// All codes.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::QueueFull,
         Self::MemoryFull,
         Self::DeadlineUnreachable,
         Self::DeadlineExceeded,
+        Self::TimeLimitExceeded,
         Self::Unavailable,
         Self::Cancelled,
         Self::MalformedBody,
@@ -100,7 +103,8 @@ impl ErrorCode {
             Self::QueueFull           => row("queue_full",           429, GrpcCode::ResourceExhausted, true,  "the queue is full"),
             Self::MemoryFull          => row("memory_full",          429, GrpcCode::ResourceExhausted, true,  "the memory for bodies and answers is full"),
             Self::DeadlineUnreachable => row("deadline_unreachable", 429, GrpcCode::ResourceExhausted, true,  "the wait for a worker would outlast the deadline"),
-            Self::DeadlineExceeded    => row("deadline_exceeded",    504, GrpcCode::DeadlineExceeded,  true,  "the deadline passed before there was a plan"),
+            Self::DeadlineExceeded    => row("deadline_exceeded",    504, GrpcCode::DeadlineExceeded,  true,  "the deadline passed before there was an answer"),
+            Self::TimeLimitExceeded   => row("time_limit_exceeded",  504, GrpcCode::DeadlineExceeded,  false, "the time limit passed before there was an answer"),
             Self::Unavailable         => row("unavailable",          503, GrpcCode::Unavailable,       true,  "the server takes no work at present"),
             // Nobody reads this status; 499 is what access logs say for it.
             Self::Cancelled           => row("cancelled",            499, GrpcCode::Cancelled,         false, "the caller left"),
@@ -146,7 +150,10 @@ mod tests {
     fn only_overload_drain_and_slowness_are_worth_a_retry() {
         for code in ErrorCode::ALL {
             let entry = code.entry();
-            assert_eq!(entry.retryable, matches!(entry.http_status, 408 | 429 | 503 | 504), "{}", entry.code);
+            // The same request takes as long the next time.
+            let is_too_long = code == ErrorCode::TimeLimitExceeded;
+            let is_slow_or_busy = matches!(entry.http_status, 408 | 429 | 503 | 504);
+            assert_eq!(entry.retryable, is_slow_or_busy && !is_too_long, "{}", entry.code);
         }
     }
 }

@@ -190,6 +190,20 @@ pub(super) fn read_name<'de, D: Deserializer<'de>, T: Named>(deserializer: D) ->
     deserializer.deserialize_str(NameVisitor(PhantomData::<T>))
 }
 
+/// Reads the number of an enum of an answer from its name; null is the unspecified one.
+pub(super) fn read_name_or_null<'de, D: Deserializer<'de>, T: Named>(deserializer: D) -> Result<i32, D::Error> {
+    struct Name<T>(i32, PhantomData<T>);
+
+    impl<'de, T: Named> Deserialize<'de> for Name<T> {
+        fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+            read_name::<D, T>(deserializer).map(|number| Self(number, PhantomData))
+        }
+    }
+
+    let name = Option::<Name<T>>::deserialize(deserializer)?;
+    Ok(name.map_or(0, |Name(number, _)| number))
+}
+
 /// Gives an enum the schema of its names.
 macro_rules! schema_of_names {
     ($name:ident) => {

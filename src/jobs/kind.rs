@@ -79,6 +79,7 @@ impl From<ServiceError> for Problem {
             ServiceError::QueueFull { .. } => ErrorCode::QueueFull,
             ServiceError::DeadlineUnreachable { .. } => ErrorCode::DeadlineUnreachable,
             ServiceError::DeadlineExceeded => ErrorCode::DeadlineExceeded,
+            ServiceError::TimeLimitExceeded => ErrorCode::TimeLimitExceeded,
             ServiceError::Unavailable { .. } => ErrorCode::Unavailable,
             ServiceError::Cancelled => ErrorCode::Cancelled,
             ServiceError::SolverPanic => ErrorCode::SolverPanic,

@@ -36,7 +36,7 @@ pub struct Limits {
     pub max_control_intervals: usize,
     /// Most starts of one search.
     pub max_starts: usize,
-    /// Longest time limit of a solve, s.
+    /// Longest time limit of a solve, and that of each simulation, s.
     pub max_time_limit_s: f64,
     /// Most rollouts of one search.
     pub max_rollout_limit: u64,

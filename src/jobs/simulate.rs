@@ -1,6 +1,7 @@
 //! One rollout of a given torque schedule.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::table::{line, row, separations, write_timeline};
 use super::{ARRAYS_OF_STEPS, Kind, Limits, ManeuverSolver};
@@ -28,22 +29,36 @@ impl Simulate {
     }
 }
 
+/// A valid simulation with what this server adds.
+#[derive(Debug)]
+pub struct AcceptedSimulation {
+    /// What is simulated.
+    pub input: SimulateInput,
+    /// How long it may run.
+    time_limit: Duration,
+}
+
 impl Job for Simulate {
     const NAME: &'static str = "simulate";
-    type Input = SimulateInput;
+    type Input = AcceptedSimulation;
     type Output = Simulation;
     type Progress = ();
 
-    fn cost(&self, input: &SimulateInput) -> Cost {
-        Cost::seconds(input.step_count as f64 * STEP_S)
+    fn cost(&self, accepted: &AcceptedSimulation) -> Cost {
+        Cost::seconds(accepted.input.step_count as f64 * STEP_S)
     }
 
-    fn work_done(&self, input: &SimulateInput, _output: &Simulation) -> Option<WorkDone> {
-        Some(WorkDone { cost: self.cost(input), is_complete: true })
+    fn work_done(&self, accepted: &AcceptedSimulation, _output: &Simulation) -> Option<WorkDone> {
+        Some(WorkDone { cost: self.cost(accepted), is_complete: true })
     }
 
-    fn run(&self, input: &SimulateInput, _control: &JobControl<'_, ()>) -> Result<Simulation, Stopped> {
-        Ok(self.0.simulate(input))
+    /// Where friction is hard to resolve a step takes a hundred times as long as usual.
+    fn time_limit(&self, accepted: &AcceptedSimulation) -> Option<Duration> {
+        Some(accepted.time_limit)
+    }
+
+    fn run(&self, accepted: &AcceptedSimulation, control: &JobControl<'_, ()>) -> Result<Simulation, Stopped> {
+        self.0.simulate(&accepted.input, control.stop().cut_flag().into()).map_err(|_| control.cut_off())
     }
 }
 
@@ -58,7 +73,7 @@ impl Kind for Simulate {
         limits.on_arrays(SimulateParameters::rules().at_most("grid.steps", limits.max_steps as f64), ARRAYS)
     }
 
-    fn accept(request: SimulateRequest, limits: &Limits) -> Result<SimulateInput, Problem> {
+    fn accept(request: SimulateRequest, limits: &Limits) -> Result<AcceptedSimulation, Problem> {
         let SimulateRequest { robot, reference_point, start, torque_schedule, grid, contact_solver } = request;
         let reference_point: ReferencePoint = named(reference_point, "reference_point")?;
         let contact_solver: ContactSolver = named(contact_solver, "contact_solver")?;
@@ -73,21 +88,22 @@ impl Kind for Simulate {
             schedule.left.truncate(1);
             schedule.right.truncate(1);
         }
-        Ok(checks.and(SimulateInput::new(SimulateParameters {
+        let input = checks.and(SimulateInput::new(SimulateParameters {
             robot: robot.unwrap_or_default().into(),
             reference_point: reference_point.into(),
             start: start.unwrap_or_default().into(),
             schedule,
             step_count,
             contact_method: contact_solver.into(),
-        }))?)
+        }))?;
+        Ok(AcceptedSimulation { input, time_limit: Duration::from_secs_f64(limits.max_time_limit_s) })
     }
 
-    fn answer_numbers(input: &SimulateInput) -> usize {
-        ARRAYS_OF_STEPS * input.step_count
+    fn answer_numbers(accepted: &AcceptedSimulation) -> usize {
+        ARRAYS_OF_STEPS * accepted.input.step_count
     }
 
-    fn answer(_input: &SimulateInput, done: &Done<Simulation>) -> SimulateResponse {
+    fn answer(_accepted: &AcceptedSimulation, done: &Done<Simulation>) -> SimulateResponse {
         // The same request gives the same bytes: the duration goes to the log only.
         let Simulation { trajectory, contact_modes, separations, slip_reversals } = &done.output;
         SimulateResponse {
@@ -102,7 +118,7 @@ impl Kind for Simulate {
     }
 
     /// Duration, end state and the timeline of contact modes.
-    fn table(_input: &SimulateInput, done: &Done<Simulation>) -> String {
+    fn table(_accepted: &AcceptedSimulation, done: &Done<Simulation>) -> String {
         let simulation = &done.output;
         let trajectory = &simulation.trajectory;
         let mut table = String::new();

@@ -1,14 +1,21 @@
 //! The seam between the jobs and the numerics.
 
 use crate::solver::{self, RunControl, SimulateInput, Simulation, Solution, SolveInput};
+use crate::stop::{Stop, Stopped};
 
 /// What the workers run; tests and benches put others in its place.
 pub trait ManeuverSolver: Send + Sync {
-    /// Solves a maneuver; polls the stop flag of `control` at least once per rollout.
-    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Solution;
+    /// Solves a maneuver.
+    ///
+    /// # Errors
+    /// When `control` cuts it off before there is anything to answer.
+    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Result<Solution, Stopped>;
 
     /// Integrates one torque schedule.
-    fn simulate(&self, input: &SimulateInput) -> Simulation;
+    ///
+    /// # Errors
+    /// When it was stopped before the end.
+    fn simulate(&self, input: &SimulateInput, stop: Stop<'_>) -> Result<Simulation, Stopped>;
 }
 
 /// The solver of this crate.
@@ -16,11 +23,11 @@ pub trait ManeuverSolver: Send + Sync {
 pub struct InProcessSolver;
 
 impl ManeuverSolver for InProcessSolver {
-    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Solution {
+    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Result<Solution, Stopped> {
         solver::solve(input, control)
     }
 
-    fn simulate(&self, input: &SimulateInput) -> Simulation {
-        solver::simulate(input)
+    fn simulate(&self, input: &SimulateInput, stop: Stop<'_>) -> Result<Simulation, Stopped> {
+        solver::simulate(input, stop)
     }
 }

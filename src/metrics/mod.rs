@@ -92,6 +92,8 @@ pub enum JobEnd {
     Finished,
     /// The deadline passed before there was an answer.
     Deadline,
+    /// The server's own limit passed before there was an answer.
+    TimeLimit,
     /// The caller left.
     CallerGone,
     /// The process ends.
@@ -102,15 +104,17 @@ pub enum JobEnd {
 
 impl JobEnd {
     /// All ends.
-    pub const ALL: [Self; 5] = [Self::Finished, Self::Deadline, Self::CallerGone, Self::Shutdown, Self::Panicked];
+    pub const ALL: [Self; 6] =
+        [Self::Finished, Self::Deadline, Self::TimeLimit, Self::CallerGone, Self::Shutdown, Self::Panicked];
     /// Those for which nobody in the server is to blame.
-    const CANCELLED: [Self; 3] = [Self::Deadline, Self::CallerGone, Self::Shutdown];
+    const CANCELLED: [Self; 4] = [Self::Deadline, Self::TimeLimit, Self::CallerGone, Self::Shutdown];
 
     /// The label.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Finished => "finished",
             Self::Deadline => "deadline",
+            Self::TimeLimit => "time_limit",
             Self::CallerGone => "caller_gone",
             Self::Shutdown => "shutdown",
             Self::Panicked => "panicked",

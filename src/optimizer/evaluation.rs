@@ -1,8 +1,8 @@
 //! The interface between an optimiser and its problem, and the rollout budget.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use nalgebra::{DMatrix, DVector};
+
+use crate::stop::{Stop, Stopped};
 
 /// A problem with a linear cost, box bounds, equality constraints (residuals) and inequality constraints.
 pub trait Problem {
@@ -17,9 +17,15 @@ pub trait Problem {
     /// Constraint values of the right lengths, all zero.
     fn constraints(&self) -> Constraints;
     /// The constraint values at x; one rollout.
-    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints);
+    ///
+    /// # Errors
+    /// When it was stopped; the values are then as they were.
+    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints, stop: Stop) -> Result<(), Stopped>;
     /// The constraint values at x, the working set and its derivatives; counts as one rollout.
-    fn linearise(&mut self, x: &DVector<f64>, linearisation: &mut Linearisation);
+    ///
+    /// # Errors
+    /// When it was stopped; the values are then as they were or those at x, and the derivatives are not valid.
+    fn linearise(&mut self, x: &DVector<f64>, linearisation: &mut Linearisation, stop: Stop) -> Result<(), Stopped>;
 }
 
 /// The constraint values at a point.
@@ -78,37 +84,34 @@ impl Linearisation {
 /// Why an optimiser must stop before it is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interruption {
-    /// A stop flag is set.
+    /// It was asked to stop.
     Stopped,
     /// The rollouts are used up.
     RolloutLimit,
 }
 
-/// Rollouts that may still be spent, and the stop flags, which are checked before each rollout.
-#[derive(Debug)]
+impl From<Stopped> for Interruption {
+    fn from(_: Stopped) -> Self {
+        Self::Stopped
+    }
+}
+
+/// Rollouts that may still be spent, and what ends them early.
 pub struct Budget<'a> {
-    stop: &'a AtomicBool,
-    /// Further stop flags.
-    interrupts: &'a [&'a AtomicBool],
+    stop: Stop<'a>,
     limit: u64,
     spent: u64,
 }
 
 impl<'a> Budget<'a> {
     /// At most `limit` rollouts, fewer when `stop` is set.
-    pub fn new(stop: &'a AtomicBool, limit: u64) -> Self {
-        Self { stop, interrupts: &[], limit, spent: 0 }
+    pub fn new(stop: impl Into<Stop<'a>>, limit: u64) -> Self {
+        Self { stop: stop.into(), limit, spent: 0 }
     }
 
-    /// Also stopped by any of these flags.
-    #[must_use]
-    pub fn interrupted_by(self, interrupts: &'a [&'a AtomicBool]) -> Self {
-        Self { interrupts, ..self }
-    }
-
-    /// Whether one of the flags is set.
-    pub fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed) || self.interrupts.iter().any(|flag| flag.load(Ordering::Relaxed))
+    /// What ends the work under this budget early.
+    pub fn stop(&self) -> Stop<'a> {
+        self.stop
     }
 
     /// Rollouts spent.
@@ -116,32 +119,32 @@ impl<'a> Budget<'a> {
         self.spent
     }
 
-    /// Takes one rollout.
+    /// Takes one rollout, and gives what ends it early.
     ///
     /// # Errors
-    /// When a flag is set or none is left.
-    pub fn spend(&mut self) -> Result<(), Interruption> {
-        if self.is_stopped() {
-            return Err(Interruption::Stopped);
-        }
+    /// When the work is stopped or no rollout is left.
+    pub fn spend(&mut self) -> Result<Stop<'a>, Interruption> {
+        self.stop.check()?;
         if self.spent >= self.limit {
             return Err(Interruption::RolloutLimit);
         }
         self.spent += 1;
-        Ok(())
+        Ok(self.stop)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
     use super::*;
 
     #[test]
     fn budget_ends_with_the_limit() {
         let stop = AtomicBool::new(false);
         let mut budget = Budget::new(&stop, 2);
-        assert_eq!((budget.spend(), budget.spend()), (Ok(()), Ok(())));
-        assert_eq!(budget.spend(), Err(Interruption::RolloutLimit));
+        assert!(budget.spend().is_ok() && budget.spend().is_ok());
+        assert_eq!(budget.spend().err(), Some(Interruption::RolloutLimit));
     }
 
     #[test]
@@ -149,17 +152,7 @@ mod tests {
         let stop = AtomicBool::new(false);
         let mut budget = Budget::new(&stop, 10);
         stop.store(true, Ordering::Relaxed);
-        assert_eq!(budget.spend(), Err(Interruption::Stopped));
+        assert_eq!(budget.spend().err(), Some(Interruption::Stopped));
         assert_eq!(budget.spent(), 0);
-    }
-
-    #[test]
-    fn any_flag_ends_the_budget() {
-        let [stop, first, second] = [const { AtomicBool::new(false) }; 3];
-        let flags = [&first, &second];
-        let mut budget = Budget::new(&stop, 10).interrupted_by(&flags);
-        assert_eq!(budget.spend(), Ok(()));
-        second.store(true, Ordering::Relaxed);
-        assert_eq!(budget.spend(), Err(Interruption::Stopped));
     }
 }

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::evaluation::{Constraints, Linearisation, Problem};
+use crate::stop::{Stop, Stopped};
 
 /// Rows `matrix x - target`: first the residuals, then the inequalities.
 pub(super) struct LinearProblem {
@@ -36,16 +37,18 @@ impl Problem for LinearProblem {
         Constraints { residual: DVector::zeros(self.residual_count), inequality: DVector::zeros(inequality_count) }
     }
 
-    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints) {
+    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints, _stop: Stop) -> Result<(), Stopped> {
         let rows = &self.matrix * x - &self.target;
         let (residual, inequality) = rows.as_slice().split_at(self.residual_count);
         constraints.residual.copy_from_slice(residual);
         constraints.inequality.copy_from_slice(inequality);
+        Ok(())
     }
 
-    fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation) {
-        self.evaluate(x, &mut model.constraints);
+    fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation, stop: Stop) -> Result<(), Stopped> {
+        self.evaluate(x, &mut model.constraints, stop)?;
         model.working_set = (0..model.constraints.inequality.len()).collect();
         model.jacobian.clone_from(&self.matrix);
+        Ok(())
     }
 }

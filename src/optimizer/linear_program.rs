@@ -17,6 +17,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
+use crate::stop::{Stop, Stopped};
 
 /// Reduced costs closer to zero are rounding of the multipliers.
 const REDUCED_COST_TOLERANCE: f64 = 1e-11;
@@ -25,8 +26,6 @@ const BOUND_TOLERANCE: f64 = 1e-9;
 /// Iterations without progress after which the entering column is chosen by Bland's rule, the lowest index, against
 /// cycling.
 const STALL_LIMIT: usize = 50;
-/// Iterations between two checks of the stop condition.
-const STOP_PERIOD: usize = 64;
 /// Iterations per variable and row after which the simplex gives up.
 const ITERATION_FACTOR: usize = 50;
 
@@ -103,34 +102,32 @@ impl ElasticSolver {
     }
 
     /// Solves a program; at least as good as x = 0.
-    pub fn solve(&mut self, program: &ElasticProgram) -> ElasticSolution {
-        self.solve_until(program, &|| false)
-    }
-
-    /// As [`ElasticSolver::solve`], but ends early, with x = 0 at worst, once `is_stopped` returns true: programs of
-    /// thousands of variables take many milliseconds.
-    pub fn solve_until(&mut self, program: &ElasticProgram, is_stopped: &dyn Fn() -> bool) -> ElasticSolution {
+    ///
+    /// # Errors
+    /// When it was stopped: programs of thousands of variables take many milliseconds.
+    pub fn solve(&mut self, program: &ElasticProgram, stop: Stop) -> Result<ElasticSolution, Stopped> {
         let staying = program.penalty_parameter * violation_sum(&-program.target, program.equation_count);
         let mut iterations = 0;
         for safeguards in [Safeguards::Usual, Safeguards::Strict] {
-            let mut solution = self.solve_with(program, safeguards, is_stopped);
+            let mut solution = self.solve_with(program, safeguards, stop)?;
             iterations += solution.iterations;
             solution.iterations = iterations;
             if solution.objective <= staying {
-                return solution;
+                return Ok(solution);
             }
         }
         // Singular to rounding, or not finite.
         let (rows, columns) = program.matrix.shape();
-        ElasticSolution { x: DVector::zeros(columns), multiplier: DVector::zeros(rows), objective: staying, iterations }
+        let (x, multiplier) = (DVector::zeros(columns), DVector::zeros(rows));
+        Ok(ElasticSolution { x, multiplier, objective: staying, iterations })
     }
 
     fn solve_with(
         &mut self,
         program: &ElasticProgram,
         safeguards: Safeguards,
-        is_stopped: &dyn Fn() -> bool,
-    ) -> ElasticSolution {
+        stop: Stop,
+    ) -> Result<ElasticSolution, Stopped> {
         self.safeguards = safeguards;
         self.start(program);
         self.update_multipliers(program);
@@ -144,22 +141,22 @@ impl ElasticSolver {
                 self.candidates.sort_unstable_by_key(|(_, column)| *column);
                 self.candidates.truncate(1);
             }
-            if self.candidates.is_empty() || is_stopped() {
+            stop.check()?;
+            if self.candidates.is_empty() {
                 break;
             }
             for candidate in 0..self.candidates.len() {
                 let column = self.candidates[candidate].1;
                 if let Some((entering, _)) = self.entering(program, column) {
                     iterations += 1;
-                    if iterations % STOP_PERIOD == 0 && is_stopped() {
-                        break;
-                    }
+                    // A basis of many rows takes milliseconds to invert.
+                    stop.check()?;
                     let step = self.advance(program, &entering);
                     stalled = if step > 0.0 { 0 } else { stalled + 1 };
                 }
             }
         }
-        self.solution(program, iterations)
+        Ok(self.solution(program, iterations))
     }
 
     /// Columns that improve the objective at the current multipliers, the largest reduced cost first (Dantzig's rule).

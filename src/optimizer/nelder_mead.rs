@@ -10,6 +10,7 @@
 use nalgebra::DVector;
 
 use super::evaluation::{Budget, Interruption};
+use crate::stop::{Stop, Stopped};
 
 /// Size of the search.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,11 +47,14 @@ pub struct NelderMeadResult {
     pub interruption: Option<Interruption>,
 }
 
+/// A function to minimise, which ends early when it is stopped.
+type Value<'a> = dyn FnMut(&DVector<f64>, Stop) -> Result<f64, Stopped> + 'a;
+
 /// Minimises `value` from `start`; each call of `value` takes one rollout from the budget.
 ///
 /// `on_improvement` is called with each new best point.
 pub fn minimise_by_nelder_mead(
-    value: &mut dyn FnMut(&DVector<f64>) -> f64,
+    value: &mut Value,
     start: &DVector<f64>,
     settings: &NelderMeadSettings,
     budget: &mut Budget,
@@ -63,7 +67,7 @@ pub fn minimise_by_nelder_mead(
 }
 
 struct Search<'a, 'b> {
-    value: &'a mut dyn FnMut(&DVector<f64>) -> f64,
+    value: &'a mut Value<'a>,
     budget: &'a mut Budget<'b>,
     on_improvement: &'a mut dyn FnMut(&DVector<f64>),
     best: DVector<f64>,
@@ -174,8 +178,8 @@ impl Search<'_, '_> {
     }
 
     fn evaluate(&mut self, x: &DVector<f64>) -> Result<f64, Interruption> {
-        self.budget.spend()?;
-        let value = (self.value)(x);
+        let stop = self.budget.spend()?;
+        let value = (self.value)(x, stop)?;
         if value < self.best_value {
             self.best_value = value;
             self.best.copy_from(x);
@@ -240,7 +244,7 @@ mod tests {
         };
         let mut budget = Budget::new(&stop, 200_000);
         let start = DVector::from_column_slice(start);
-        minimise_by_nelder_mead(&mut |x| value(x), &start, &settings, &mut budget, &mut |_| {})
+        minimise_by_nelder_mead(&mut |x, _| Ok(value(x)), &start, &settings, &mut budget, &mut |_| {})
     }
 
     #[test]
@@ -268,7 +272,7 @@ mod tests {
             smallest_gain: 0.0,
         };
         let mut budget = Budget::new(&stop, 25);
-        let mut value = |x: &DVector<f64>| x.norm_squared();
+        let mut value = |x: &DVector<f64>, _: Stop| Ok(x.norm_squared());
         let start = DVector::from_vec(vec![3.0, 4.0]);
         let result = minimise_by_nelder_mead(&mut value, &start, &settings, &mut budget, &mut |_| {});
         assert_eq!(result.interruption, Some(Interruption::RolloutLimit));

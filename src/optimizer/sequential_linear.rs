@@ -194,8 +194,8 @@ pub fn criticality_measure(
         ..SequentialLinearSettings::default()
     };
     let mut model = Linearisation::new(problem.constraints(), x.len());
-    budget.spend()?;
-    problem.linearise(x, &mut model);
+    let stop = budget.spend()?;
+    problem.linearise(x, &mut model, stop)?;
     let mut shifted = ShiftedConstraints::at(problem, &model.constraints, (residual_tolerance, inequality_tolerance));
     shifted.shift(&mut model.constraints);
     let mut search = Search { model, model_is_current: true, ..Search::new(&mut shifted, x, &settings) };
@@ -292,8 +292,8 @@ impl<'a> Search<'a> {
 
     fn linearise(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
         if !self.model_is_current {
-            budget.spend()?;
-            self.problem.linearise(&self.x, &mut self.model);
+            let stop = budget.spend()?;
+            self.problem.linearise(&self.x, &mut self.model, stop)?;
             self.model_is_current = true;
         }
         Ok(())
@@ -313,8 +313,7 @@ impl<'a> Search<'a> {
             upper: &upper,
             penalty_parameter: self.settings.penalty_parameter,
         };
-        let step = self.programs.solve_until(&program, &|| budget.is_stopped()).x;
-        if budget.is_stopped() { Err(Interruption::Stopped) } else { Ok(step) }
+        Ok(self.programs.solve(&program, budget.stop())?.x)
     }
 
     fn equation_count(&self) -> usize {
@@ -350,10 +349,10 @@ impl<'a> Search<'a> {
     }
 
     fn evaluate(&mut self, x: &DVector<f64>, budget: &mut Budget) -> Result<Trial, Interruption> {
-        budget.spend()?;
+        let stop = budget.spend()?;
         let x = clamped(x, self.problem.lower(), self.problem.upper());
         let mut constraints = self.problem.constraints();
-        self.problem.evaluate(&x, &mut constraints);
+        self.problem.evaluate(&x, &mut constraints, stop)?;
         let merit = self.merit(&x, &constraints);
         Ok(Trial { x, constraints, merit })
     }

@@ -3,6 +3,7 @@
 use nalgebra::DVector;
 
 use super::evaluation::{Constraints, Linearisation, Problem};
+use crate::stop::{Stop, Stopped};
 
 /// The same problem with a constant offset of its constraint values.
 pub(super) struct ShiftedConstraints<'a> {
@@ -52,14 +53,16 @@ impl Problem for ShiftedConstraints<'_> {
         self.problem.constraints()
     }
 
-    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints) {
-        self.problem.evaluate(x, constraints);
+    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints, stop: Stop) -> Result<(), Stopped> {
+        self.problem.evaluate(x, constraints, stop)?;
         self.shift(constraints);
+        Ok(())
     }
 
-    fn linearise(&mut self, x: &DVector<f64>, linearisation: &mut Linearisation) {
-        self.problem.linearise(x, linearisation);
+    fn linearise(&mut self, x: &DVector<f64>, linearisation: &mut Linearisation, stop: Stop) -> Result<(), Stopped> {
+        self.problem.linearise(x, linearisation, stop)?;
         self.shift(&mut linearisation.constraints);
+        Ok(())
     }
 }
 

@@ -9,6 +9,7 @@ use nalgebra::DVector;
 use super::elastic_program::ElasticProgram;
 use super::evaluation::{Linearisation, Problem};
 use super::linear_program::ElasticSolver;
+use crate::stop::{Stop, Stopped};
 
 /// The multipliers are those of the linear model in a box this small, as a fraction of each variable's scale.
 const RADIUS: f64 = 1e-3;
@@ -18,12 +19,16 @@ const ZERO: f64 = 1e-2;
 const AT_BOUND: f64 = 1e-9;
 
 /// How many variables contradict the sign of their reduced cost at `x`, where `model` is the problem's linearisation.
+///
+/// # Errors
+/// When it was stopped.
 pub fn sign_violations(
     problem: &dyn Problem,
     x: &DVector<f64>,
     model: &Linearisation,
     penalty_parameter: f64,
-) -> usize {
+    stop: Stop,
+) -> Result<usize, Stopped> {
     let scale = problem.variable_scale(x);
     let below = problem.lower() - x;
     let above = problem.upper() - x;
@@ -36,7 +41,7 @@ pub fn sign_violations(
         upper: &above.zip_map(&scale, |room, scale| room.min(RADIUS * scale).max(0.0)),
         penalty_parameter,
     };
-    let multiplier = ElasticSolver::new().solve(&program).multiplier;
+    let multiplier = ElasticSolver::new().solve(&program, stop)?.multiplier;
     let reduced_cost = (problem.cost() - model.jacobian.tr_mul(&multiplier)).component_mul(&scale);
 
     let zero = ZERO * reduced_cost.amax();
@@ -46,7 +51,7 @@ pub fn sign_violations(
         let can_rise = above[index] > slack && reduced_cost[index] < -zero;
         can_fall || can_rise
     };
-    (0..x.len()).filter(|&index| contradicts(index)).count()
+    Ok((0..x.len()).filter(|&index| contradicts(index)).count())
 }
 
 #[cfg(test)]
@@ -72,8 +77,8 @@ mod tests {
     fn violations(x: [f64; 3]) -> usize {
         let (mut problem, x) = (sum(), DVector::from_row_slice(&x));
         let mut model = Linearisation::new(problem.constraints(), x.len());
-        problem.linearise(&x, &mut model);
-        sign_violations(&problem, &x, &model, 5.0)
+        problem.linearise(&x, &mut model, Stop::never()).unwrap();
+        sign_violations(&problem, &x, &model, 5.0, Stop::never()).unwrap()
     }
 
     #[test]

@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn page_holds_its_curves_and_its_script() {
-        let page = html(&solve(&SolveInput::forward_drive(), &RunControl::unattended()));
+        let page = html(&solve(&SolveInput::forward_drive(), &RunControl::unattended()).unwrap());
         for text in ["right slip", "torque [N m]", "phase of y"] {
             assert!(page.contains(text), "{text}");
         }

@@ -216,7 +216,7 @@ impl BoundedQueue {
             )
         };
         for stop in stops {
-            stop.stop(cause);
+            stop.cut_off(cause);
         }
         // Outside the lock: the dropped jobs release their permits, which takes it.
         drop(waiting);
@@ -276,7 +276,7 @@ impl BoundedQueue {
     pub(super) fn push(&self, job: Job, stop: StopHandle, clocks: Clocks) {
         let mut state = lock(&self.state);
         if let Some(cause) = state.cancelled {
-            stop.stop(cause);
+            stop.cut_off(cause);
         }
         state.submitted.insert(job.id(), Submitted { stop, clocks, started: None });
         state.waiting.push_back(job);

@@ -1,8 +1,9 @@
-//! When a job is signalled to stop, and how long it will keep a worker.
+//! When a job is stopped and cut off, and how long it will keep a worker.
 
 use std::time::{Duration, Instant};
 
 use super::stop::StopCause;
+use super::watchdog::Signal;
 
 /// How long before a deadline an answer must be complete: time to send it.
 pub const ANSWER_MARGIN: Duration = Duration::from_millis(20);
@@ -14,6 +15,8 @@ pub struct Finishing {
     pub time: Duration,
     /// Most of the available time that is kept free for it.
     pub largest_share: f64,
+    /// How long it may run before a time limit cuts it off: the shortest limits have an answer too.
+    pub least_time: Duration,
 }
 
 impl Finishing {
@@ -28,8 +31,8 @@ impl Finishing {
 pub struct Clocks {
     /// How long the job may take, counted from its start on the worker.
     pub time_limit: Option<Duration>,
-    /// When its caller needs the answer, waiting included; the answer is to be complete [`ANSWER_MARGIN`] earlier, and the
-    /// job is never started after that.
+    /// When its caller needs the answer, waiting included; the answer is to be complete [`ANSWER_MARGIN`] earlier: the job is
+    /// cut off then, and never started after that.
     pub deadline: Option<Instant>,
     /// What both clocks keep free for the time after the signal to stop.
     pub finishing: Finishing,
@@ -44,14 +47,18 @@ impl Clocks {
         self.deadline.map(|deadline| deadline.checked_sub(ANSWER_MARGIN).unwrap_or_else(Instant::now))
     }
 
-    /// When a job that starts at this time is signalled to stop, and why.
-    pub(super) fn stops(&self, start: Instant) -> [Option<(Instant, StopCause)>; 2] {
+    /// When a job that starts at this time is signalled, how and why; its deadline cuts it off besides.
+    pub(super) fn signals(&self, start: Instant) -> [Option<(Instant, Signal, StopCause)>; 3] {
         let until_deadline = self.last_start().map(|end| end.saturating_duration_since(start));
-        [(self.time_limit, StopCause::TimeLimit), (until_deadline, StopCause::Deadline)].map(|(available, cause)| {
-            let search = available.map(|available| available.saturating_sub(self.finishing.kept_of(available)));
-            // A limit beyond the range of the clock never passes.
-            Some((start.checked_add(search?)?, cause))
-        })
+        let search = |available: Duration| available.saturating_sub(self.finishing.kept_of(available));
+        let cut_off = self.time_limit.map(|limit| limit.max(self.finishing.least_time));
+        [
+            (self.time_limit.map(search), Signal::Stop, StopCause::TimeLimit),
+            (cut_off, Signal::CutOff, StopCause::TimeLimit),
+            (until_deadline.map(search), Signal::Stop, StopCause::Deadline),
+        ]
+        // A limit beyond the range of the clock never passes.
+        .map(|(time, signal, cause)| Some((start.checked_add(time?)?, signal, cause)))
     }
 
     /// How long a job that started at `start` will probably still run at `now`; it may start later than that.
@@ -77,13 +84,17 @@ mod tests {
     #[test]
     fn both_clocks_keep_the_finishing_time_free() {
         let start = Instant::now();
-        let finishing = Finishing { time: SECOND / 10, largest_share: 0.5 };
+        let finishing = Finishing { time: SECOND / 10, largest_share: 0.5, least_time: SECOND / 5 };
         let deadline = Some(start + ANSWER_MARGIN + SECOND);
         let clocks = Clocks { time_limit: Some(SECOND / 10), deadline, finishing, estimate: SECOND };
-        let stops = [(start + SECOND / 20, StopCause::TimeLimit), (start + SECOND * 9 / 10, StopCause::Deadline)];
-        assert_eq!(clocks.stops(start), stops.map(Some));
+        let signals = [
+            (start + SECOND / 20, Signal::Stop, StopCause::TimeLimit),
+            (start + SECOND / 5, Signal::CutOff, StopCause::TimeLimit),
+            (start + SECOND * 9 / 10, Signal::Stop, StopCause::Deadline),
+        ];
+        assert_eq!(clocks.signals(start), signals.map(Some));
         let endless = Clocks { time_limit: Some(Duration::MAX), ..Clocks::default() };
-        assert_eq!(endless.stops(start), [None, None]);
+        assert_eq!(endless.signals(start), [None; 3]);
     }
 
     #[test]

@@ -8,7 +8,8 @@
 //! - A running job may borrow [`IdleWorkers`]; they are given back as soon as another job waits.
 //! - A job stops for the first [`StopCause`] that reaches its [`StopHandle`]: its time limit, its deadline, a caller
 //!   who no longer waits (the ticket is dropped), or a shutdown. A job that is stopped while it waits is removed from
-//!   the queue and never started.
+//!   the queue and never started. One that runs may complete its answer until it is cut off: at the limit or the deadline
+//!   itself, and at once where nobody waits.
 //!
 //! Waiting jobs are kept in a deque under a mutex rather than in a channel, because the permit of a caller who left must
 //! be released at once, and only the receiver can take entries out of a channel.
@@ -121,7 +122,7 @@ impl Queue {
         self.jobs.close();
     }
 
-    /// Closes the queue and stops every job in flight, waiting or running.
+    /// Closes the queue and cuts off every job in flight, waiting or running.
     pub fn cancel_all(&self, cause: StopCause) {
         self.jobs.cancel_all(cause);
     }

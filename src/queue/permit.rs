@@ -125,7 +125,7 @@ fn run_timed<T>(
     watchdog: &Watchdog,
 ) -> JobOutcome<T> {
     let start = Instant::now();
-    let watches = clocks.stops(start).map(|stop_at| stop_at.map(|(time, cause)| watchdog.watch(stop, time, cause)));
+    let watches = clocks.signals(start).map(|signal| signal.map(|signal| watchdog.watch(stop, signal)));
     // The work owns all it touches, so nothing half-changed outlives a panic.
     let result = catch_unwind(AssertUnwindSafe(|| work(stop)));
     let duration = start.elapsed();

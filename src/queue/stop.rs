@@ -7,9 +7,9 @@ use std::time::Instant;
 /// Why a job was signalled to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopCause {
-    /// Its time limit, counted from its start on the worker, has passed.
+    /// Its time limit, counted from its start on the worker.
     TimeLimit,
-    /// The deadline of its caller, counted from arrival, is near.
+    /// The deadline of its caller, counted from arrival.
     Deadline,
     /// Nobody waits for the answer any more.
     CallerGone,
@@ -17,7 +17,9 @@ pub enum StopCause {
     Shutdown,
 }
 
-/// The stop flag of one job and the first cause that set it; clones share both.
+/// The two flags of one job and the first cause that set each; clones share them.
+///
+/// A job that is stopped completes its answer with what it has; one that is cut off returns at once.
 #[derive(Debug, Clone, Default)]
 pub struct StopHandle {
     state: Arc<StopState>,
@@ -27,10 +29,12 @@ pub struct StopHandle {
 struct StopState {
     flag: AtomicBool,
     cause: OnceLock<(StopCause, Instant)>,
+    cut_flag: AtomicBool,
+    cut_cause: OnceLock<StopCause>,
 }
 
 impl StopHandle {
-    /// A handle whose flag is not set.
+    /// A handle whose flags are not set.
     pub fn new() -> Self {
         Self::default()
     }
@@ -43,9 +47,23 @@ impl StopHandle {
         }
     }
 
+    /// Cuts the job off, and stops it where it was not stopped before; only the first cause is kept.
+    pub fn cut_off(&self, cause: StopCause) {
+        let first = self.state.cut_cause.set(cause).is_ok();
+        if first {
+            self.state.cut_flag.store(true, Ordering::Release);
+        }
+        self.stop(cause);
+    }
+
     /// What stopped the job, if anything did.
     pub fn cause(&self) -> Option<StopCause> {
         self.state.cause.get().map(|&(cause, _)| cause)
+    }
+
+    /// What cut the job off, if anything did.
+    pub fn cut_cause(&self) -> Option<StopCause> {
+        self.state.cut_cause.get().copied()
     }
 
     /// When the job was signalled to stop, if it was.
@@ -53,9 +71,14 @@ impl StopHandle {
         self.state.cause.get().map(|&(_, time)| time)
     }
 
-    /// The flag itself, for work that polls it.
+    /// The flag of a stopped job, for work that polls it.
     pub fn flag(&self) -> &AtomicBool {
         &self.state.flag
+    }
+
+    /// The flag of a job that is cut off, for work that polls it.
+    pub fn cut_flag(&self) -> &AtomicBool {
+        &self.state.cut_flag
     }
 }
 
@@ -63,12 +86,26 @@ impl StopHandle {
 mod tests {
     use super::*;
 
+    fn flags(stop: &StopHandle) -> [bool; 2] {
+        [stop.flag(), stop.cut_flag()].map(|flag| flag.load(Ordering::Acquire))
+    }
+
     #[test]
     fn first_cause_is_kept() {
         let stop = StopHandle::new();
-        assert_eq!((stop.cause(), stop.flag().load(Ordering::Acquire)), (None, false));
+        assert_eq!((stop.cause(), stop.cut_cause(), flags(&stop)), (None, None, [false, false]));
         stop.stop(StopCause::TimeLimit);
-        stop.clone().stop(StopCause::CallerGone);
-        assert_eq!((stop.cause(), stop.flag().load(Ordering::Acquire)), (Some(StopCause::TimeLimit), true));
+        assert_eq!((stop.cause(), stop.cut_cause(), flags(&stop)), (Some(StopCause::TimeLimit), None, [true, false]));
+        stop.clone().cut_off(StopCause::CallerGone);
+        stop.cut_off(StopCause::Deadline);
+        let causes = (stop.cause(), stop.cut_cause());
+        assert_eq!((causes, flags(&stop)), ((Some(StopCause::TimeLimit), Some(StopCause::CallerGone)), [true, true]));
+    }
+
+    #[test]
+    fn job_that_is_cut_off_is_stopped_too() {
+        let stop = StopHandle::new();
+        stop.cut_off(StopCause::Shutdown);
+        assert_eq!((stop.cause(), flags(&stop)), (Some(StopCause::Shutdown), [true, true]));
     }
 }

@@ -87,7 +87,7 @@ impl CancelOnDrop {
 
 impl Drop for CancelOnDrop {
     fn drop(&mut self) {
-        self.stop.stop(StopCause::CallerGone);
+        self.stop.cut_off(StopCause::CallerGone);
         if let Some(queue) = self.queue.upgrade() {
             queue.remove(self.id);
         }

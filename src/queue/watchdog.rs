@@ -1,4 +1,4 @@
-//! One thread that stops jobs when their time limit or deadline has come.
+//! One thread that stops jobs and cuts them off when their time limit or deadline has come.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Weak};
@@ -27,10 +27,20 @@ struct Watched {
 /// Sorted by time, so that the first entry is the next one due; the number distinguishes equal times.
 type Due = BTreeMap<(Instant, u64), Alarm>;
 
+/// How a job is signalled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Signal {
+    /// It completes its answer.
+    Stop,
+    /// It returns at once.
+    CutOff,
+}
+
 /// What is done at a watched time.
 #[derive(Debug)]
 struct Alarm {
     stop: StopHandle,
+    signal: Signal,
     cause: StopCause,
     /// The queue that the job may still wait in, and its number there.
     queued: Option<(Weak<BoundedQueue>, u64)>,
@@ -38,8 +48,11 @@ struct Alarm {
 
 impl Alarm {
     fn fire(self) {
-        let Self { stop, cause, queued } = self;
-        stop.stop(cause);
+        let Self { stop, signal, cause, queued } = self;
+        match signal {
+            Signal::Stop => stop.stop(cause),
+            Signal::CutOff => stop.cut_off(cause),
+        }
         if let Some((queue, id)) = queued
             && let Some(queue) = queue.upgrade()
         {
@@ -65,19 +78,19 @@ impl Watchdog {
         Ok(Self { watched, thread: Mutex::new(Some(thread)) })
     }
 
-    /// Stops the job at `time` for `cause`, unless the watch is dropped before.
-    pub(super) fn watch(&self, stop: &StopHandle, time: Instant, cause: StopCause) -> Watch {
-        self.set(time, Alarm { stop: stop.clone(), cause, queued: None })
+    /// Signals the job at `time` for `cause`, unless the watch is dropped before.
+    pub(super) fn watch(&self, stop: &StopHandle, (time, signal, cause): (Instant, Signal, StopCause)) -> Watch {
+        self.set(time, Alarm { stop: stop.clone(), signal, cause, queued: None })
     }
 
-    /// Like [`Watchdog::watch`], and removes the job from its queue if it still waits there at that time.
+    /// Cuts the job off at `time` for `cause`, and removes it from its queue if it still waits there.
     pub(super) fn watch_queued(
         &self,
         stop: &StopHandle,
         (time, cause): (Instant, StopCause),
         queued: (Weak<BoundedQueue>, u64),
     ) -> Watch {
-        self.set(time, Alarm { stop: stop.clone(), cause, queued: Some(queued) })
+        self.set(time, Alarm { stop: stop.clone(), signal: Signal::CutOff, cause, queued: Some(queued) })
     }
 
     fn set(&self, time: Instant, alarm: Alarm) -> Watch {
@@ -157,7 +170,8 @@ mod tests {
     fn dropped_watch_is_forgotten() {
         let watchdog = Watchdog::start().unwrap();
         let stop = StopHandle::new();
-        let watch = watchdog.watch(&stop, Instant::now() + Duration::from_secs(3600), StopCause::TimeLimit);
+        let watch =
+            watchdog.watch(&stop, (Instant::now() + Duration::from_secs(3600), Signal::Stop, StopCause::TimeLimit));
         drop(watch);
         assert!(lock(&watchdog.watched.state).due.is_empty());
         watchdog.join();
@@ -168,11 +182,12 @@ mod tests {
     fn earlier_time_overtakes_a_later_one() {
         let watchdog = Watchdog::start().unwrap();
         let (late, early) = (StopHandle::new(), StopHandle::new());
-        let _late = watchdog.watch(&late, Instant::now() + Duration::from_secs(3600), StopCause::TimeLimit);
-        let _early = watchdog.watch(&early, Instant::now(), StopCause::Deadline);
-        while early.cause().is_none() {
+        let _late =
+            watchdog.watch(&late, (Instant::now() + Duration::from_secs(3600), Signal::Stop, StopCause::TimeLimit));
+        let _early = watchdog.watch(&early, (Instant::now(), Signal::CutOff, StopCause::Deadline));
+        while early.cut_cause().is_none() {
             std::thread::yield_now();
         }
-        assert_eq!((early.cause(), late.cause()), (Some(StopCause::Deadline), None));
+        assert_eq!((early.cut_cause(), late.cause()), (Some(StopCause::Deadline), None));
     }
 }

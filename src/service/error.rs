@@ -23,9 +23,12 @@ pub enum ServiceError {
         /// How long the deadline was away.
         remaining: Duration,
     },
-    /// The deadline passed before the solve could start; there is no plan.
-    #[error("the deadline passed before a worker was free")]
+    /// The deadline passed before the job could start, or before it had anything to answer.
+    #[error("the deadline passed before there was an answer")]
     DeadlineExceeded,
+    /// The server's own limit passed before there was an answer.
+    #[error("the time limit of the server passed before there was an answer")]
+    TimeLimitExceeded,
     /// The service starts or drains.
     #[error("the server takes no work at present, try again in {} s", .retry_after.as_secs())]
     Unavailable {
@@ -47,7 +50,7 @@ impl ServiceError {
             Self::QueueFull { retry_after, .. }
             | Self::DeadlineUnreachable { retry_after, .. }
             | Self::Unavailable { retry_after } => Some(retry_after),
-            Self::DeadlineExceeded | Self::Cancelled | Self::SolverPanic => None,
+            Self::DeadlineExceeded | Self::TimeLimitExceeded | Self::Cancelled | Self::SolverPanic => None,
         }
     }
 }

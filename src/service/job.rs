@@ -28,7 +28,7 @@ pub trait Job: Send + Sync + 'static {
         None
     }
 
-    /// When it must have ended, counted from its start; none where the input bounds it.
+    /// When it is cut off, counted from its start; none where the input bounds it.
     fn time_limit(&self, _input: &Self::Input) -> Option<Duration> {
         None
     }
@@ -41,7 +41,7 @@ pub trait Job: Send + Sync + 'static {
     /// Runs on a worker.
     ///
     /// # Errors
-    /// When it was stopped before there was anything to answer.
+    /// When it was cut off before there was anything to answer.
     fn run(&self, input: &Self::Input, control: &JobControl<'_, Self::Progress>) -> Result<Self::Output, Stopped>;
 
     /// Called on the worker when the answer is written, for counts and measurements of its own.
@@ -68,7 +68,7 @@ pub enum Stopped {
     Unasked,
 }
 
-/// The stop flag of a running job, the channel for its progress, and the workers that may help.
+/// The stop flags of a running job, the channel for its progress, and the workers that may help.
 pub struct JobControl<'a, P> {
     pub(super) stop: &'a StopHandle,
     pub(super) workers: &'a IdleWorkers,
@@ -78,9 +78,18 @@ pub struct JobControl<'a, P> {
 }
 
 impl<P> JobControl<'_, P> {
-    /// The flag and the cause behind it.
+    /// The flags and the causes behind them.
     pub fn stop(&self) -> &StopHandle {
         self.stop
+    }
+
+    /// Why a job that was cut off has no answer.
+    pub fn cut_off(&self) -> Stopped {
+        if let Some(cause) = self.stop.cut_cause() {
+            return Stopped::By(cause);
+        }
+        tracing::error!("a job says that it was cut off, but nobody cut it off");
+        Stopped::Unasked
     }
 
     /// The span of the run, for spans of its phases.

@@ -32,8 +32,8 @@ pub use crate::queue::{Finishing, StopCause};
 /// How much expected work per worker may be in flight unless configured: the longest time limit. Who would wait longer
 /// had better come back.
 pub const DEFAULT_QUEUE_WORK: Duration = Duration::from_secs(60);
-/// How long after its stop flag a worker counts as stuck: a rollout of the largest grid takes some ms, the certificate
-/// of a plan on that grid some seconds.
+/// How long after its stop flag a worker counts as stuck: a job may complete its answer until it is cut off, but keeps no
+/// more than a share of its time limit for that.
 const STUCK_AFTER: Duration = Duration::from_secs(30);
 
 /// Size of the service.

@@ -88,6 +88,7 @@ impl Awaited {
         self.end = match outcome {
             Ok(_) => JobEnd::Finished,
             Err(ServiceError::DeadlineExceeded) => JobEnd::Deadline,
+            Err(ServiceError::TimeLimitExceeded) => JobEnd::TimeLimit,
             Err(ServiceError::Unavailable { .. }) => JobEnd::Shutdown,
             Err(ServiceError::SolverPanic) => JobEnd::Panicked,
             // The other two refuse a job before it is queued.

@@ -147,7 +147,7 @@ fn error_of(cause: StopCause, pace: &Pace) -> ServiceError {
     match cause {
         StopCause::CallerGone => ServiceError::Cancelled,
         StopCause::Deadline => ServiceError::DeadlineExceeded,
-        // Time limits count from the start: they end no wait.
-        StopCause::TimeLimit | StopCause::Shutdown => ServiceError::Unavailable { retry_after: pace.retry_after() },
+        StopCause::TimeLimit => ServiceError::TimeLimitExceeded,
+        StopCause::Shutdown => ServiceError::Unavailable { retry_after: pace.retry_after() },
     }
 }

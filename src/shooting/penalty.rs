@@ -12,6 +12,7 @@ use nalgebra::DVector;
 
 use super::problem::ShootingProblem;
 use crate::optimizer::{Constraints, Problem};
+use crate::stop::{Stop, Stopped};
 
 /// Penalty parameter of squared scaled goal errors, s per m2: at the optimum a millimetre of error saves 0.3 ms.
 const GOAL_PENALTY: f64 = 150.0;
@@ -45,7 +46,10 @@ impl<'a, 'b> Penalty<'a, 'b> {
     }
 
     /// The penalty of a decision; one rollout.
-    pub fn value(&mut self, decision: &DVector<f64>) -> f64 {
+    ///
+    /// # Errors
+    /// When it was stopped.
+    pub fn value(&mut self, decision: &DVector<f64>, stop: Stop) -> Result<f64, Stopped> {
         let mut torque_violation = 0.0;
         for (index, value) in decision.iter().enumerate() {
             let (lower, upper) = (self.problem.lower()[index], self.problem.upper()[index]);
@@ -54,13 +58,13 @@ impl<'a, 'b> Penalty<'a, 'b> {
                 torque_violation += ((value - self.clamped[index]) / upper).powi(2);
             }
         }
-        self.problem.evaluate(&self.clamped, &mut self.constraints);
+        self.problem.evaluate(&self.clamped, &mut self.constraints, stop)?;
         let final_time = self.clamped[self.clamped.len() - 1];
         let normal_force_violation: f64 = self.constraints.inequality.iter().map(|value| value.max(0.0).powi(2)).sum();
         let goal = self.constraints.residual.norm_squared();
-        final_time
+        Ok(final_time
             + GOAL_PENALTY * goal
             + TORQUE_PENALTY * torque_violation
-            + NORMAL_FORCE_PENALTY * normal_force_violation
+            + NORMAL_FORCE_PENALTY * normal_force_violation)
     }
 }

@@ -9,6 +9,7 @@ use super::normal_force_constraints::NormalForceConstraints;
 use crate::optimizer::{Constraints, Linearisation, Problem};
 use crate::robot::State;
 use crate::simulation::{EndDerivative, EndSensitivity, LeastNormalForces, Rollout, Simulator, TorqueSchedule};
+use crate::stop::{Stop, Stopped};
 
 /// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): a time constant of 0.3 s.
 const SPEED_SCALE: f64 = 0.3;
@@ -147,15 +148,20 @@ impl<'a> ShootingProblem<'a> {
     }
 
     /// Rolls out, unless the last rollout was the same: a search linearises at points that it has just evaluated.
-    fn record(&mut self, decision: &DVector<f64>) {
+    fn record(&mut self, decision: &DVector<f64>, stop: Stop) -> Result<(), Stopped> {
         let is_recorded =
             |(recorded, smoothing): &(DVector<f64>, f64)| recorded == decision && *smoothing == self.slip_smoothing;
         if self.recorded.as_ref().is_some_and(is_recorded) {
-            return;
+            return Ok(());
         }
         write_schedule(decision, &mut self.schedule);
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        self.simulator.record(&rollout, self.slip_smoothing, &mut self.sensitivity);
+        let recorded = self.simulator.record(&rollout, self.slip_smoothing, &mut self.sensitivity, stop);
+        if let Err(stopped) = recorded {
+            // A part of a rollout must not pass for the last one.
+            self.recorded = None;
+            return Err(stopped);
+        }
         match &mut self.recorded {
             Some((recorded, smoothing)) => {
                 recorded.copy_from(decision);
@@ -163,6 +169,7 @@ impl<'a> ShootingProblem<'a> {
             }
             None => self.recorded = Some((decision.clone(), self.slip_smoothing)),
         }
+        Ok(())
     }
 
     fn write_residual(&self, end: &State, residual: &mut DVector<f64>) {
@@ -189,17 +196,24 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
-    fn write_normal_force_rows(&self, rollout: &Rollout, linearisation: &mut Linearisation) {
+    fn write_normal_force_rows(
+        &self,
+        rollout: &Rollout,
+        linearisation: &mut Linearisation,
+        stop: Stop,
+    ) -> Result<(), Stopped> {
         let working_set = &linearisation.working_set;
         if working_set.is_empty() {
-            return;
+            return Ok(());
         }
+        let (simulator, smoothing) = (self.simulator, self.slip_smoothing);
         let derivatives =
-            self.simulator.normal_force_sensitivity(rollout, self.slip_smoothing, &self.sensitivity, working_set);
+            simulator.normal_force_sensitivity(rollout, smoothing, &self.sensitivity, working_set, stop)?;
         for (index, derivative) in derivatives.iter().enumerate() {
             let row = linearisation.jacobian.row_mut(self.rows.len() + index);
             self.normal_force_constraints.write_row(derivative, row);
         }
+        Ok(())
     }
 }
 
@@ -228,24 +242,30 @@ impl Problem for ShootingProblem<'_> {
         Constraints { residual: DVector::zeros(self.rows.len()), inequality: DVector::zeros(inequality_count) }
     }
 
-    fn evaluate(&mut self, decision: &DVector<f64>, constraints: &mut Constraints) {
-        self.record(decision);
+    fn evaluate(&mut self, decision: &DVector<f64>, constraints: &mut Constraints, stop: Stop) -> Result<(), Stopped> {
+        self.record(decision, stop)?;
         self.write_residual(&self.sensitivity.end, &mut constraints.residual);
         self.normal_force_constraints
             .write_inequality_values(&self.sensitivity.least_normal_forces, &mut constraints.inequality);
+        Ok(())
     }
 
-    fn linearise(&mut self, decision: &DVector<f64>, linearisation: &mut Linearisation) {
-        self.record(decision);
+    fn linearise(
+        &mut self,
+        decision: &DVector<f64>,
+        linearisation: &mut Linearisation,
+        stop: Stop,
+    ) -> Result<(), Stopped> {
+        self.record(decision, stop)?;
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        self.simulator.differentiate(&rollout, self.slip_smoothing, &mut self.sensitivity);
+        self.simulator.differentiate(&rollout, self.slip_smoothing, &mut self.sensitivity, stop)?;
         let Linearisation { constraints, working_set, jacobian } = linearisation;
         self.normal_force_constraints
             .write_inequality_values(&self.sensitivity.least_normal_forces, &mut constraints.inequality);
         NormalForceConstraints::select_working_set(&constraints.inequality, working_set);
         jacobian.resize_vertically_mut(self.rows.len() + working_set.len(), 0.0);
         self.write_goal_rows(linearisation);
-        self.write_normal_force_rows(&rollout, linearisation);
+        self.write_normal_force_rows(&rollout, linearisation, stop)
     }
 }
 
@@ -295,14 +315,14 @@ mod tests {
         let mut problem = ShootingProblem::new(&simulator, &maneuver, 50, 5);
         let decision = DVector::from_vec(vec![0.9, 0.3, -0.2, 0.7, -0.6, 0.5, 0.8, 0.1, -0.4, 0.2, 1.7]);
         let mut model = Linearisation::new(problem.constraints(), decision.len());
-        problem.linearise(&decision, &mut model);
+        problem.linearise(&decision, &mut model, Stop::never()).unwrap();
         let step = 1e-6;
         for index in 0..decision.len() {
             let [above, below] = [step, -step].map(|step| {
                 let mut moved = decision.clone();
                 moved[index] += step;
                 let mut constraints = problem.constraints();
-                problem.evaluate(&moved, &mut constraints);
+                problem.evaluate(&moved, &mut constraints, Stop::never()).unwrap();
                 model.rows_of(&constraints)
             });
             let difference = (above - below) / (2.0 * step);

@@ -13,6 +13,7 @@ use crate::contact::{
     ContactPattern, ContactSolution, DelassusOperator, ImpulseDerivative, OneStepProblem, WheelPattern,
 };
 use crate::robot::{BodyVector, PerWheel, Robot, State};
+use crate::stop::Stop;
 
 /// The constant data of the robot that a step needs, with `N` friction directions (3, or 5 with front friction).
 #[derive(Debug, Clone)]
@@ -56,7 +57,9 @@ pub(super) struct Step<const N: usize> {
 
 /// Solves the friction problem of each step of one rollout.
 pub(super) trait StepContact<const N: usize> {
-    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N>;
+    /// Once stopped, the answer need not keep the friction law.
+    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>, stop: &Stop)
+    -> ContactSolution<N>;
 }
 
 impl<const N: usize> StepModel<N> {
@@ -119,6 +122,7 @@ impl<const N: usize> StepModel<N> {
         torque: PerWheel<f64>,
         dt: f64,
         contact_solver: &mut impl StepContact<N>,
+        stop: &Stop,
     ) -> Step<N> {
         let half = 0.5 * dt;
         let (q, u) = (&start.configuration, &start.velocity);
@@ -133,7 +137,7 @@ impl<const N: usize> StepModel<N> {
 
         let smooth_change = dt * self.smooth_acceleration(&start_velocity, torque);
         let problem = self.one_step_problem(&start_velocity, torque, &smooth_change, dt);
-        let contact = contact_solver.solve(&self.operator, &problem);
+        let contact = contact_solver.solve(&self.operator, &problem, stop);
         let end_velocity = start_velocity + smooth_change + self.impulse_response * contact.impulse;
 
         let mut end = State::default();

@@ -19,6 +19,7 @@ use super::step_derivative::StepDerivative;
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
 use crate::robot::{BodyVector, PerWheel};
+use crate::stop::{Stop, Stopped};
 
 /// Derivatives of one normal force.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -43,33 +44,39 @@ struct Row {
 impl Simulator {
     /// Differentiates some of the least normal forces of a rollout that `sensitivity` has just been computed for, under the
     /// same `slip_smoothing` (0 for the exact law). `chosen` are indices into [`LeastNormalForces`].
+    ///
+    /// # Errors
+    /// When it was stopped before the end.
     pub fn normal_force_sensitivity(
         &self,
         rollout: &Rollout,
         slip_smoothing: f64,
         sensitivity: &EndSensitivity,
         chosen: &[usize],
-    ) -> Vec<NormalForceDerivative> {
+        stop: Stop,
+    ) -> Result<Vec<NormalForceDerivative>, Stopped> {
+        let rollout = (rollout, slip_smoothing);
         match self.model() {
-            Model::Wheels(model) => differentiate(model, rollout, slip_smoothing, sensitivity, chosen),
-            Model::WheelsAndFront(model) => differentiate(model, rollout, slip_smoothing, sensitivity, chosen),
+            Model::Wheels(model) => differentiate(model, rollout, sensitivity, chosen, stop),
+            Model::WheelsAndFront(model) => differentiate(model, rollout, sensitivity, chosen, stop),
         }
     }
 }
 
 fn differentiate<const N: usize>(
     model: &StepModel<N>,
-    rollout: &Rollout,
-    slip_smoothing: f64,
+    (rollout, slip_smoothing): (&Rollout, f64),
     sensitivity: &EndSensitivity,
     chosen: &[usize],
-) -> Vec<NormalForceDerivative> {
+    stop: Stop,
+) -> Result<Vec<NormalForceDerivative>, Stopped> {
     let control_count = rollout.schedule.control_count();
     let mut rows: Vec<Row> = chosen.iter().map(|&index| Row::new(sensitivity, index)).collect();
     let mut derivatives = vec![NormalForceDerivative::zero(control_count); chosen.len()];
     let last = rows.iter().map(|row| row.step).max().unwrap_or(0);
     let dt = rollout.schedule.final_time / rollout.step_count as f64;
     for (index, entry) in sensitivity.tape[..=last].iter().enumerate().rev() {
+        stop.check()?;
         let interval = control_interval(index, rollout.step_count, control_count);
         let controls = (rollout.schedule.torque(interval), dt);
         let motion = StepDerivative::of_motion(model, entry, controls, slip_smoothing);
@@ -87,7 +94,7 @@ fn differentiate<const N: usize>(
         row.reach_start(&sensitivity.tape[0]);
         derivative.by_final_time = row.by_step_length / rollout.step_count as f64;
     }
-    derivatives
+    Ok(derivatives)
 }
 
 impl NormalForceDerivative {

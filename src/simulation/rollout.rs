@@ -8,6 +8,7 @@ use crate::contact::{
     PerContact, SmoothedSolver, natural_map,
 };
 use crate::robot::{Robot, State, TangentJacobian};
+use crate::stop::{Stop, Stopped};
 
 /// The solver of the one-step friction problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -67,49 +68,63 @@ impl Simulator {
     }
 
     /// The state at the end of a rollout; allocates nothing.
-    pub fn end_state(&self, rollout: &Rollout) -> State {
+    ///
+    /// # Errors
+    /// When it was stopped before the end.
+    pub fn end_state(&self, rollout: &Rollout, stop: Stop) -> Result<State, Stopped> {
         match &self.model {
-            Model::Wheels(model) => integrate(model, rollout, &mut ExactContact::default(), |_, _| {}),
-            Model::WheelsAndFront(model) => integrate(model, rollout, &mut ExactContact::default(), |_, _| {}),
+            Model::Wheels(model) => integrate(model, rollout, &mut ExactContact::default(), stop, |_, _| {}),
+            Model::WheelsAndFront(model) => integrate(model, rollout, &mut ExactContact::default(), stop, |_, _| {}),
         }
     }
 
     /// As [`Simulator::end_state`], by the paper's fixed point: the slow reference.
-    pub fn end_state_by_fixed_point(&self, rollout: &Rollout) -> State {
+    ///
+    /// # Errors
+    /// When it was stopped before the end.
+    pub fn end_state_by_fixed_point(&self, rollout: &Rollout, stop: Stop) -> Result<State, Stopped> {
         let mut solver = FixedPointSolver::new(FixedPointSettings::default());
         match &self.model {
-            Model::Wheels(model) => integrate(model, rollout, &mut solver, |_, _| {}),
-            Model::WheelsAndFront(model) => integrate(model, rollout, &mut solver, |_, _| {}),
+            Model::Wheels(model) => integrate(model, rollout, &mut solver, stop, |_, _| {}),
+            Model::WheelsAndFront(model) => integrate(model, rollout, &mut solver, stop, |_, _| {}),
         }
     }
 
     /// The whole rollout: states, contacts, residuals; each step is also checked for further solutions.
-    pub fn trajectory(&self, rollout: &Rollout, method: ContactMethod) -> Trajectory {
+    ///
+    /// # Errors
+    /// When it was stopped before the end.
+    pub fn trajectory(&self, rollout: &Rollout, method: ContactMethod, stop: Stop) -> Result<Trajectory, Stopped> {
+        let jacobian = self.robot.tangent_jacobian();
         match &self.model {
-            Model::Wheels(model) => record(model, self.robot.tangent_jacobian(), rollout, method),
-            Model::WheelsAndFront(model) => record(model, self.robot.tangent_jacobian(), rollout, method),
+            Model::Wheels(model) => record(model, jacobian, rollout, method, stop),
+            Model::WheelsAndFront(model) => record(model, jacobian, rollout, method, stop),
         }
     }
 }
 
 /// The time-stepping loop: allocates nothing, prints nothing, reads no clock.
+///
+/// It asks after each step whether it is stopped, because the contact solver of a stopped step may end early.
 #[inline]
 pub(super) fn integrate<const N: usize>(
     model: &StepModel<N>,
     rollout: &Rollout,
     contact_solver: &mut impl StepContact<N>,
+    stop: Stop,
     mut on_step: impl FnMut(usize, &Step<N>),
-) -> State {
+) -> Result<State, Stopped> {
     let steps = rollout.step_count;
     let dt = rollout.schedule.final_time / steps as f64;
     let mut state = *rollout.start;
     for index in 0..steps {
         let interval = control_interval(index, steps, rollout.schedule.control_count());
-        let step = model.advance(&state, rollout.schedule.torque(interval), dt, contact_solver);
+        let step = model.advance(&state, rollout.schedule.torque(interval), dt, contact_solver, &stop);
+        stop.check()?;
         state = step.end;
         on_step(index, &step);
     }
-    state
+    Ok(state)
 }
 
 /// The exact solver, warm-started from the last step.
@@ -125,24 +140,40 @@ impl<const N: usize> Default for ExactContact<N> {
 
 impl<const N: usize> StepContact<N> for ExactContact<N> {
     #[inline]
-    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
-        let (solution, _) = ExactSolver.solve(operator, problem, &self.guess);
+    fn solve(
+        &mut self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        stop: &Stop,
+    ) -> ContactSolution<N> {
+        let (solution, _) = ExactSolver.solve(operator, problem, &self.guess, stop);
         self.guess = Guess::from(&solution);
         solution
     }
 }
 
 impl<const N: usize> StepContact<N> for SmoothedSolver<N> {
+    /// At most some hundred Newton steps: they need no stop.
     #[inline]
-    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
+    fn solve(
+        &mut self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        _stop: &Stop,
+    ) -> ContactSolution<N> {
         SmoothedSolver::solve(self, operator, problem)
     }
 }
 
 impl<const N: usize> StepContact<N> for FixedPointSolver {
     #[inline]
-    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
-        FixedPointSolver::solve(self, operator, problem)
+    fn solve(
+        &mut self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        stop: &Stop,
+    ) -> ContactSolution<N> {
+        FixedPointSolver::solve(self, operator, problem, stop)
     }
 }
 
@@ -153,8 +184,13 @@ struct CheckedContact<S> {
 }
 
 impl<const N: usize, S: StepContact<N>> StepContact<N> for CheckedContact<S> {
-    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
-        let solution = self.solver.solve(operator, problem);
+    fn solve(
+        &mut self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        stop: &Stop,
+    ) -> ContactSolution<N> {
+        let solution = self.solver.solve(operator, problem, stop);
         let is_indeterminate =
             !operator.has_unique_solutions() && ExactSolver.is_indeterminate(operator, problem, &solution);
         self.indeterminate_steps += usize::from(is_indeterminate);
@@ -167,11 +203,12 @@ fn record<const N: usize>(
     jacobian: &TangentJacobian,
     rollout: &Rollout,
     method: ContactMethod,
-) -> Trajectory {
+    stop: Stop,
+) -> Result<Trajectory, Stopped> {
     match method {
-        ContactMethod::Exact => record_with(model, jacobian, rollout, ExactContact::default()),
+        ContactMethod::Exact => record_with(model, jacobian, rollout, ExactContact::default(), stop),
         ContactMethod::FixedPoint => {
-            record_with(model, jacobian, rollout, FixedPointSolver::new(FixedPointSettings::default()))
+            record_with(model, jacobian, rollout, FixedPointSolver::new(FixedPointSettings::default()), stop)
         }
     }
 }
@@ -181,7 +218,8 @@ fn record_with<const N: usize>(
     jacobian: &TangentJacobian,
     rollout: &Rollout,
     solver: impl StepContact<N>,
-) -> Trajectory {
+    stop: Stop,
+) -> Result<Trajectory, Stopped> {
     let steps = rollout.step_count;
     let dt = rollout.schedule.final_time / steps as f64;
     let mut trajectory = Trajectory {
@@ -194,14 +232,14 @@ fn record_with<const N: usize>(
     };
     trajectory.state.push(*rollout.start);
     let mut solver = CheckedContact { solver, indeterminate_steps: 0 };
-    integrate(model, rollout, &mut solver, |_, step| {
+    integrate(model, rollout, &mut solver, stop, |_, step| {
         trajectory.state.push(step.end);
         trajectory.contact.push(contact_samples(model, jacobian, step, dt));
         trajectory.degrees_of_freedom.push(step.contact.pattern.degrees_of_freedom());
         trajectory.worst_contact_residual = trajectory.worst_contact_residual.max(step.contact.residual);
-    });
+    })?;
     trajectory.indeterminate_steps = solver.indeterminate_steps;
-    trajectory
+    Ok(trajectory)
 }
 
 fn contact_samples<const N: usize>(
@@ -224,3 +262,6 @@ fn contact_samples<const N: usize>(
         mode: modes[contact],
     }))
 }
+
+#[cfg(test)]
+mod tests;

@@ -23,6 +23,7 @@ use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
 use crate::contact::SmoothedSolver;
 use crate::robot::{BodyVector, PerWheel, State};
+use crate::stop::{Stop, Stopped};
 
 /// A derivative of the ten components of the end state, in the order of [`State::to_vector`].
 pub type EndDerivative = SVector<f64, { State::LEN }>;
@@ -49,26 +50,53 @@ pub struct EndSensitivity {
 impl Simulator {
     /// Integrates a rollout and differentiates its end state, reusing the memory of `sensitivity`; `slip_smoothing` in
     /// m/s, 0 for the exact friction law.
-    pub fn end_sensitivity(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
-        self.record(rollout, slip_smoothing, sensitivity);
-        self.differentiate(rollout, slip_smoothing, sensitivity);
+    ///
+    /// # Errors
+    /// When it was stopped before the end; `sensitivity` is then unusable.
+    pub fn end_sensitivity(
+        &self,
+        rollout: &Rollout,
+        slip_smoothing: f64,
+        sensitivity: &mut EndSensitivity,
+        stop: Stop,
+    ) -> Result<(), Stopped> {
+        self.record(rollout, slip_smoothing, sensitivity, stop)?;
+        self.differentiate(rollout, slip_smoothing, sensitivity, stop)
     }
 
     /// Integrates a rollout and keeps what its derivatives need: end state and least normal forces are those of the
     /// rollout; the derivatives are valid only after [`Simulator::differentiate`]. Allocates nothing once the memory is
     /// there.
-    pub fn record(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
+    ///
+    /// # Errors
+    /// When it was stopped before the end; nothing usable is kept then.
+    pub fn record(
+        &self,
+        rollout: &Rollout,
+        slip_smoothing: f64,
+        sensitivity: &mut EndSensitivity,
+        stop: Stop,
+    ) -> Result<(), Stopped> {
         match self.model() {
-            Model::Wheels(model) => record(model, rollout, slip_smoothing, sensitivity),
-            Model::WheelsAndFront(model) => record(model, rollout, slip_smoothing, sensitivity),
+            Model::Wheels(model) => record(model, rollout, slip_smoothing, sensitivity, stop),
+            Model::WheelsAndFront(model) => record(model, rollout, slip_smoothing, sensitivity, stop),
         }
     }
 
     /// Differentiates the end state of the rollout that was recorded last, under the same `slip_smoothing`.
-    pub fn differentiate(&self, rollout: &Rollout, slip_smoothing: f64, sensitivity: &mut EndSensitivity) {
+    ///
+    /// # Errors
+    /// When it was stopped before the end; the derivatives are not valid then.
+    pub fn differentiate(
+        &self,
+        rollout: &Rollout,
+        slip_smoothing: f64,
+        sensitivity: &mut EndSensitivity,
+        stop: Stop,
+    ) -> Result<(), Stopped> {
         match self.model() {
-            Model::Wheels(model) => differentiate(model, rollout, slip_smoothing, sensitivity),
-            Model::WheelsAndFront(model) => differentiate(model, rollout, slip_smoothing, sensitivity),
+            Model::Wheels(model) => differentiate(model, rollout, slip_smoothing, sensitivity, stop),
+            Model::WheelsAndFront(model) => differentiate(model, rollout, slip_smoothing, sensitivity, stop),
         }
     }
 }
@@ -78,7 +106,8 @@ fn record<const N: usize>(
     rollout: &Rollout,
     slip_smoothing: f64,
     sensitivity: &mut EndSensitivity,
-) {
+    stop: Stop,
+) -> Result<(), Stopped> {
     let EndSensitivity { end, least_normal_forces, tape, .. } = sensitivity;
     tape.clear();
     tape.reserve(rollout.step_count);
@@ -88,10 +117,11 @@ fn record<const N: usize>(
         tape.push(TapeEntry::new(step));
     };
     *end = if slip_smoothing > 0.0 {
-        integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), note)
+        integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), stop, note)?
     } else {
-        integrate(model, rollout, &mut ExactContact::default(), note)
+        integrate(model, rollout, &mut ExactContact::default(), stop, note)?
     };
+    Ok(())
 }
 
 fn differentiate<const N: usize>(
@@ -99,7 +129,8 @@ fn differentiate<const N: usize>(
     rollout: &Rollout,
     slip_smoothing: f64,
     sensitivity: &mut EndSensitivity,
-) {
+    stop: Stop,
+) -> Result<(), Stopped> {
     let EndSensitivity { by_left_torque, by_right_torque, by_final_time, tape, .. } = sensitivity;
     let control_count = rollout.schedule.control_count();
     for derivatives in [&mut *by_left_torque, &mut *by_right_torque] {
@@ -109,12 +140,14 @@ fn differentiate<const N: usize>(
     let dt = rollout.schedule.final_time / rollout.step_count as f64;
     let mut sweep = BackwardSweep::new(slip_smoothing);
     for (index, entry) in tape.iter().enumerate().rev() {
+        stop.check()?;
         let interval = control_interval(index, rollout.step_count, control_count);
         let by_torque = sweep.step(model, entry, rollout.schedule.torque(interval), dt);
         by_left_torque[interval] += by_torque.left;
         by_right_torque[interval] += by_torque.right;
     }
     *by_final_time = sweep.by_step_length / rollout.step_count as f64;
+    Ok(())
 }
 
 /// Derivatives of the end state by the state at the end of the current step.

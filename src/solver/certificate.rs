@@ -1,9 +1,8 @@
 //! The certificate of an answer: its properties, computed from the final torques or taken from the search.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
-use nalgebra::SVector;
+use nalgebra::{DVector, SVector};
 
 use super::candidate::{Candidate, Stationarity};
 use super::goal_miss::goal_missed;
@@ -12,10 +11,11 @@ use super::lower_bound::{Grid, LowerBound, largest, lower_bounds};
 use super::search::SearchResult;
 use super::settings::{Refinement, SolveInput};
 use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
-use crate::optimizer::{Budget, criticality_measure, sign_violations};
+use crate::optimizer::{Budget, CriticalityMeasure, Interruption, criticality_measure, sign_violations};
 use crate::robot::State;
 use crate::shooting::{LONGEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
+use crate::stop::{Stop, Stopped};
 
 /// The replay's grid is this much finer than the plan's.
 const REPLAY_REFINEMENT: usize = 16;
@@ -25,58 +25,106 @@ const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 const CRITICALITY_TOLERANCE: f64 = 1e-4;
 /// Rollouts that the criticality measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
-/// A stop flag that is never set.
-static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Certifies the search's best decision.
+///
+/// A certificate that is cut off shows the motion of the plan, but neither its replay nor the lower bound, and claims no
+/// local optimum.
+///
+/// # Errors
+/// When it is cut off before the motion of the plan is known.
 pub(super) fn certified(
     input: &SolveInput,
     simulator: &Simulator,
     (problem, bound): (&mut ShootingProblem, LowerBound),
     best: &Candidate,
-    result: SearchResult,
-) -> Solution {
-    let schedule = schedule_from_decision(&best.decision);
+    (result, cut): (SearchResult, Stop),
+) -> Result<Solution, Stopped> {
+    let step_count = result.step_count;
+    let motion = Motion::of_plan(input, simulator, (schedule_from_decision(&best.decision), step_count), cut)?;
     if let Some(heading) = best.goal_heading {
         problem.aim_at_heading(heading);
     }
     let is_urgent = result.stop_reason == StopReason::Stopped;
-    let tolerance = input.settings.goal_tolerance;
-    let measured = || measured(problem, best, tolerance, is_urgent).map(Arc::new);
-    let stationarity = best.stationarity.clone().or_else(measured);
-    let measure = stationarity.as_ref().map_or(f64::NAN, |known| known.measure.prediction);
-    // Without a measure the bounds are the whole final time, and a violation at every control.
-    let measure = if measure.is_finite() { measure } else { schedule.final_time };
-    let is_stationary = measure <= CRITICALITY_TOLERANCE * schedule.final_time;
-    let violations = stationarity.map_or(best.decision.len(), |known| {
-        sign_violations(problem, &best.decision, &known.measure.model, known.penalty_parameter)
-    });
-    let evidence = Evidence::collect(input, simulator, schedule, &result);
-    let mut solution = evidence.solution(input, result, bound, (measure, is_stationary));
-    solution.report.switching_sign_violations = violations;
-    solution
+    let mut certificate = || -> Result<Certificate, Stopped> {
+        let optimality = Optimality::of_decision(problem, best, (input.settings.goal_tolerance, is_urgent), cut)?;
+        let replay = match result.replay {
+            Some(replay) => replay,
+            None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
+        };
+        Ok(Certificate { optimality, bound, replay })
+    };
+    let certificate = certificate().map_err(|Stopped| Optimality::unknown(&best.decision));
+    Ok(motion.solution(input, result, certificate))
+}
+
+/// What is shown of a plan beside its motion.
+struct Certificate {
+    optimality: Optimality,
+    bound: LowerBound,
+    replay: Replay,
+}
+
+/// How far a decision is from a local optimum.
+struct Optimality {
+    /// Criticality measure, s.
+    measure: f64,
+    is_stationary: bool,
+    sign_violations: usize,
+}
+
+impl Optimality {
+    /// Of a decision that the search has measured, or not yet.
+    fn of_decision(
+        problem: &mut ShootingProblem,
+        best: &Candidate,
+        (goal_tolerance, is_urgent): (f64, bool),
+        cut: Stop,
+    ) -> Result<Self, Stopped> {
+        let known = match &best.stationarity {
+            Some(known) => Some(Arc::clone(known)),
+            None => measured(problem, best, goal_tolerance, (is_urgent, cut))?.map(Arc::new),
+        };
+        let unknown = Self::unknown(&best.decision);
+        let Some(known) = known else { return Ok(unknown) };
+        let Stationarity { penalty_parameter, measure } = &*known;
+        let sign_violations = sign_violations(problem, &best.decision, &measure.model, *penalty_parameter, cut)?;
+        let measure = if measure.prediction.is_finite() { measure.prediction } else { unknown.measure };
+        let is_stationary = measure <= CRITICALITY_TOLERANCE * best.final_time();
+        Ok(Self { measure, is_stationary, sign_violations })
+    }
+
+    /// Without a measure the bounds are the whole final time, and a violation at every control.
+    fn unknown(decision: &DVector<f64>) -> Self {
+        Self { measure: decision[decision.len() - 1], is_stationary: false, sign_violations: decision.len() }
+    }
 }
 
 /// The criticality measure of a decision for which the search has not computed it.
 ///
-/// It belongs to the answer, not to the search: neither the search's rollout limit nor its stop flag ends it. After a stop
-/// it has a small limit of its own, because the caller waits.
+/// It belongs to the answer, not to the search: neither the search's rollout limit nor its stop ends it. After a stop it has
+/// a small limit of its own, because the caller waits.
 fn measured(
     problem: &mut ShootingProblem,
     best: &Candidate,
     goal_tolerance: f64,
-    is_urgent: bool,
-) -> Option<Stationarity> {
-    let mut budget = Budget::new(&NEVER, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
+    (is_urgent, cut): (bool, Stop),
+) -> Result<Option<Stationarity>, Stopped> {
+    let mut budget = Budget::new(cut, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
     let [_, penalty_parameter] = penalty_parameters(problem, best.final_time());
     let settings = Stationarity::settings(problem, (penalty_parameter, best.final_time()), goal_tolerance);
-    let measure = criticality_measure(problem, &best.decision, &settings, &mut budget).ok()?;
-    Some(Stationarity { penalty_parameter, measure })
+    match criticality_measure(problem, &best.decision, &settings, &mut budget) {
+        Ok(CriticalityMeasure { interruption: Some(Interruption::Stopped), .. }) | Err(Interruption::Stopped) => {
+            Err(Stopped)
+        }
+        Ok(measure) => Ok(Some(Stationarity { penalty_parameter, measure })),
+        Err(Interruption::RolloutLimit) => Ok(None),
+    }
 }
 
 /// The answer where no plan exists: the start with its distance from the goal, an empty schedule, and the reason.
 pub(super) fn certified_impossible(input: &SolveInput, reason: Reason) -> Solution {
-    let mut solution = certified_standstill(input, StopReason::Finished);
+    let mut solution = certified_standstill(input);
     solution.status = Status::Infeasible;
     solution.reason = Some(reason);
     solution.report.distinct_optima = Vec::new();
@@ -86,19 +134,17 @@ pub(super) fn certified_impossible(input: &SolveInput, reason: Reason) -> Soluti
     solution
 }
 
-/// The answer without motion: where the start already meets the goal, or where the caller no longer waits.
-pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) -> Solution {
+/// The answer without motion, where the start already meets the goal.
+pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
     let trajectory = Trajectory { time: vec![0.0], state: vec![input.maneuver.start], ..Trajectory::default() };
     let goal_error = input.maneuver.goal_error(&input.maneuver.start);
-    let replay = replay_of_miss(input, &goal_error, 0);
-    let evidence = Evidence { goal_error, replay, trajectory, schedule: TorqueSchedule::empty() };
     let refinement = match input.settings.refinement {
         Refinement::Fixed => RefinementOutcome::Fixed,
         Refinement::UntilConfirmed { .. } => RefinementOutcome::WithinTolerance,
     };
     let result = SearchResult {
         best: None,
-        stop_reason,
+        stop_reason: StopReason::Finished,
         step_count: 0,
         iterations: 0,
         rollouts: 0,
@@ -108,55 +154,69 @@ pub(super) fn certified_standstill(input: &SolveInput, stop_reason: StopReason) 
         refinement,
         replay: None,
     };
-    let bound = largest(&lower_bounds(input, Grid::Steps(input.settings.step_count)));
-    let mut solution = evidence.solution(input, result, bound, (0.0, true));
+    let certificate = Certificate {
+        optimality: Optimality { measure: 0.0, is_stationary: true, sign_violations: 0 },
+        bound: largest(&lower_bounds(input, Grid::Steps(input.settings.step_count))),
+        replay: replay_of_miss(input, &goal_error, 0),
+    };
+    let motion = Motion { schedule: TorqueSchedule::empty(), trajectory, goal_error };
+    let mut solution = motion.solution(input, result, Ok(certificate));
     solution.report.control_count = 0;
     solution
 }
 
-/// A plan's motion, on its own grid and on the fine one.
-struct Evidence {
+/// A plan and its motion on its own grid.
+struct Motion {
     schedule: TorqueSchedule,
     /// States at the reference point.
     trajectory: Trajectory,
     goal_error: SVector<f64, { State::LEN }>,
-    replay: Replay,
 }
 
-impl Evidence {
-    fn collect(input: &SolveInput, simulator: &Simulator, schedule: TorqueSchedule, result: &SearchResult) -> Self {
+impl Motion {
+    fn of_plan(
+        input: &SolveInput,
+        simulator: &Simulator,
+        (schedule, step_count): (TorqueSchedule, usize),
+        cut: Stop,
+    ) -> Result<Self, Stopped> {
         let parameters = input.robot.parameters();
         let start = input.maneuver.start_at_center_of_mass(parameters);
-        let rollout = Rollout { start: &start, schedule: &schedule, step_count: result.step_count };
-        let mut trajectory = simulator.trajectory(&rollout, ContactMethod::Exact);
+        let rollout = Rollout { start: &start, schedule: &schedule, step_count };
+        let mut trajectory = simulator.trajectory(&rollout, ContactMethod::Exact, cut)?;
         trajectory.move_states_by(input.maneuver.reference_point.offset(parameters));
         let end = trajectory.state[trajectory.state.len() - 1];
         let goal_error = input.maneuver.goal_error(&end);
-        let replay = result.replay.unwrap_or_else(|| replay(input, simulator, &rollout));
-        Self { schedule, trajectory, goal_error, replay }
+        Ok(Self { schedule, trajectory, goal_error })
     }
 
+    /// The answer; its certificate may have been cut off.
     fn solution(
         self,
         input: &SolveInput,
         result: SearchResult,
-        bound: LowerBound,
-        (measure, is_stationary): (f64, bool),
+        certificate: Result<Certificate, Optimality>,
     ) -> Solution {
+        let (optimality, shown) = match certificate {
+            Ok(Certificate { optimality, bound, replay }) => (optimality, Some((bound, replay))),
+            Err(unknown) => (unknown, None),
+        };
+        let (bound, replay) = shown.unzip();
         let separations = self.trajectory.separations();
         let meets_goal = self.goal_error.amax() <= input.settings.goal_tolerance;
         let keeps_law = self.trajectory.worst_contact_residual <= CONTACT_RESIDUAL_TOLERANCE;
         let status = if !meets_goal {
             Status::NotConverged
-        } else if is_stationary && keeps_law && separations.is_empty() {
+        } else if optimality.is_stationary && keeps_law && separations.is_empty() {
             Status::Converged
         } else {
             Status::Feasible
         };
+        let is_replayed = replay.is_some_and(|replay: Replay| replay.within_tolerance);
         Solution {
             status,
             stop_reason: result.stop_reason,
-            replay_confirmed: meets_goal && separations.is_empty() && self.replay.within_tolerance,
+            replay_confirmed: meets_goal && separations.is_empty() && is_replayed,
             reason: (!meets_goal).then(|| goal_missed(input, &self.schedule, &self.goal_error, result.stop_reason)),
             goal_error: self.goal_error,
             contact_modes: self.trajectory.contact_modes(),
@@ -170,14 +230,14 @@ impl Evidence {
                 starts_tried: result.starts_tried,
                 distinct_optima: result.distinct_optima,
                 worst_contact_residual: self.trajectory.worst_contact_residual,
-                predicted_decrease: measure,
-                lower_bound: bound.time.min(LONGEST_FINAL_TIME),
-                lower_bound_assumption: bound.assumption,
+                predicted_decrease: optimality.measure,
+                lower_bound: bound.map(|bound| bound.time.min(LONGEST_FINAL_TIME)),
+                lower_bound_assumption: bound.map(|bound| bound.assumption),
                 separations,
                 indeterminate_steps: self.trajectory.indeterminate_steps,
                 slip_reversals: self.trajectory.slip_reversals(),
-                switching_sign_violations: 0,
-                replay: self.replay,
+                switching_sign_violations: optimality.sign_violations,
+                replay,
             },
             trajectory: self.trajectory,
             schedule: self.schedule,
@@ -186,11 +246,21 @@ impl Evidence {
 }
 
 /// The same torques on a finer grid: the miss is the distance of its end from the goal.
-pub(super) fn replay(input: &SolveInput, simulator: &Simulator, plan: &Rollout) -> Replay {
-    let fine = Rollout { step_count: REPLAY_REFINEMENT * plan.step_count, ..*plan };
-    let offset = input.maneuver.reference_point.offset(input.robot.parameters());
-    let miss = input.maneuver.goal_error(&simulator.end_state(&fine).moved_by(offset)).map(finite_or_largest);
-    replay_of_miss(input, &miss, fine.step_count)
+///
+/// # Errors
+/// When it was stopped before the end.
+pub(super) fn replay(
+    input: &SolveInput,
+    simulator: &Simulator,
+    (schedule, step_count): (&TorqueSchedule, usize),
+    stop: Stop,
+) -> Result<Replay, Stopped> {
+    let parameters = input.robot.parameters();
+    let start = input.maneuver.start_at_center_of_mass(parameters);
+    let fine = Rollout { start: &start, schedule, step_count: REPLAY_REFINEMENT * step_count };
+    let end = simulator.end_state(&fine, stop)?.moved_by(input.maneuver.reference_point.offset(parameters));
+    let miss = input.maneuver.goal_error(&end).map(finite_or_largest);
+    Ok(replay_of_miss(input, &miss, fine.step_count))
 }
 
 /// The replay whose end misses the goal by `miss`.

@@ -8,10 +8,10 @@ pub trait SharedWork: Sync {
     fn open_parts(&self) -> usize;
 
     /// Takes the first open part and runs it; false when there is none. That need not be the end: a part that is given back
-    /// is open again. A helper whose `recalled` flag is set gives its part back within a rollout.
+    /// is open again. A helper whose `recalled` flag is set gives its part back within a time step.
     ///
     /// # Panics
-    /// When the part panics; the other parts then end within a rollout.
+    /// When the part panics; the other parts then end within a time step.
     fn take_part(&self, recalled: &AtomicBool) -> bool;
 }
 

@@ -13,6 +13,7 @@ use crate::optimizer::{
     SequentialLinearSettings, minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{GoalScales, NORMAL_FORCE_TOLERANCE, Penalty, ShootingProblem};
+use crate::stop::Stop;
 
 /// Least penalty parameters of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is
 /// for the rest.
@@ -174,10 +175,10 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             (self.control, self.start, &self.scales, self.settings.goal_tolerance);
         let last = Cell::new((f64::NAN, true));
         let mut penalty = Penalty::new(self.problem);
-        let mut value = |x: &DVector<f64>| {
-            let value = penalty.value(x);
+        let mut value = |x: &DVector<f64>, stop: Stop| {
+            let value = penalty.value(x, stop)?;
             last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.has_separation()));
-            value
+            Ok(value)
         };
         let mut best = last.get();
         let mut report_improvement = |x: &DVector<f64>| {

@@ -37,19 +37,23 @@ use nalgebra::DVector;
 use crate::optimizer::Problem as _;
 use crate::shooting::{ShootingProblem, decision_from_schedule, decision_len};
 use crate::simulation::Simulator;
+use crate::stop::{Stop, Stopped};
 
 /// Final time of the answer where every motion that was tried diverged, s.
 const STANDING_TIME: f64 = 1e-9;
 /// Solves a maneuver; the result, whatever it is, is a status of the answer, never an error.
 ///
 /// The answer depends on the input alone, unless `control` stops the search.
-pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
+///
+/// # Errors
+/// When `control` cuts off the certificate before the motion of the plan is known: there is nothing to answer.
+pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopped> {
     let start_error = input.maneuver.goal_error(&input.maneuver.start);
     if start_error.amax() <= input.settings.goal_tolerance {
-        return certificate::certified_standstill(input, StopReason::Finished);
+        return Ok(certificate::certified_standstill(input));
     }
     if let Some(reason) = impossibility::impossibility(input) {
-        return certificate::certified_impossible(input, reason);
+        return Ok(certificate::certified_impossible(input, reason));
     }
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
@@ -59,25 +63,25 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Solution {
         refinement::refine(input, &simulator, step_limit, control, &mut result);
         (problem, bound) = problem_on(input, &simulator, result.step_count);
     }
-    if control.is_abandoned() {
-        // Without a certificate the worker is free one rollout after the stop flag.
-        return certificate::certified_standstill(input, StopReason::Stopped);
-    }
     let _phase = control.enter(Phase::Certificate);
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
-    let best = best.or_else(|| fallback(input, &mut problem)).unwrap_or_else(|| standing_still(input));
-    certificate::certified(input, &simulator, (&mut problem, bound), &best, result)
+    let best = match best {
+        Some(best) => best,
+        None => fallback(input, &mut problem, control.cut())?.unwrap_or_else(|| standing_still(input)),
+    };
+    certificate::certified(input, &simulator, (&mut problem, bound), &best, (result, control.cut()))
 }
 
 /// The first start, as the answer of a solve that was stopped before its first rollout; none when its motion diverges.
-fn fallback(input: &SolveInput, problem: &mut ShootingProblem) -> Option<Candidate> {
+fn fallback(input: &SolveInput, problem: &mut ShootingProblem, stop: Stop) -> Result<Option<Candidate>, Stopped> {
     let start = &starts::starts(input, 1)[0];
     let decision = decision_from_schedule(&start.schedule);
     let mut constraints = problem.constraints();
-    problem.evaluate(&decision, &mut constraints);
+    problem.evaluate(&decision, &mut constraints, stop)?;
     let goal_error = problem.goal_scales().largest_goal_error(&constraints.residual);
     let has_separation = problem.has_separation(&constraints);
-    goal_error.is_finite().then_some(Candidate::new(decision, goal_error, has_separation, start.goal_heading))
+    let candidate = Candidate::new(decision, goal_error, has_separation, start.goal_heading);
+    Ok(goal_error.is_finite().then_some(candidate))
 }
 
 /// No torque, for so short a time that no motion diverges.

@@ -153,7 +153,9 @@ impl<'a> Parts<'a> {
                     total.interruption = Some(Interruption::Stopped);
                     return total;
                 }
-                Slot::Open | Slot::UnderWay | Slot::Done { .. } => run(index, &control.of_part(&[], progress), share),
+                Slot::Open | Slot::UnderWay | Slot::Done { .. } => {
+                    run(index, &control.of_part(control.stop(), progress), share)
+                }
             };
             total.add((index, outcome), goal_tolerance);
             if total.interruption.is_some() {
@@ -233,8 +235,9 @@ impl SharedWork for Parts<'_> {
         }
         let Some((index, limit)) = self.begin() else { return false };
         let mut alarm = CancelOnPanic(Some(&self.is_cancelled));
-        let interrupts = [&self.is_cancelled, recalled];
-        let outcome = (self.run)(index, &self.control.of_part(&interrupts, self.progress), limit);
+        let stop = self.control.stop().interrupted_by([&self.is_cancelled, recalled]);
+        let control = self.control.of_part(stop, self.progress);
+        let outcome = (self.run)(index, &control, limit);
         alarm.0 = None;
         self.end(index, limit, outcome);
         true

@@ -17,7 +17,8 @@ use super::solution::{RefinementOutcome, Replay, StopReason};
 use super::starts::starts;
 use crate::optimizer::Interruption;
 use crate::shooting::schedule_from_decision;
-use crate::simulation::{Rollout, Simulator};
+use crate::simulation::Simulator;
+use crate::stop::{Stop, Stopped};
 
 /// Grids are refined by at least and at most these factors at a time.
 const FACTORS: (usize, usize) = (2, 8);
@@ -43,7 +44,7 @@ pub(super) fn refine(
     result: &mut SearchResult,
 ) {
     let quiet = PhasesOnly(control);
-    let control = control.of_part(&[], &quiet);
+    let control = control.of_part(control.stop(), &quiet);
     let mut refiner = Refiner { input, simulator, step_limit, control: &control, result };
     let outcome = refiner.run();
     result.refinement = match result.stop_reason {
@@ -63,7 +64,7 @@ struct Refiner<'a, 'b, 'c> {
 }
 
 /// A decision that meets the goal on its grid.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 struct Plan {
     candidate: Candidate,
     step_count: usize,
@@ -73,18 +74,21 @@ struct Plan {
 impl Refiner<'_, '_, '_> {
     fn run(&mut self) -> RefinementOutcome {
         let coarse_step_count = self.result.step_count;
-        let plans = self.coarse_plans();
-        let Some(fastest) = plans.first() else { return RefinementOutcome::NoPlan };
-        // The answer where no plan can be executed.
-        let (fastest, outcome) = self.refined(fastest.clone());
+        let mut candidates = self.coarse_candidates().into_iter();
+        let Some(fastest) = candidates.next() else { return RefinementOutcome::NoPlan };
+        // The answer where no plan can be executed; its replay belongs to the certificate.
+        let Ok(fastest) = self.plan(fastest, coarse_step_count, self.control.cut()) else {
+            return self.interrupted(Interruption::Stopped);
+        };
+        let (fastest, outcome) = self.refined(fastest);
         self.keep(&fastest);
         if outcome == RefinementOutcome::WithinTolerance || self.is_interrupted() {
             return outcome;
         }
-        let is_confirmed = self.refine_first(plans.into_iter().skip(1).collect())
+        let is_confirmed = self.refine_first(candidates.collect(), coarse_step_count)
             || (0..MORE_BLOCKS).any(|block| {
-                let plans = self.plans_of_more_starts(block, coarse_step_count);
-                !self.is_interrupted() && self.refine_first(plans)
+                let candidates = self.candidates_of_more_starts(block, coarse_step_count);
+                !self.is_interrupted() && self.refine_first(candidates, coarse_step_count)
             });
         if is_confirmed { RefinementOutcome::WithinTolerance } else { outcome }
     }
@@ -94,16 +98,23 @@ impl Refiner<'_, '_, '_> {
     }
 
     /// Refines plans, fastest first, of those for which the allowed steps may do; keeps the first that can be executed.
-    fn refine_first(&mut self, plans: Vec<Plan>) -> bool {
-        let promising: Vec<Plan> =
-            plans.into_iter().filter(|plan| self.may_fit_step_limit(plan)).take(ATTEMPT_LIMIT).collect();
-        for plan in promising {
+    fn refine_first(&mut self, candidates: Vec<Candidate>, step_count: usize) -> bool {
+        let mut attempts = 0;
+        for candidate in candidates {
+            let Ok(plan) = self.plan(candidate, step_count, self.control.stop()) else {
+                self.interrupted(Interruption::Stopped);
+                return false;
+            };
+            if !self.may_fit_step_limit(&plan) {
+                continue;
+            }
+            attempts += 1;
             let (plan, outcome) = self.refined(plan);
             if outcome == RefinementOutcome::WithinTolerance {
                 self.keep(&plan);
                 return true;
             }
-            if self.is_interrupted() {
+            if self.is_interrupted() || attempts == ATTEMPT_LIMIT {
                 return false;
             }
         }
@@ -111,7 +122,7 @@ impl Refiner<'_, '_, '_> {
     }
 
     /// Local optima of starts that the search was not asked for, fastest first.
-    fn plans_of_more_starts(&mut self, block: usize, step_count: usize) -> Vec<Plan> {
+    fn candidates_of_more_starts(&mut self, block: usize, step_count: usize) -> Vec<Candidate> {
         let first = self.result.starts_tried + block * BLOCK;
         let starts = starts(self.input, first + BLOCK);
         let mut optima: Vec<Candidate> = Vec::new();
@@ -122,10 +133,10 @@ impl Refiner<'_, '_, '_> {
             Ok(())
         });
         if let Err(interruption) = ended {
-            self.result.stop_reason = interruption.into();
+            self.interrupted(interruption);
         }
         optima.retain(|candidate| candidate.is_feasible(self.input.settings.goal_tolerance));
-        fastest_first(optima).into_iter().map(|candidate| self.plan(candidate, step_count)).collect()
+        fastest_first(optima)
     }
 
     fn keep(&mut self, plan: &Plan) {
@@ -134,18 +145,17 @@ impl Refiner<'_, '_, '_> {
         self.result.replay = Some(plan.replay);
     }
 
-    /// The best decision and the slower local optima, fastest first, with their replays.
-    fn coarse_plans(&self) -> Vec<Plan> {
+    /// The best decision and the slower local optima, fastest first.
+    fn coarse_candidates(&self) -> Vec<Candidate> {
         let tolerance = self.input.settings.goal_tolerance;
-        let mut plans: Vec<Plan> = Vec::new();
+        let mut candidates: Vec<Candidate> = Vec::new();
         for candidate in self.result.best.iter().chain(&self.result.optima) {
-            let is_new =
-                plans.last().is_none_or(|last| is_distinct(last.candidate.final_time(), candidate.final_time()));
+            let is_new = candidates.last().is_none_or(|last| is_distinct(last.final_time(), candidate.final_time()));
             if candidate.is_feasible(tolerance) && is_new {
-                plans.push(self.plan(candidate.clone(), self.result.step_count));
+                candidates.push(candidate.clone());
             }
         }
-        plans
+        candidates
     }
 
     /// Whether the allowed steps may do for the plan.
@@ -165,14 +175,14 @@ impl Refiner<'_, '_, '_> {
             match self.on_a_finer_grid(&plan) {
                 Ok(Some(finer)) => plan = finer,
                 Ok(None) => return (plan, RefinementOutcome::GoalLost),
-                Err(interruption) => return self.interrupted(plan, interruption),
+                Err(interruption) => return (plan, self.interrupted(interruption)),
             }
         }
     }
 
-    fn interrupted(&mut self, plan: Plan, interruption: Interruption) -> (Plan, RefinementOutcome) {
+    fn interrupted(&mut self, interruption: Interruption) -> RefinementOutcome {
         self.result.stop_reason = interruption.into();
-        (plan, RefinementOutcome::Interrupted)
+        RefinementOutcome::Interrupted
     }
 
     /// The plan on the grid that its miss asks for, or on the nearest coarser one that still leads to the goal.
@@ -182,7 +192,7 @@ impl Refiner<'_, '_, '_> {
             let step_count = (factor * plan.step_count).min(self.finest());
             let candidate = self.adapted(&plan.candidate, step_count)?;
             if candidate.is_feasible(self.input.settings.goal_tolerance) {
-                return Ok(Some(self.plan(candidate, step_count)));
+                return Ok(Some(self.plan(candidate, step_count, self.control.stop())?));
             }
             if factor <= FACTORS.0 {
                 return Ok(None);
@@ -208,11 +218,10 @@ impl Refiner<'_, '_, '_> {
         found
     }
 
-    fn plan(&self, candidate: Candidate, step_count: usize) -> Plan {
+    fn plan(&self, candidate: Candidate, step_count: usize, stop: Stop) -> Result<Plan, Stopped> {
         let schedule = schedule_from_decision(&candidate.decision);
-        let start = self.input.maneuver.start_at_center_of_mass(self.input.robot.parameters());
-        let rollout = Rollout { start: &start, schedule: &schedule, step_count };
-        Plan { candidate, step_count, replay: replay(self.input, self.simulator, &rollout) }
+        let replay = replay(self.input, self.simulator, (&schedule, step_count), stop)?;
+        Ok(Plan { candidate, step_count, replay })
     }
 
     /// The finest allowed grid on which all control intervals are equally long.

@@ -1,9 +1,8 @@
 //! How a running solve is stopped and observed from outside.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use super::helpers::{Alone, Helpers, SharedWork};
 use crate::optimizer::Budget;
+use crate::stop::Stop;
 
 /// What a solve reports while it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,21 +52,22 @@ impl ProgressObserver for NoProgress {
     fn progress(&self, _progress: &SolveProgress) {}
 }
 
-/// The stop flag, polled once per rollout, the observer of a solve, and the helpers that may share its work.
+/// What ends a solve early, its observer, and the helpers that may share its work.
+///
+/// There are two moments: first the search is stopped, and the best decision is certified; then the certificate is cut off,
+/// and what is known is answered at once.
 #[derive(Clone, Copy)]
 pub struct RunControl<'a> {
-    stop: &'a AtomicBool,
-    /// Flags that end one part of the solve.
-    interrupts: &'a [&'a AtomicBool],
+    stop: Stop<'a>,
+    cut: Stop<'a>,
     observer: &'a dyn ProgressObserver,
     helpers: &'a dyn Helpers,
-    is_abandoned: Option<&'a (dyn Fn() -> bool + Sync)>,
 }
 
 impl<'a> RunControl<'a> {
-    /// Control by a stop flag, which any thread may set, and an observer.
-    pub fn new(stop: &'a AtomicBool, observer: &'a dyn ProgressObserver) -> Self {
-        Self { stop, interrupts: &[], observer, helpers: &Alone, is_abandoned: None }
+    /// Control by what stops the search, and an observer.
+    pub fn new(stop: impl Into<Stop<'a>>, observer: &'a dyn ProgressObserver) -> Self {
+        Self { stop: stop.into(), cut: Stop::never(), observer, helpers: &Alone }
     }
 
     /// Lets these helpers share the work; the answer does not depend on them.
@@ -76,33 +76,28 @@ impl<'a> RunControl<'a> {
         Self { helpers, ..self }
     }
 
-    /// Asks, once stopped, whether the caller still waits: otherwise the answer is not certified.
+    /// What cuts off the certificate; the search must be stopped by then.
     #[must_use]
-    pub fn abandoned_when(self, is_abandoned: &'a (dyn Fn() -> bool + Sync)) -> Self {
-        Self { is_abandoned: Some(is_abandoned), ..self }
+    pub fn cut_off_by(self, cut: impl Into<Stop<'a>>) -> Self {
+        Self { cut: cut.into(), ..self }
     }
 
     /// Runs to the end, without observer and helpers.
     pub fn unattended() -> RunControl<'static> {
-        static NEVER: AtomicBool = AtomicBool::new(false);
-        RunControl::new(&NEVER, &NoProgress)
+        RunControl::new(Stop::never(), &NoProgress)
     }
 
-    /// Control of one part of the solve, with flags and an observer of its own, and without helpers.
-    pub(super) fn of_part<'b>(
-        &self,
-        interrupts: &'b [&'b AtomicBool],
-        observer: &'b dyn ProgressObserver,
-    ) -> RunControl<'b>
+    /// Control of one part of the search, stopped by `stop`, with an observer of its own and without helpers.
+    pub(super) fn of_part<'b>(&self, stop: Stop<'b>, observer: &'b dyn ProgressObserver) -> RunControl<'b>
     where
         'a: 'b,
     {
-        RunControl { interrupts, observer, helpers: &Alone, ..*self }
+        RunControl { stop, cut: self.cut, observer, helpers: &Alone }
     }
 
     /// Rollouts that may be spent under this control.
     pub(super) fn budget(&self, rollout_limit: u64) -> Budget<'a> {
-        Budget::new(self.stop, rollout_limit).interrupted_by(self.interrupts)
+        Budget::new(self.stop, rollout_limit)
     }
 
     /// Does the work on the calling thread and on helpers; returns when it is done.
@@ -110,19 +105,19 @@ impl<'a> RunControl<'a> {
         self.helpers.share(work);
     }
 
-    /// The stop flag itself.
-    pub fn stop_flag(&self) -> &'a AtomicBool {
+    /// What stops the search.
+    pub fn stop(&self) -> Stop<'a> {
         self.stop
     }
 
-    /// Whether the solve was asked to stop.
-    pub fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+    /// What cuts off the certificate.
+    pub fn cut(&self) -> Stop<'a> {
+        self.cut
     }
 
-    /// Whether the solve was stopped and the caller no longer waits for its answer.
-    pub fn is_abandoned(&self) -> bool {
-        self.is_stopped() && self.is_abandoned.is_some_and(|is_abandoned| is_abandoned())
+    /// Whether the search was asked to stop.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.is_set()
     }
 
     /// Notifies the observer that a phase begins, and that it ends when the result is dropped.
@@ -154,3 +149,6 @@ impl Drop for RunningPhase<'_> {
         self.observer.ends(self.phase);
     }
 }
+
+#[cfg(test)]
+mod tests;

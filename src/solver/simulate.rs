@@ -6,6 +6,7 @@ use crate::robot::{Robot, RobotParameters, State};
 use crate::rules::{Checks, Rule, RuleSet, Violations};
 use crate::shooting::{ReferencePoint, check_state, rules_of_state};
 use crate::simulation::{ContactMethod, ContactModeSpan, Rollout, Separation, Simulator, TorqueSchedule, Trajectory};
+use crate::stop::{Stop, Stopped};
 
 const STEP_RULE: Rule = Rule::at_least(1.0, "");
 /// Arrays of a torque schedule, left and right.
@@ -112,16 +113,19 @@ pub struct Simulation {
 }
 
 /// Integrates one torque schedule.
-pub fn simulate(input: &SimulateInput) -> Simulation {
+///
+/// # Errors
+/// When it was stopped before the end.
+pub fn simulate(input: &SimulateInput, stop: Stop) -> Result<Simulation, Stopped> {
     let offset = input.reference_point.offset(input.robot.parameters());
     let start = input.start.moved_by(-offset);
     let rollout = Rollout { start: &start, schedule: &input.schedule, step_count: input.step_count };
-    let mut trajectory = Simulator::new(&input.robot).trajectory(&rollout, input.contact_method);
+    let mut trajectory = Simulator::new(&input.robot).trajectory(&rollout, input.contact_method, stop)?;
     trajectory.move_states_by(offset);
-    Simulation {
+    Ok(Simulation {
         contact_modes: trajectory.contact_modes(),
         separations: trajectory.separations(),
         slip_reversals: trajectory.slip_reversals(),
         trajectory,
-    }
+    })
 }

@@ -11,7 +11,7 @@ use crate::simulation::{ContactModeSpan, Separation, TorqueSchedule, Trajectory}
 pub enum Status {
     /// Goal met, criticality measure small, no separation, contact law kept.
     Converged,
-    /// Goal met, but not shown to be a local optimum.
+    /// Goal met, but not shown to be a local optimum: it is none, or the certificate was cut off.
     Feasible,
     /// Best iterate; the goal is missed.
     NotConverged,
@@ -162,10 +162,10 @@ pub struct Report {
     pub worst_contact_residual: f64,
     /// Criticality measure: decrease of the final time that the linear model still predicts, s.
     pub predicted_decrease: f64,
-    /// Rigorous lower bound on the final time, s.
-    pub lower_bound: f64,
+    /// Rigorous lower bound on the final time, s; none where the certificate was cut off.
+    pub lower_bound: Option<f64>,
     /// What the bound rests on.
-    pub lower_bound_assumption: LowerBoundAssumption,
+    pub lower_bound_assumption: Option<LowerBoundAssumption>,
     /// Steps in which a contact separates (negative normal force).
     pub separations: Vec<Separation>,
     /// Steps whose friction problem has several solutions.
@@ -174,8 +174,8 @@ pub struct Report {
     pub slip_reversals: usize,
     /// Torques that contradict the sign of the switching function: off the limit at which they would gain.
     pub switching_sign_violations: usize,
-    /// The plan on a finer grid.
-    pub replay: Replay,
+    /// The plan on a finer grid; none where the certificate was cut off.
+    pub replay: Option<Replay>,
 }
 
 /// A plan with its status and report.

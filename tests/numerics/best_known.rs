@@ -49,7 +49,7 @@ fn no_lower_bound_exceeds_a_best_known_time() {
         let mut input = case.accepted.input.clone();
         // The bound depends on the maneuver alone: one rollout is enough to be told it.
         (input.settings.start_count, input.settings.rollout_limit) = (1, 1);
-        let bound = solve(&input, &RunControl::unattended()).report.lower_bound;
+        let bound = solve(&input, &RunControl::unattended()).unwrap().report.lower_bound.unwrap();
         let limit = witness.final_time_s * (1.0 + BOUND_ROUNDING);
         assert!(bound <= limit, "{}: bound {bound} s, known {} s", case.name, witness.final_time_s);
     }

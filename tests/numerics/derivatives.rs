@@ -5,6 +5,7 @@ use slipdrive::simulation::{
     ContactMethod, EndDerivative, EndSensitivity, LeastNormalForces, NormalForceDerivative, Rollout, Simulator,
     TorqueSchedule, Trajectory,
 };
+use slipdrive::stop::Stop;
 
 use crate::random::RandomCases;
 
@@ -22,7 +23,7 @@ struct Case<'a> {
 impl Case<'_> {
     fn end_and_modes(&self, schedule: &TorqueSchedule) -> (EndDerivative, Vec<[bool; 3]>) {
         let rollout = Rollout { start: &self.start, schedule, step_count: self.step_count };
-        let trajectory = self.simulator.trajectory(&rollout, ContactMethod::Exact);
+        let trajectory = self.simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap();
         let stick = slipdrive::contact::ContactMode::Stick;
         let modes = trajectory.contact.iter().map(|c| [&c.left, &c.right, &c.front].map(|s| s.mode == stick));
         (trajectory.state.last().unwrap().to_vector(), modes.collect())
@@ -54,8 +55,8 @@ fn assert_agree(what: &str, derivative: &EndDerivative, difference: &EndDerivati
 fn compare_all(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
     let mut sensitivity = EndSensitivity::default();
     let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
-    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
-    assert_eq!(sensitivity.end, case.simulator.end_state(&rollout));
+    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity, Stop::never()).unwrap();
+    assert_eq!(sensitivity.end, case.simulator.end_state(&rollout, Stop::never()).unwrap());
     let mut compared = 0;
     for interval in 0..schedule.control_count() {
         let sides = [
@@ -123,16 +124,13 @@ fn derivatives_agree_under_smoothed_friction() {
         let mut schedule = cases.schedule(4, 1.0, 2.0);
         let smoothing = 0.05;
         let mut sensitivity = EndSensitivity::default();
-        simulator.end_sensitivity(
-            &Rollout { start: &start, schedule: &schedule, step_count: 100 },
-            smoothing,
-            &mut sensitivity,
-        );
+        let rollout = Rollout { start: &start, schedule: &schedule, step_count: 100 };
+        simulator.end_sensitivity(&rollout, smoothing, &mut sensitivity, Stop::never()).unwrap();
         let [above, below] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
             schedule.left[1] += step;
             let rollout = Rollout { start: &start, schedule: &schedule, step_count: 100 };
             let mut moved = EndSensitivity::default();
-            simulator.record(&rollout, smoothing, &mut moved);
+            simulator.record(&rollout, smoothing, &mut moved, Stop::never()).unwrap();
             schedule.left[1] -= step;
             moved.end.to_vector()
         });
@@ -155,9 +153,10 @@ fn derivatives_agree_on_the_reference_robot_and_grid() {
 fn compare_normal_forces(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
     let mut sensitivity = EndSensitivity::default();
     let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
-    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity);
+    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity, Stop::never()).unwrap();
     let chosen: Vec<usize> = (0..LeastNormalForces::count(schedule.control_count())).collect();
-    let derivatives = case.simulator.normal_force_sensitivity(&rollout, 0.0, &sensitivity, &chosen);
+    let derivatives =
+        case.simulator.normal_force_sensitivity(&rollout, 0.0, &sensitivity, &chosen, Stop::never()).unwrap();
     let mut compared = 0;
     let mut compare =
         |what: &str, change: &dyn Fn(&mut TorqueSchedule, f64), of: &dyn Fn(&NormalForceDerivative) -> f64| {
@@ -165,7 +164,10 @@ fn compare_normal_forces(case: &Case, schedule: &TorqueSchedule, label: &str) ->
                 let mut changed = schedule.clone();
                 change(&mut changed, step);
                 let rollout = Rollout { schedule: &changed, ..rollout };
-                (case.simulator.trajectory(&rollout, ContactMethod::Exact), case.end_and_modes(&changed).1)
+                (
+                    case.simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap(),
+                    case.end_and_modes(&changed).1,
+                )
             });
             if modes_above != modes_below {
                 return;

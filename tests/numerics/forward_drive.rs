@@ -10,12 +10,13 @@ use slipdrive::solver::{
     Method, ProgressObserver, Refinement, RefinementOutcome, RunControl, Solution, SolveInput, SolveProgress,
     SolverSettings, Status, StopReason, solve,
 };
+use slipdrive::stop::{Stop, Stopped};
 
 /// The paper's final time, s, with its rounding.
 const PAPER_FINAL_TIME: f64 = 2.931;
 
 fn solved(input: &SolveInput) -> Solution {
-    solve(input, &RunControl::unattended())
+    solve(input, &RunControl::unattended()).unwrap()
 }
 
 #[test]
@@ -25,7 +26,7 @@ fn forward_drive_is_as_fast_as_the_paper() {
     assert!(solution.schedule.final_time <= PAPER_FINAL_TIME, "{}", solution.schedule.final_time);
     assert!(solution.goal_error.amax() <= 1e-6);
     assert!(solution.report.worst_contact_residual <= 1e-10);
-    assert!(solution.report.lower_bound < solution.schedule.final_time);
+    assert!(solution.report.lower_bound.unwrap() < solution.schedule.final_time);
 }
 
 #[test]
@@ -55,7 +56,8 @@ fn replaying_the_plan_reproduces_its_goal_error() {
     let solution = solved(&input);
     let start = State::default();
     let rollout = Rollout { start: &start, schedule: &solution.schedule, step_count: input.settings.step_count };
-    let trajectory = Simulator::new(&input.robot).trajectory(&rollout, ContactMethod::FixedPoint);
+    let trajectory =
+        Simulator::new(&input.robot).trajectory(&rollout, ContactMethod::FixedPoint, Stop::never()).unwrap();
     let error = input.maneuver.goal_error(trajectory.state.last().unwrap());
     // The paper's contact solver ends where the exact one does, but for its slow convergence at the edges between
     // sticking and sliding, where an optimal plan has many of its steps; wheel rates magnify that by 1 / R.
@@ -102,7 +104,7 @@ fn refined_plan_is_confirmed() {
     assert_eq!((solution.status, solution.replay_confirmed), (Status::Converged, true));
     assert!(solution.report.step_count > 200);
     assert_eq!(solution.trajectory.step_count(), solution.report.step_count);
-    assert!(solution.report.replay.miss_position <= input.settings.replay_tolerance_position);
+    assert!(solution.report.replay.unwrap().miss_position <= input.settings.replay_tolerance_position);
 }
 
 #[test]
@@ -116,7 +118,8 @@ fn plan_that_cannot_be_refined_enough_says_so() {
     assert_eq!((solution.report.refinement, solution.report.step_count), (RefinementOutcome::StepLimit, 400));
     let fixed = solved(&SolveInput::forward_drive());
     assert_eq!(fixed.report.refinement, RefinementOutcome::Fixed);
-    assert!(solution.report.replay.miss_position < fixed.report.replay.miss_position);
+    let miss = |solution: &Solution| solution.report.replay.unwrap().miss_position;
+    assert!(miss(&solution) < miss(&fixed));
 }
 
 #[test]
@@ -162,7 +165,7 @@ fn stopped_search_ends_within_one_rollout() {
         input.settings.method = method;
         let flag = AtomicBool::new(false);
         let observer = StopAt { flag: &flag, at: 5, heard: AtomicU64::new(0) };
-        let solution = solve(&input, &RunControl::new(&flag, &observer));
+        let solution = solve(&input, &RunControl::new(&flag, &observer)).unwrap();
         assert_eq!(solution.stop_reason, StopReason::Stopped);
         // A report follows every rollout that improves: none came after the flag.
         assert_eq!(observer.heard.load(Ordering::Relaxed), 5);
@@ -170,14 +173,12 @@ fn stopped_search_ends_within_one_rollout() {
 }
 
 #[test]
-fn abandoned_answer_is_not_certified() {
+fn solve_that_is_cut_off_in_its_search_has_no_answer() {
     let flag = AtomicBool::new(false);
     let observer = StopAt { flag: &flag, at: 3, heard: AtomicU64::new(0) };
-    let nobody_waits = || true;
-    let control = RunControl::new(&flag, &observer).abandoned_when(&nobody_waits);
-    let solution = solve(&SolveInput::forward_drive(), &control);
-    assert_eq!(solution.stop_reason, StopReason::Stopped);
-    assert_eq!(solution.trajectory.step_count(), 0, "no rollout after the flag");
+    let control = RunControl::new(&flag, &observer).cut_off_by(&flag);
+    assert_eq!(solve(&SolveInput::forward_drive(), &control), Err(Stopped));
+    assert_eq!(observer.heard.load(Ordering::Relaxed), 3, "no rollout after the flag");
 }
 
 #[test]

@@ -49,11 +49,11 @@ fn crews() -> [RestlessCrew; 3] {
 }
 
 fn alone(input: &SolveInput) -> Solution {
-    solve(input, &RunControl::unattended())
+    solve(input, &RunControl::unattended()).unwrap()
 }
 
 fn helped(input: &SolveInput, crew: &RestlessCrew) -> Solution {
-    solve(input, &RunControl::unattended().helped_by(crew))
+    solve(input, &RunControl::unattended().helped_by(crew)).unwrap()
 }
 
 fn small_settings() -> SolverSettings {
@@ -146,7 +146,7 @@ fn progress_of_all_starts_together_only_gets_better() {
     let tolerance = input.settings.goal_tolerance;
     for crew in crews() {
         let (record, flag) = (Record(Mutex::new(Vec::new())), AtomicBool::new(false));
-        let solution = solve(input, &RunControl::new(&flag, &record).helped_by(&crew));
+        let solution = solve(input, &RunControl::new(&flag, &record).helped_by(&crew)).unwrap();
         let reported = record.0.into_inner().unwrap();
         for pair in reported.windows(2) {
             let (before, after) = (&pair[0], &pair[1]);
@@ -184,7 +184,7 @@ fn stopped_search_answers_with_the_best_that_it_reported() {
     for crew in crews() {
         let stop = AtomicBool::new(false);
         let observer = StopAtPlan { stop: &stop, tolerance: input.settings.goal_tolerance, best: Mutex::new(f64::NAN) };
-        let solution = solve(input, &RunControl::new(&stop, &observer).helped_by(&crew));
+        let solution = solve(input, &RunControl::new(&stop, &observer).helped_by(&crew)).unwrap();
         assert_eq!((solution.stop_reason, solution.reason.is_none()), (StopReason::Stopped, true));
         assert_eq!(solution.schedule.final_time, *observer.best.lock().unwrap());
     }
@@ -208,5 +208,5 @@ fn panic_in_a_part_ends_the_search_with_a_panic() {
         assert!(outcome.is_err());
     }
     // Nothing is left behind.
-    assert_eq!(solve(input, &RunControl::new(&stop, &NoProgress)).stop_reason, StopReason::Finished);
+    assert_eq!(solve(input, &RunControl::new(&stop, &NoProgress)).unwrap().stop_reason, StopReason::Finished);
 }

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::optimizer::{ElasticProgram, ElasticSolver};
+use slipdrive::stop::Stop;
 
 const COLUMNS: usize = 41;
 const ROWS: usize = 8;
@@ -70,7 +71,7 @@ fn elastic_simplex_is_as_good_as_a_general_solver() {
             upper: &data.upper,
             penalty_parameter: data.penalty_parameter,
         };
-        let solution = solver.solve(&program);
+        let solution = solver.solve(&program, Stop::never()).unwrap();
         let violation = (&data.matrix * &solution.x - &data.target).lp_norm(1);
         let objective = data.cost.dot(&solution.x) + data.penalty_parameter * violation;
         let expected = by_library(&data);

@@ -45,12 +45,12 @@ fn optimised_coarse_plans_stay_above_the_bound() {
         let Ok(input) = SolveInput::new(SolveParameters { robot, maneuver, settings, initial_guess: None }) else {
             continue;
         };
-        let solution = solve(&input, &RunControl::unattended());
+        let solution = solve(&input, &RunControl::unattended()).unwrap();
         if solution.status == Status::NotConverged || !solution.report.separations.is_empty() {
             continue;
         }
         assert_ne!(solution.status, Status::Infeasible, "seed {seed}: {:?}", solution.reason);
-        let (bound, time) = (solution.report.lower_bound, solution.schedule.final_time);
+        let (bound, time) = (solution.report.lower_bound.unwrap(), solution.schedule.final_time);
         assert!(
             bound <= time,
             "seed {seed}: {bound} s by {:?} exceeds {time} s",

@@ -6,6 +6,7 @@ use slipdrive::contact::{
     OneStepProblem, SolvePath, WheelPattern, natural_map,
 };
 use slipdrive::robot::{BodyVector, Robot, RobotParameters};
+use slipdrive::stop::Stop;
 
 use crate::random::RandomCases;
 
@@ -107,7 +108,7 @@ impl Tally {
 /// Compares both solvers; from a solution that sticks also moves on to the edge of its friction discs.
 fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, tally: &mut Tally) {
     let mut step = RandomStep::<N>::new(cases, robot);
-    let (solution, path) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default());
+    let (solution, path) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default(), &Stop::never());
     tally.count(&solution, path);
     assert_same_motion(seed, &step, &solution, tally);
     if solution.pattern.wheels == WheelPattern::BothStick && cases.chance(0.5) {
@@ -115,13 +116,14 @@ fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, ta
         let offset = 10.0_f64.powf(cases.between(-5.0, -1.0)) * if cases.chance(0.5) { 1.0 } else { -1.0 };
         let mut near_edge = step.clone();
         near_edge.move_to_cone_edge(&solution, offset);
-        let (at_edge, path) = ExactSolver.solve(&near_edge.operator, &near_edge.problem, &Guess::from(&solution));
+        let (at_edge, path) =
+            ExactSolver.solve(&near_edge.operator, &near_edge.problem, &Guess::from(&solution), &Stop::never());
         tally.count(&at_edge, path);
         tally.near_cone_edge += 1;
         assert_same_motion(seed, &near_edge, &at_edge, tally);
 
         step.move_to_cone_edge(&solution, 0.0);
-        let (on_edge, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::from(&solution));
+        let (on_edge, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::from(&solution), &Stop::never());
         assert!(on_edge.residual <= RESIDUAL_TOLERANCE, "seed {seed}: residual {} on the edge", on_edge.residual);
     }
 }
@@ -129,7 +131,7 @@ fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, ta
 fn assert_same_motion<const N: usize>(seed: u64, step: &RandomStep<N>, exact: &ContactSolution<N>, tally: &mut Tally) {
     let settings = FixedPointSettings { tolerance: 1e-15, sweep_limit: 2_000_000 };
     let mut fixed_point = FixedPointSolver::new(settings);
-    let slow = fixed_point.solve(&step.operator, &step.problem);
+    let slow = fixed_point.solve(&step.operator, &step.problem, &Stop::never());
     tally.sweeps += fixed_point.sweeps();
     assert!(exact.residual <= RESIDUAL_TOLERANCE, "seed {seed}: exact residual {}", exact.residual);
     assert!(slow.residual <= CONVERGED, "seed {seed}: fixed-point residual {}", slow.residual);
@@ -178,7 +180,7 @@ fn separated_wheel_carries_no_friction() {
     let mut step = RandomStep::<3>::new(&mut cases, &robot);
     step.problem.free_normal[1] = -10.0 * step.problem.free_normal[0].abs();
     step.problem.free_normal[0] *= 12.0;
-    let (solution, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default());
+    let (solution, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default(), &Stop::never());
     assert!(solution.normal_impulse[1] < 0.0);
     assert_eq!(solution.impulse[1], 0.0);
     assert!(solution.residual <= RESIDUAL_TOLERANCE);
@@ -222,7 +224,7 @@ fn assert_no_other_solution<const N: usize>(seed: u64, cases: &mut RandomCases, 
     let RandomStep { operator, problem, .. } = RandomStep::<N>::new(cases, robot);
     let is_unique = operator.has_unique_solutions();
     if is_unique {
-        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default(), &Stop::never());
         assert!(!ExactSolver.is_indeterminate(&operator, &problem, &solution), "seed {seed}");
     }
     is_unique
@@ -236,7 +238,7 @@ fn indeterminate_problem_is_flagged() {
     let problem = OneStepProblem { free_slip: SVector::from([0.0, 0.2, 0.0]), free_normal: [1.0, -0.05, 0.0].into() };
     let stick = ContactPattern { wheels: WheelPattern::BothStick, ..ContactPattern::default() };
     let guess = Guess { pattern: stick, impulse: SVector::zeros() };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &guess);
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &guess, &Stop::never());
     assert!(ExactSolver.is_indeterminate(&operator, &problem, &solution));
 }
 
@@ -272,7 +274,7 @@ fn wheels_that_hardly_slip_are_solved() {
         free_slip: SVector::from([-0.07672467857963101, 0.07452807024728687, -5.0950331048765785e-6]),
         free_normal: SVector::from([0.049559034705347324, 0.04955871900566147, 0.02792738487371197]),
     };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default(), &Stop::never());
     assert!(solution.residual <= 1e-12, "residual {}", solution.residual);
     assert_eq!(solution.pattern.wheels, WheelPattern::BothSlip);
 }
@@ -299,7 +301,7 @@ fn steps_at_the_very_edge_of_sticking_are_solved() {
     ];
     for (free_slip, free_normal) in met {
         let problem = OneStepProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
-        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default(), &Stop::never());
         assert!(solution.residual <= RESIDUAL_TOLERANCE, "residual {}", solution.residual);
     }
 }
@@ -328,7 +330,7 @@ fn hardly_any_slip_is_as_accurate_as_any_other() {
         free_slip: SVector::from([-0.02919800149170238, 0.02831499033589286, -5.13575060560531e-9]),
         free_normal: SVector::from([0.018852339879564868, 0.018852339592927328, 0.01063081329466258]),
     };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default(), &Stop::never());
     assert!(solution.impact_slip.amax() < 1e-7, "slip {}", solution.impact_slip);
     assert!(solution.residual <= 4e-12, "residual {}", solution.residual);
 }

@@ -4,6 +4,7 @@ use nalgebra::SVector;
 use slipdrive::contact::{ContactMode, ContactName};
 use slipdrive::robot::{BodyVector, PerWheel, Robot, RobotParameters, State};
 use slipdrive::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
+use slipdrive::stop::Stop;
 
 use crate::random::RandomCases;
 
@@ -21,7 +22,7 @@ fn constant(final_time: f64, left: f64, right: f64) -> TorqueSchedule {
 
 fn roll(parameters: RobotParameters, start: &State, schedule: &TorqueSchedule, step_count: usize) -> Trajectory {
     let simulator = Simulator::new(&Robot::new(parameters).unwrap());
-    simulator.trajectory(&Rollout { start, schedule, step_count }, ContactMethod::Exact)
+    simulator.trajectory(&Rollout { start, schedule, step_count }, ContactMethod::Exact, Stop::never()).unwrap()
 }
 
 fn assert_near(actual: f64, expected: f64, tolerance: f64) {

@@ -6,6 +6,7 @@ use serde_json::Value;
 use slipdrive::contact::PerContact;
 use slipdrive::robot::{Robot, RobotParameters, State};
 use slipdrive::simulation::{ContactMethod, ContactSample, Rollout, Simulator, TorqueSchedule, Trajectory};
+use slipdrive::stop::Stop;
 
 /// Relative to the larger of 1 and the value: the reference was computed to 1e-10 and printed to 12 digits.
 const MOTION_TOLERANCE: f64 = 1e-7;
@@ -123,7 +124,7 @@ fn assert_all_match(method: ContactMethod) {
         let case = format!("{} with {method:?}", reference.name);
         let rollout =
             Rollout { start: &reference.start, schedule: &reference.schedule, step_count: reference.step_count };
-        let trajectory = Simulator::new(&reference.robot).trajectory(&rollout, method);
+        let trajectory = Simulator::new(&reference.robot).trajectory(&rollout, method, Stop::never()).unwrap();
         println!(
             "{case}: residual {:.1e}, indeterminate {}, separations {}, reversals {}",
             trajectory.worst_contact_residual,
@@ -151,6 +152,7 @@ fn front_support_of_the_tall_robot_separates() {
     let references = read_all();
     let tall = references.iter().find(|reference| reference.name == "tall_front_lifts").unwrap();
     let rollout = Rollout { start: &tall.start, schedule: &tall.schedule, step_count: tall.step_count };
-    let separations = Simulator::new(&tall.robot).trajectory(&rollout, ContactMethod::Exact).separations();
+    let separations =
+        Simulator::new(&tall.robot).trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap().separations();
     assert!(separations.iter().any(|separation| separation.contact == slipdrive::contact::ContactName::Front));
 }

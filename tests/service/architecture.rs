@@ -34,18 +34,19 @@ const FOREIGN_TO_NUMERICS: &[&str] = &[
 
 const TABLE: &[Module] = &[
     Module { name: "rules", may_use: &[], must_not_mention: FOREIGN_TO_NUMERICS },
-    Module { name: "contact", may_use: &[], must_not_mention: FOREIGN_TO_NUMERICS },
-    Module { name: "optimizer", may_use: &[], must_not_mention: FOREIGN_TO_NUMERICS },
+    Module { name: "stop", may_use: &[], must_not_mention: FOREIGN_TO_NUMERICS },
+    Module { name: "contact", may_use: &["stop"], must_not_mention: FOREIGN_TO_NUMERICS },
+    Module { name: "optimizer", may_use: &["stop"], must_not_mention: FOREIGN_TO_NUMERICS },
     Module { name: "robot", may_use: &["rules"], must_not_mention: FOREIGN_TO_NUMERICS },
-    Module { name: "simulation", may_use: &["robot", "contact"], must_not_mention: FOREIGN_TO_NUMERICS },
+    Module { name: "simulation", may_use: &["robot", "contact", "stop"], must_not_mention: FOREIGN_TO_NUMERICS },
     Module {
         name: "shooting",
-        may_use: &["simulation", "robot", "contact", "optimizer", "rules"],
+        may_use: &["simulation", "robot", "contact", "optimizer", "rules", "stop"],
         must_not_mention: FOREIGN_TO_NUMERICS,
     },
     Module {
         name: "solver",
-        may_use: &["shooting", "optimizer", "simulation", "robot", "contact", "rules"],
+        may_use: &["shooting", "optimizer", "simulation", "robot", "contact", "rules", "stop"],
         must_not_mention: FOREIGN_TO_NUMERICS,
     },
     Module {
@@ -87,6 +88,7 @@ const TABLE: &[Module] = &[
             "simulation",
             "robot",
             "contact",
+            "stop",
         ],
         must_not_mention: &["axum", "tonic", "hyper", "tower", "tokio", "std::thread"],
     },

@@ -17,6 +17,7 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::time::timeout;
 use tonic::{Code, Request, Status};
 
+use crate::stopping::{impatient_server, slow_simulation};
 use crate::support::protobuf::{GRPC, code_of, framed, raw_call};
 use crate::support::{Answer, FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
 
@@ -125,6 +126,7 @@ async fn provoke(code: ErrorCode) -> Option<Refusals> {
             assert!(case.has_started.try_recv().is_err(), "nothing was started");
             refusals
         }
+        ErrorCode::TimeLimitExceeded => too_long_simulation().await,
         ErrorCode::Unavailable => {
             server.service.close();
             solve_both(server, 0, None).await
@@ -188,6 +190,15 @@ async fn unreachable_deadline() -> Refusals {
     let refusals = solve_both(&case.server, 0, Some(300)).await;
     case.gate.open();
     refusals
+}
+
+/// A simulation that takes longer than the server allows.
+async fn too_long_simulation() -> Refusals {
+    let server = impatient_server().await;
+    let body = slow_simulation().to_string();
+    let message: pb::SimulateRequest = serde_json::from_str(&body).unwrap();
+    let rest = server.post("/simulate", body).await;
+    Refusals { rest, grpc: server.grpc().await.simulate(message).await.unwrap_err() }
 }
 
 /// Bodies that never end, on a server that has little patience.

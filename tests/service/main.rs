@@ -34,6 +34,7 @@ mod pace;
 #[cfg(unix)]
 mod replicas;
 mod request_log;
+mod stopping;
 mod support;
 mod time_limits;
 #[cfg(feature = "tls")]

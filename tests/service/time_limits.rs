@@ -42,7 +42,14 @@ async fn best_iterate_comes_in_time() {
             let intervals = grid["control_intervals"].as_u64().unwrap_or(40);
             let torques = answer["torque_schedule"]["left_n_m"].as_array().unwrap();
             assert_eq!(torques.len() as u64, intervals);
-            assert!(answer["report"]["replay"]["miss_m"].is_number());
+            // Where the certificate does not fit into the limit it claims nothing.
+            let report = &answer["report"];
+            let is_replayed = report["replay"]["miss_m"].is_number();
+            assert_eq!(report["lower_bound_s"].is_number(), is_replayed);
+            assert!(
+                is_replayed || (answer["status"] != "converged" && answer["replay_confirmed"] == false),
+                "{report}"
+            );
         }
     }
 }

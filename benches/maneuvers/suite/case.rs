@@ -16,6 +16,7 @@ use slipdrive::jobs::{Kind as _, Limits};
 use slipdrive::robot::State;
 use slipdrive::simulation::TorqueSchedule;
 use slipdrive::solver::{Simulation, simulate};
+use slipdrive::stop::Stop;
 
 use super::{CONTROL_COUNT, STEP_COUNT, path_of};
 
@@ -85,22 +86,24 @@ impl Case {
     /// What the service would answer to a bad request.
     pub(crate) fn simulated_over_the_wire(&self, torque_schedule: &Value, step_count: usize) -> Result<Simulation> {
         let body = simulate_body(&self.body, torque_schedule, step_count as u64);
-        let input = Simulate::read(&serde_json::to_vec(&body)?, &Limits::default());
-        Ok(simulate(&input.map_err(|problem| refusal(&self.name, &problem))?))
+        let accepted = Simulate::read(&serde_json::to_vec(&body)?, &Limits::default());
+        let accepted = accepted.map_err(|problem| refusal(&self.name, &problem))?;
+        Ok(simulate(&accepted.input, Stop::never()).expect("nothing stops it"))
     }
 
     /// As [`Case::simulated_over_the_wire`] on the case's own grid, without rounding of the interval.
     pub(crate) fn simulated(&self, schedule: &TorqueSchedule) -> Simulation {
-        let input = &self.accepted.input;
-        let maneuver = &input.maneuver;
-        simulate(&slipdrive::solver::SimulateInput {
-            robot: input.robot.clone(),
+        let asked = &self.accepted.input;
+        let maneuver = &asked.maneuver;
+        let input = slipdrive::solver::SimulateInput {
+            robot: asked.robot.clone(),
             reference_point: maneuver.reference_point,
             start: maneuver.start,
             schedule: schedule.clone(),
             step_count: STEP_COUNT,
             contact_method: slipdrive::simulation::ContactMethod::Exact,
-        })
+        };
+        simulate(&input, Stop::never()).expect("nothing stops it")
     }
 
     /// Largest magnitude of the goal errors at the end of a simulation (m, rad, m/s, rad/s).

@@ -19,7 +19,7 @@ use crate::metrics::{ConnectionEnd, Metrics};
 /// and a few people.
 const PROBE_PLACES: usize = 16;
 /// Who comes has so much time to ask for something before others may take the place: where newcomers crowd, they wait.
-const TENURE: Duration = Duration::from_millis(200);
+const TENURE: Duration = Duration::from_millis(100);
 /// How often a newcomer looks for a place meanwhile.
 const LOOK_INTERVAL: Duration = Duration::from_millis(5);
 /// Who has kept the server waiting for less is not ended for its memory: a healthy peer takes its answer in this time.

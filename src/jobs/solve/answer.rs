@@ -115,13 +115,15 @@ fn report(report: &Report, solve_time_s: f64) -> message::Report {
         distinct_optima: distinct_optima.iter().map(optimum).collect(),
         worst_contact_residual: *worst_contact_residual,
         predicted_decrease_s: *predicted_decrease,
-        lower_bound_s: *lower_bound,
-        lower_bound_assumption: message::LowerBoundAssumption::from(*lower_bound_assumption).into(),
+        lower_bound_s: lower_bound.unwrap_or(f64::NAN),
+        lower_bound_assumption: lower_bound_assumption
+            .map_or(message::LowerBoundAssumption::Unspecified, Into::into)
+            .into(),
         separations: separations.iter().map(Into::into).collect(),
         indeterminate_steps: count(*indeterminate_steps),
         slip_reversals: count(*slip_reversals),
         switching_sign_violations: count(*switching_sign_violations),
-        replay: Some(replay(given_replay)),
+        replay: given_replay.as_ref().map(replay),
         refinement: message::Refinement::from(*refinement).into(),
     }
 }

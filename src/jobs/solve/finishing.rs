@@ -22,6 +22,10 @@ const LARGEST_SHARE: f64 = 0.75;
 /// Most of it where the steps are automatic: short searches end on the first, cheap grid.
 const LARGEST_AUTOMATIC_SHARE: f64 = 0.1;
 
+/// No solve is cut off before it has run that long, so that the shortest limits have a plan too: recording one on the largest
+/// grid takes some 10 ms, and more on a busy machine.
+const LEAST_TIME: Duration = Duration::from_millis(250);
+
 /// Seconds per step that finishing has taken lately.
 #[derive(Debug)]
 pub(super) struct FinishingPace(Mutex<f64>);
@@ -51,7 +55,7 @@ impl FinishingPace {
             Refinement::Fixed => (settings.step_count, LARGEST_SHARE),
             Refinement::UntilConfirmed { step_limit } => (step_limit, LARGEST_AUTOMATIC_SHARE),
         };
-        Finishing { time: Duration::from_secs_f64(pace * step_count as f64), largest_share }
+        Finishing { time: Duration::from_secs_f64(pace * step_count as f64), largest_share, least_time: LEAST_TIME }
     }
 }
 

@@ -100,9 +100,8 @@ impl Job for Solve {
     fn run(&self, accepted: &AcceptedSolve, control: &JobControl<'_, SolveProgress>) -> Result<Solved, Stopped> {
         let observer = SolveObserver::new(control);
         let stop = control.stop();
-        let is_abandoned = || matches!(stop.cause(), Some(StopCause::CallerGone | StopCause::Shutdown));
-        let run = RunControl::new(stop.flag(), &observer).abandoned_when(&is_abandoned).helped_by(&observer);
-        let solution = self.solver.solve(&accepted.input, &run);
+        let run = RunControl::new(stop.flag(), &observer).cut_off_by(stop.cut_flag()).helped_by(&observer);
+        let solution = self.solver.solve(&accepted.input, &run).map_err(|_| control.cut_off())?;
         let stop_reason = stop_reason(solution.stop_reason, stop.cause())?;
         Ok(Solved { solution, stop_reason, search_end: observer.search_end.time() })
     }
@@ -111,7 +110,9 @@ impl Job for Solve {
         let Solved { solution, search_end, .. } = &done.output;
         self.metrics.count(done);
         if let Some(end) = search_end {
-            self.finishing.record(solution.report.step_count, end.elapsed());
+            // A certificate that was cut off takes longer: the next ones get twice the time that it had.
+            let factor = if solution.report.replay.is_some() { 1 } else { 2 };
+            self.finishing.record(solution.report.step_count, factor * end.elapsed());
         }
     }
 }

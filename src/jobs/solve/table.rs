@@ -7,6 +7,9 @@ use crate::shooting::Goal;
 use crate::simulation::TorqueSchedule;
 use crate::solver::{Reason, Replay, Report, Solution};
 
+/// What a certificate says that was cut off.
+const NOT_REACHED: &str = "not computed in time";
+
 /// Status, final time, goal errors, replay and the timeline of contact modes.
 pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
     let Solution { status, replay_confirmed, reason, schedule, report, contact_modes, .. } = &solved.output.solution;
@@ -18,7 +21,7 @@ pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
     row(&mut table, "final time", &final_time(schedule, report));
     row(&mut table, "replay confirmed", if *replay_confirmed { "yes" } else { "no" });
     row(&mut table, "grid", &format!("{} steps ({})", report.step_count, report.refinement.as_str()));
-    row(&mut table, "replay miss", &replay_miss(&report.replay));
+    row(&mut table, "replay miss", &report.replay.as_ref().map_or(NOT_REACHED.to_owned(), replay_miss));
     row(&mut table, "separations", &separations(&report.separations));
     let effort = format!(
         "{} rollouts, {} iterations, {} starts in {:.3} s",
@@ -38,7 +41,9 @@ pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
 }
 
 fn final_time(schedule: &TorqueSchedule, report: &Report) -> String {
-    let bound = format!("{:.6} s by {}", report.lower_bound, report.lower_bound_assumption.as_str());
+    let bound = report.lower_bound.zip(report.lower_bound_assumption);
+    let bound =
+        bound.map_or(NOT_REACHED.to_owned(), |(bound, assumption)| format!("{bound:.6} s by {}", assumption.as_str()));
     format!("{:.6} s (lower bound {bound})", schedule.final_time)
 }
 

@@ -1,4 +1,5 @@
 use super::*;
+use crate::stop::probe;
 
 fn solve(matrix: &DMatrix<f64>, target: &[f64], cost: &[f64], bound: f64, penalty_parameter: f64) -> ElasticSolution {
     let n = cost.len();
@@ -11,7 +12,7 @@ fn solve(matrix: &DMatrix<f64>, target: &[f64], cost: &[f64], bound: f64, penalt
         upper: &DVector::repeat(n, bound),
         penalty_parameter,
     };
-    ElasticSolver::new().solve(&program)
+    ElasticSolver::new().solve(&program, Stop::never()).unwrap()
 }
 
 #[test]
@@ -41,4 +42,28 @@ fn unreachable_targets_are_approached() {
     let solution = solve(&DMatrix::from_row_slice(1, 2, &[1.0, 1.0]), &[5.0], &[0.0, 0.0], 1.0, 2.0);
     assert_eq!(solution.x.as_slice(), [1.0, 1.0]);
     assert!((solution.objective - 6.0).abs() < 1e-14);
+}
+
+#[test]
+fn each_iteration_asks_whether_it_is_stopped() {
+    let (rows, columns) = (6, 60);
+    let matrix = DMatrix::from_fn(rows, columns, |row, column| ((7 * row + 3 * column) as f64).sin());
+    let (target, cost) = (DVector::repeat(rows, 1.0), DVector::from_fn(columns, |column, _| (column as f64).cos()));
+    let bound = DVector::repeat(columns, 1.0);
+    let program = ElasticProgram {
+        matrix: &matrix,
+        target: &target,
+        equation_count: rows,
+        cost: &cost,
+        lower: &-&bound,
+        upper: &bound,
+        penalty_parameter: 10.0,
+    };
+    let (solution, asked) = probe::unstopped(|stop| ElasticSolver::new().solve(&program, stop));
+    let iterations = solution.unwrap().iterations as u64;
+    assert!(iterations > 20 && asked >= iterations, "{asked} questions in {iterations} iterations");
+    for question in 1..=asked {
+        let (solution, asked) = probe::stopped_at(question, |stop| ElasticSolver::new().solve(&program, stop));
+        assert_eq!((solution, asked), (Err(Stopped), question));
+    }
 }

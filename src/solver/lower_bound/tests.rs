@@ -7,6 +7,7 @@ use crate::shooting::{Goal, Maneuver, ReferencePoint};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule};
 use crate::solver::SolveParameters;
 use crate::solver::impossibility::impossibility;
+use crate::stop::Stop;
 
 fn input(maneuver: &Maneuver, parameters: RobotParameters) -> SolveInput {
     SolveInput::new(SolveParameters { robot: parameters, maneuver: *maneuver, ..SolveParameters::default() }).unwrap()
@@ -229,7 +230,7 @@ impl Case {
         let parameters = *self.input.robot.parameters();
         let start = self.input.maneuver.start_at_center_of_mass(&parameters);
         let rollout = Rollout { start: &start, schedule: &self.schedule, step_count: self.step_count };
-        let trajectory = simulator.trajectory(&rollout, ContactMethod::Exact);
+        let trajectory = simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap();
         if !trajectory.separations().is_empty() || trajectory.worst_contact_residual > 1e-10 {
             return None;
         }

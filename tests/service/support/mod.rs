@@ -25,6 +25,7 @@ use slipdrive::solver::{
     Status,
 };
 use slipdrive::solver::{RunControl, StopReason};
+use slipdrive::stop::{Stop, Stopped};
 use tokio::net::TcpListener;
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::task::JoinHandle;
@@ -60,19 +61,19 @@ fn small_report() -> Report {
         distinct_optima: Vec::new(),
         worst_contact_residual: 0.0,
         predicted_decrease: 0.0,
-        lower_bound: 1.0,
-        lower_bound_assumption: LowerBoundAssumption::Friction,
+        lower_bound: Some(1.0),
+        lower_bound_assumption: Some(LowerBoundAssumption::Friction),
         separations: Vec::new(),
         indeterminate_steps: 0,
         slip_reversals: 0,
         switching_sign_violations: 0,
-        replay: Replay {
+        replay: Some(Replay {
             step_count: 3200,
             miss_position: 0.0,
             miss_heading: 0.0,
             miss_speed: 0.0,
             within_tolerance: true,
-        },
+        }),
     }
 }
 
@@ -80,13 +81,13 @@ fn small_report() -> Report {
 pub(crate) struct FakeSolver<F>(pub(crate) F);
 
 impl<F: Fn(&SolveInput, &RunControl<'_>) -> Solution + Send + Sync> ManeuverSolver for FakeSolver<F> {
-    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Solution {
-        (self.0)(input, control)
+    fn solve(&self, input: &SolveInput, control: &RunControl<'_>) -> Result<Solution, Stopped> {
+        Ok((self.0)(input, control))
     }
 
-    fn simulate(&self, _input: &SimulateInput) -> Simulation {
+    fn simulate(&self, _input: &SimulateInput, _stop: Stop<'_>) -> Result<Simulation, Stopped> {
         let trajectory = Trajectory { time: vec![0.0], state: vec![State::default()], ..Trajectory::default() };
-        Simulation { trajectory, contact_modes: Vec::new(), separations: Vec::new(), slip_reversals: 0 }
+        Ok(Simulation { trajectory, contact_modes: Vec::new(), separations: Vec::new(), slip_reversals: 0 })
     }
 }
 

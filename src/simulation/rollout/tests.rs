@@ -1,0 +1,148 @@
+//! How often rollouts ask whether they are stopped, with robots whose friction is hard to resolve.
+
+use super::*;
+use crate::robot::{PerWheel, RobotParameters};
+use crate::simulation::EndSensitivity;
+use crate::stop::probe;
+
+const STEPS: usize = 30;
+
+/// Its fixed point takes thousands of sweeps.
+fn short_track() -> RobotParameters {
+    RobotParameters {
+        chassis_mass: 2.374,
+        wheel_mass: 3.573,
+        chassis_yaw_inertia: 0.01702,
+        wheel_diametral_inertia: 0.002_001,
+        wheel_spin_inertia: 0.001_218,
+        wheel_radius: 0.006_426,
+        track_width: 0.01935,
+        axle_to_front_support: 0.1229,
+        center_of_mass_height: 0.002_739,
+        wheel_friction_coefficient: 2.861,
+        front_friction_coefficient: 1.584,
+        ..RobotParameters::default()
+    }
+}
+
+fn schedule() -> TorqueSchedule {
+    let repeated = |torques: [f64; 4]| torques.into_iter().cycle().take(STEPS).collect();
+    let (left, right) = (repeated([-0.252, 0.169, 0.551, 0.803]), repeated([1.893, 1.769, -1.166, -1.366]));
+    TorqueSchedule { final_time: 8.71 * STEPS as f64, left, right }
+}
+
+/// The exact solver falls back to sweeps and smoothing in many of its steps.
+fn heavy_wheels() -> RobotParameters {
+    RobotParameters {
+        chassis_mass: 7.413,
+        wheel_mass: 8.257,
+        chassis_yaw_inertia: 0.01234,
+        wheel_diametral_inertia: 1.27,
+        wheel_spin_inertia: 0.004_612,
+        wheel_radius: 0.3388,
+        track_width: 3.017,
+        axle_to_front_support: 0.03469,
+        center_of_mass_height: 0.008_886,
+        wheel_friction_coefficient: 0.695,
+        front_friction_coefficient: 1.757,
+        ..RobotParameters::default()
+    }
+}
+
+/// A rollout of a robot with its simulator.
+fn with_rollout<T>(robot: RobotParameters, run: impl FnOnce(&Simulator, &Rollout) -> T) -> T {
+    let simulator = Simulator::new(&Robot::new(robot).unwrap());
+    let (start, schedule) = (State::default(), schedule());
+    run(&simulator, &Rollout { start: &start, schedule: &schedule, step_count: STEPS })
+}
+
+fn model(simulator: &Simulator) -> &StepModel<5> {
+    let Model::WheelsAndFront(model) = &simulator.model else { panic!("the front support has friction") };
+    model
+}
+
+#[test]
+fn rollout_asks_at_each_step() {
+    with_rollout(short_track(), |simulator, rollout| {
+        let steps_until = |last: u64| {
+            let mut steps = 0_usize;
+            let run = |stop: Stop| {
+                integrate(model(simulator), rollout, &mut ExactContact::default(), stop, |_, _| steps += 1)
+            };
+            let (end, asked) = probe::stopped_at(last, run);
+            (end, asked, steps)
+        };
+        let (end, asked, steps) = steps_until(0);
+        assert!(end.is_ok() && steps == STEPS && asked >= STEPS as u64, "{asked}");
+        let mut before = 0;
+        for last in 1..=asked {
+            let (end, _, steps) = steps_until(last);
+            assert_eq!(end, Err(Stopped), "question {last}");
+            assert!(steps <= before + 1, "{} steps between two questions", steps - before);
+            before = steps;
+        }
+        assert_eq!(before, STEPS - 1, "a rollout stopped at its last step is none either");
+    });
+}
+
+#[test]
+fn fixed_point_asks_every_64_sweeps() {
+    with_rollout(short_track(), |simulator, rollout| {
+        let sweeps_until = |last: u64| {
+            let mut solver = FixedPointSolver::new(FixedPointSettings { sweep_limit: 2000, ..Default::default() });
+            let run = |stop: Stop| integrate(model(simulator), rollout, &mut solver, stop, |_, _| {});
+            let (end, asked) = probe::stopped_at(last, run);
+            (end, asked, solver.sweeps())
+        };
+        let (end, asked, sweeps) = sweeps_until(0);
+        assert!(end.is_ok() && sweeps > 100 * STEPS as u64, "{sweeps} sweeps are not hard");
+        let mut before = 0;
+        for last in 1..=asked {
+            let (end, _, sweeps) = sweeps_until(last);
+            assert_eq!(end, Err(Stopped), "question {last}");
+            assert!(sweeps <= before + Stop::PERIOD as u64, "{} sweeps between two questions", sweeps - before);
+            before = sweeps;
+        }
+    });
+}
+
+#[test]
+fn exact_contact_asks_within_a_hard_step() {
+    with_rollout(heavy_wheels(), |simulator, rollout| {
+        let model = model(simulator);
+        let mut hardest = 0;
+        let mut solver = ExactContact::default();
+        let mut state = *rollout.start;
+        for index in 0..STEPS {
+            let torque = PerWheel::new(rollout.schedule.left[index], rollout.schedule.right[index]);
+            let (step, asked) = probe::unstopped(|stop| model.advance(&state, torque, 0.05, &mut solver, &stop));
+            state = step.end;
+            hardest = hardest.max(asked);
+        }
+        // 1,260 sweeps, and the patterns and smoothings that are tried after them.
+        assert!(hardest >= 20, "{hardest} questions in the hardest step");
+    });
+}
+
+#[test]
+fn backward_sweeps_ask_at_each_step() {
+    with_rollout(short_track(), |simulator, rollout| {
+        let mut sensitivity = EndSensitivity::default();
+        simulator.record(rollout, 0.0, &mut sensitivity, Stop::never()).unwrap();
+        let (end, asked) = probe::unstopped(|stop| simulator.differentiate(rollout, 0.0, &mut sensitivity, stop));
+        assert_eq!((end, asked), (Ok(()), STEPS as u64));
+        let chosen = [0, 1, 2, 3 * STEPS - 1];
+        let forces = |stop: Stop| simulator.normal_force_sensitivity(rollout, 0.0, &sensitivity, &chosen, stop);
+        let (derivatives, asked) = probe::unstopped(forces);
+        let last_step = chosen.map(|index| sensitivity.least_normal_forces.step(index)).into_iter().max().unwrap();
+        assert!(derivatives.is_ok() && asked == last_step as u64 + 1, "{asked}");
+        for last in 1..=STEPS as u64 {
+            assert!(last > asked || probe::stopped_at(last, forces) == (Err(Stopped), last));
+            let again = probe::stopped_at(last, |stop| {
+                let mut sensitivity = sensitivity.clone();
+                simulator.differentiate(rollout, 0.0, &mut sensitivity, stop)
+            });
+            assert_eq!(again, (Err(Stopped), last));
+        }
+    });
+}

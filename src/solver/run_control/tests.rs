@@ -1,0 +1,126 @@
+//! How soon a solve ends once it is stopped or cut off, with a robot whose friction is hard to resolve.
+
+use super::*;
+use crate::robot::{PerWheel, RobotParameters};
+use crate::shooting::{Goal, Maneuver};
+use crate::simulation::TorqueSchedule;
+use crate::solver::{
+    Method, Refinement, RefinementOutcome, Solution, SolveInput, SolveParameters, SolverSettings, Status, StopReason,
+    solve,
+};
+use crate::stop::{Stopped, probe};
+
+const STEPS: usize = 6;
+/// The most questions after the one that stops: each level of the search asks once more on the way out.
+const WAY_OUT: u64 = 20;
+
+fn input(settings: SolverSettings) -> SolveInput {
+    let robot = RobotParameters {
+        chassis_mass: 7.413,
+        wheel_mass: 8.257,
+        chassis_yaw_inertia: 0.01234,
+        wheel_diametral_inertia: 1.27,
+        wheel_spin_inertia: 0.004_612,
+        wheel_radius: 0.3388,
+        track_width: 3.017,
+        axle_to_front_support: 0.03469,
+        center_of_mass_height: 0.008_886,
+        wheel_friction_coefficient: 0.695,
+        front_friction_coefficient: 1.757,
+        ..RobotParameters::default()
+    };
+    let maneuver = Maneuver {
+        goal: Goal::at_rest(1.0, 2.0, 0.7),
+        torque_limit: PerWheel::new(2.0, 2.0),
+        ..Maneuver::forward_drive()
+    };
+    let guess = TorqueSchedule { final_time: 9.1, left: vec![1.3, -0.4, 0.9, -1.7], right: vec![-0.6, 1.9, -1.1, 0.2] };
+    let settings = SolverSettings { step_count: STEPS, control_count: STEPS, start_count: 1, ..settings };
+    SolveInput::new(SolveParameters { robot, maneuver, settings, initial_guess: Some(guess) }).unwrap()
+}
+
+fn searching(method: Method, rollout_limit: u64) -> SolveInput {
+    input(SolverSettings { method, rollout_limit, refinement: Refinement::Fixed, ..SolverSettings::default() })
+}
+
+/// The paper's forward drive on a coarse grid, whose replay asks for a finer one.
+fn refining() -> SolveInput {
+    let mut input = SolveInput::forward_drive();
+    let refinement = Refinement::UntilConfirmed { step_limit: 160 };
+    input.settings =
+        SolverSettings { step_count: 40, control_count: 10, start_count: 1, refinement, ..input.settings.clone() };
+    input
+}
+
+/// Some questions between two.
+fn spread(first: u64, end: u64) -> impl Iterator<Item = u64> {
+    (first..end).step_by(usize::try_from((end - first) / 8).unwrap().max(1))
+}
+
+fn stopped_at(question: u64, input: &SolveInput) -> (Solution, u64) {
+    let (solution, asked) = probe::stopped_at(question, |stop| solve(input, &RunControl::new(stop, &NoProgress)));
+    (solution.unwrap(), asked)
+}
+
+#[test]
+fn search_asks_at_each_step_and_ends_where_it_is_stopped() {
+    for input in [searching(Method::SequentialLinear, 25), searching(Method::NelderMead, 25)] {
+        let (solution, asked) = stopped_at(0, &input);
+        assert_eq!(solution.stop_reason, StopReason::RolloutLimit);
+        assert!(asked >= 25 * STEPS as u64, "{asked} questions in 25 rollouts of {STEPS} steps");
+        for question in spread(1, asked) {
+            let (solution, asked) = stopped_at(question, &input);
+            assert_eq!(solution.stop_reason, StopReason::Stopped, "question {question}");
+            assert!(asked <= question + WAY_OUT, "{} questions after the one that stops", asked - question);
+            assert!(solution.report.rollouts <= question, "counted rollouts were begun");
+        }
+    }
+}
+
+#[test]
+fn refinement_ends_where_it_is_stopped() {
+    let input = refining();
+    let (solution, asked) = stopped_at(0, &input);
+    assert_eq!(solution.stop_reason, StopReason::Finished);
+    assert!(solution.report.step_count > 40, "the grid is refined");
+    // The last of them are those of the refinement.
+    for question in spread(asked - 5000, asked) {
+        let (solution, asked) = stopped_at(question, &input);
+        assert_eq!(solution.stop_reason, StopReason::Stopped, "question {question}");
+        assert!(asked <= question + WAY_OUT, "{} questions after the one that stops", asked - question);
+        assert_eq!(solution.report.refinement, RefinementOutcome::Interrupted);
+        assert!(solution.report.replay.is_some(), "the certificate was not cut off");
+    }
+}
+
+#[test]
+fn certificate_asks_at_each_step_and_ends_where_it_is_cut_off() {
+    // The forward drive's plan meets the goal; the other robot's does not.
+    let mut coarse = refining();
+    coarse.settings.refinement = Refinement::Fixed;
+    for (input, kept) in [(searching(Method::SequentialLinear, 20), Status::NotConverged), (coarse, Status::Feasible)] {
+        let steps = input.settings.step_count as u64;
+        let cut_at = |question: u64| {
+            let certify = |cut: Stop| solve(&input, &RunControl::unattended().cut_off_by(cut));
+            probe::stopped_at(question, certify)
+        };
+        let (whole, asked) = cut_at(0);
+        let whole = whole.unwrap();
+        assert!(asked >= 17 * steps, "{asked} questions for a rollout of {steps} steps and its replay");
+        let mut has_answered = false;
+        for question in spread(1, asked) {
+            let (solution, asked) = cut_at(question);
+            assert!(asked <= question + WAY_OUT, "{} questions after the one that cuts off", asked - question);
+            let Ok(Solution { status, replay_confirmed, report, trajectory, .. }) = solution else {
+                assert!(!has_answered, "the motion was known before question {question}");
+                continue;
+            };
+            has_answered = true;
+            assert_eq!((status, replay_confirmed), (kept, false), "question {question}");
+            assert_eq!((report.replay, report.lower_bound, report.lower_bound_assumption), (None, None, None));
+            assert_eq!(trajectory, whole.trajectory);
+        }
+        assert!(has_answered && cut_at(1).0 == Err(Stopped));
+        assert!(whole.report.replay.is_some() && whole.report.lower_bound.is_some());
+    }
+}
