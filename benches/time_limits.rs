@@ -2,6 +2,11 @@
 //!
 //! 200 random limits from 1 ms to 1 s on solves that alone take longer, over grids up to the largest one: from the start
 //! of the solve to the last byte of its JSON answer. `cargo bench --bench time_limits [number of limits] [seed]`.
+//!
+//! `cargo bench --bench time_limits -- stopping [number of robots] [seed]` prints how long a worker runs on after its flags.
+
+#[path = "time_limits/stopping.rs"]
+mod stopping;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -27,7 +32,12 @@ const GRIDS: [(&str, &str); 6] = [
 fn main() {
     let mut arguments = std::env::args().skip(1).filter_map(|argument| argument.parse::<u64>().ok());
     let count = arguments.next().unwrap_or(200);
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(arguments.next().unwrap_or(1));
+    let seed = arguments.next().unwrap_or(1);
+    if std::env::args().any(|argument| argument == "stopping") {
+        stopping::run(count, seed);
+        return;
+    }
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
     let settings = ServiceSettings { queue_length: 0, ..ServiceSettings::default() };
     let service = Service::start(settings).expect("threads");
     let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());

@@ -29,10 +29,11 @@ const REFUSALS: [ErrorCode; 9] = [
     ErrorCode::Unavailable,
 ];
 /// What a request that waits for a worker may end with as well.
-const FAILURES: [ErrorCode; 5] = [
+const FAILURES: [ErrorCode; 6] = [
     ErrorCode::QueueFull,
     ErrorCode::DeadlineUnreachable,
     ErrorCode::DeadlineExceeded,
+    ErrorCode::TimeLimitExceeded,
     ErrorCode::SolverPanic,
     ErrorCode::Internal,
 ];

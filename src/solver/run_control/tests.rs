@@ -47,8 +47,7 @@ fn searching(method: Method, rollout_limit: u64) -> SolveInput {
 fn refining() -> SolveInput {
     let mut input = SolveInput::forward_drive();
     let refinement = Refinement::UntilConfirmed { step_limit: 160 };
-    input.settings =
-        SolverSettings { step_count: 40, control_count: 10, start_count: 1, refinement, ..input.settings.clone() };
+    input.settings = SolverSettings { step_count: 40, control_count: 10, start_count: 1, refinement, ..input.settings };
     input
 }
 
