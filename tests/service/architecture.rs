@@ -108,7 +108,7 @@ const FOLDERS: &[(&str, &[&str])] = &[
 ];
 
 /// The program around the library may use what it needs.
-const PROGRAM: &[&str] = &["lib", "main", "cli", "config", "health", "shutdown", "telemetry"];
+const PROGRAM: &[&str] = &["lib", "main", "cli", "config", "health", "heap", "shutdown", "telemetry"];
 
 #[test]
 fn modules_use_only_what_the_table_allows() {
