@@ -108,7 +108,7 @@ const STREAM_WINDOW_BYTES: u32 = 64 * 1024;
 /// this is what h2 allows small frames to cost until they are read, which one turn of reading stays below.
 const CONNECTION_WINDOW_BYTES: u32 = 512 * 1024;
 /// Longest head of a request, bytes; also what a connection buffers of its answers over HTTP/1.
-const HEAD_BYTES: usize = 32 * 1024;
+const HEAD_BYTES: u32 = 32 * 1024;
 /// What one stream of HTTP/2 buffers of its answer, bytes.
 const SEND_BUFFER_BYTES: usize = 64 * 1024;
 
@@ -261,7 +261,11 @@ fn jitter() -> f64 {
 
 fn builder(settings: &ServerSettings) -> auto::Builder<TokioExecutor> {
     let mut builder = auto::Builder::new(TokioExecutor::new());
-    builder.http1().timer(TokioTimer::new()).header_read_timeout(settings.head_timeout).max_buf_size(HEAD_BYTES);
+    builder
+        .http1()
+        .timer(TokioTimer::new())
+        .header_read_timeout(settings.head_timeout)
+        .max_buf_size(HEAD_BYTES as usize);
     builder
         .http2()
         .timer(TokioTimer::new())
@@ -269,7 +273,7 @@ fn builder(settings: &ServerSettings) -> auto::Builder<TokioExecutor> {
         .keep_alive_timeout(settings.ping_interval)
         .initial_stream_window_size(STREAM_WINDOW_BYTES)
         .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
-        .max_header_list_size(HEAD_BYTES as u32)
+        .max_header_list_size(HEAD_BYTES)
         .max_send_buf_size(SEND_BUFFER_BYTES)
         .max_concurrent_streams(settings.max_streams);
     builder

@@ -54,7 +54,7 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
     let admitted = if !is_probe && connection_of(request.extensions()).may == Use::Probes {
         Err(only_probes().into_response())
     } else if is_probe || passage.settings.keys.admit(request.headers()) {
-        check_host(&request).map_err(|problem| problem.into_response())
+        check_host(&request).map_err(Problem::into_response)
     } else {
         Err(unauthenticated())
     };

@@ -70,6 +70,7 @@ struct State {
 pub(super) struct Worth {
     has_served_caller: bool,
     has_served: bool,
+    has_spoken: bool,
     last_used: Instant,
 }
 
@@ -149,7 +150,8 @@ impl Connection {
     pub(super) fn worth(&self) -> Option<Worth> {
         let state = self.state();
         let State { has_served_caller, last_used, requests, .. } = *state;
-        (state.callers == 0).then_some(Worth { has_served_caller, has_served: requests > 0, last_used })
+        let (has_served, has_spoken) = (requests > 0, self.bytes_read.load(Ordering::Relaxed) > 0);
+        (state.callers == 0).then_some(Worth { has_served_caller, has_served, has_spoken, last_used })
     }
 
     /// Prepares a wait for the peer, who has `full` time for it in all.

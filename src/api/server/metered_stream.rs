@@ -7,13 +7,16 @@ use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
-use tokio::time::{Sleep, sleep_until};
+use tokio::time::{Sleep, sleep, sleep_until};
 
 use super::connection::{Connection, Wait};
 
-/// What is read before the handlers of the connection have their turn, bytes. Otherwise all that a fast peer has sent
-/// lies unread in HTTP/2's buffers, and h2 ends connections with too many small frames unread.
-const TURN_BYTES: usize = 16 * 1024;
+/// What is read before the handlers of the connection have their turn, bytes: some hundred of the smallest frames of gRPC.
+/// Otherwise all that a fast peer has sent lies unread in HTTP/2's buffers, and h2 ends connections with too many small
+/// frames unread.
+const TURN_BYTES: usize = 8 * 1024;
+/// How long that turn is. Yielding to the scheduler is not enough: handlers may wait on another thread of it.
+const TURN: Duration = Duration::from_millis(1);
 
 /// A stream that fails when its peer is too slow to take what is sent; also counts the bytes that arrive.
 #[derive(Debug)]
@@ -21,6 +24,8 @@ pub(super) struct MeteredStream<S> {
     stream: S,
     connection: Arc<Connection>,
     read_in_turn: usize,
+    /// Runs while the handlers have their turn.
+    turn: Option<Pin<Box<Sleep>>>,
     wait: Wait,
     /// Runs while a write is pending.
     pending: Option<Pin<Box<Sleep>>>,
@@ -29,7 +34,7 @@ pub(super) struct MeteredStream<S> {
 impl<S> MeteredStream<S> {
     pub(super) fn new(stream: S, write_timeout: Duration, connection: Arc<Connection>) -> Self {
         let wait = connection.wait(write_timeout);
-        Self { stream, connection, read_in_turn: 0, wait, pending: None }
+        Self { stream, connection, read_in_turn: 0, turn: None, wait, pending: None }
     }
 
     /// The result of a write, or an error when the peer has kept it pending for too long.
@@ -62,9 +67,8 @@ impl<S: AsyncRead + Unpin> AsyncRead for MeteredStream<S> {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         if self.read_in_turn >= TURN_BYTES {
-            self.read_in_turn = 0;
-            context.waker().wake_by_ref();
-            return Poll::Pending;
+            ready!(self.turn.get_or_insert_with(|| Box::pin(sleep(TURN))).as_mut().poll(context));
+            (self.turn, self.read_in_turn) = (None, 0);
         }
         let before = buffer.filled().len();
         let read = Pin::new(&mut self.stream).poll_read(context, buffer);

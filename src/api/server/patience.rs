@@ -7,7 +7,7 @@ use tokio::time::Instant;
 
 /// Rate at which a peer has to take what it asked for, bytes per second: a poor mobile link does better, and the largest
 /// answer is through in about a minute.
-const LEAST_RATE: f64 = 64.0 * 1024.0;
+const LEAST_RATE: usize = 64 * 1024;
 
 /// The time that a peer has left.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +30,7 @@ impl Patience {
     /// The peer has taken so many bytes; a wait is over.
     pub(super) fn end(&mut self, bytes: usize) {
         let waited = self.since.take().map_or(Duration::ZERO, |since| since.elapsed());
-        let earned = Duration::from_secs_f64(bytes as f64 / LEAST_RATE);
+        let earned = Duration::from_secs_f64(bytes as f64 / LEAST_RATE as f64);
         self.left = self.left.saturating_sub(waited).saturating_add(earned).min(self.full);
     }
 
@@ -60,11 +60,11 @@ mod tests {
         for _ in 0..8 {
             patience.begin();
             tokio::time::advance(2 * SECOND).await;
-            patience.end(LEAST_RATE as usize);
+            patience.end(LEAST_RATE);
         }
         patience.begin();
         assert_eq!(patience.spent(), Some(8 * SECOND), "each round costs a second more than it earns");
-        patience.end(100 * LEAST_RATE as usize);
+        patience.end(100 * LEAST_RATE);
         patience.begin();
         assert_eq!(patience.until(), Some(Instant::now() + FULL), "nobody earns more than the whole");
     }
