@@ -46,8 +46,11 @@ pub trait Kind: Job {
     /// `invalid_field`, or all violated rules and limits at once.
     fn accept(request: Self::Request, limits: &Limits) -> Result<Self::Input, Problem>;
 
-    /// How many numbers the answer will probably have: memory is reserved for them before the job is queued.
-    fn answer_numbers(input: &Self::Input) -> usize;
+    /// How many numbers the answer will probably have, where that grows with the input: memory is reserved for them before
+    /// the job is queued.
+    fn answer_numbers(_input: &Self::Input) -> usize {
+        0
+    }
 
     /// The answer; made on the worker.
     fn answer(input: &Self::Input, done: &Done<Self::Output>) -> Self::Answer;
