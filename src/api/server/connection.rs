@@ -16,6 +16,8 @@ use super::patience::Patience;
 
 /// Length of the HTTP/2 preface, bytes: once as many have arrived the protocol is known, and hyper's own timers run.
 const PREFACE_BYTES: u64 = 24;
+/// Who comes has so much time to ask for something before others may take the place: where newcomers crowd, they wait.
+pub(super) const TENURE: Duration = Duration::from_millis(100);
 /// Requests of guests that one connection may have open at once: probes ask one by one, or a few together.
 const MAX_GUESTS: usize = 4;
 /// What a request holds beside its body and its answer, bytes: its stream, its head, and the future of its handler.
@@ -70,15 +72,10 @@ struct State {
 pub(super) struct Worth {
     has_served_caller: bool,
     has_served: bool,
+    /// Whether the peer has come so lately that it may not have asked yet.
+    pub(super) is_new: bool,
     has_spoken: bool,
     last_used: Instant,
-}
-
-impl Worth {
-    /// Whether the peer has come so lately that it may not have asked yet.
-    pub(super) fn is_newer_than(&self, tenure: Duration) -> bool {
-        !self.has_served && self.last_used.elapsed() < tenure
-    }
 }
 
 impl Connection {
@@ -151,7 +148,8 @@ impl Connection {
         let state = self.state();
         let State { has_served_caller, last_used, requests, .. } = *state;
         let (has_served, has_spoken) = (requests > 0, self.bytes_read.load(Ordering::Relaxed) > 0);
-        (state.callers == 0).then_some(Worth { has_served_caller, has_served, has_spoken, last_used })
+        let is_new = !has_served && last_used.elapsed() < TENURE;
+        (state.callers == 0).then_some(Worth { has_served_caller, has_served, is_new, has_spoken, last_used })
     }
 
     /// Prepares a wait for the peer, who has `full` time for it in all.

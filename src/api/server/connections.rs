@@ -10,7 +10,7 @@ use tokio::sync::{Notify, watch};
 use tokio::time::{Instant, sleep};
 
 use super::ServerSettings;
-use super::connection::{Connection, Use, Worth};
+use super::connection::{Connection, TENURE, Use, Worth};
 use crate::api::auth::ApiKeys;
 use crate::api::{ApiSettings, ApiState, Probes};
 use crate::metrics::{ConnectionEnd, Metrics};
@@ -18,8 +18,6 @@ use crate::metrics::{ConnectionEnd, Metrics};
 /// Places that are kept for probes where they have no port of their own: those of a balancer, an orchestrator, a scraper
 /// and a few people.
 const PROBE_PLACES: usize = 16;
-/// Who comes has so much time to ask for something before others may take the place: where newcomers crowd, they wait.
-const TENURE: Duration = Duration::from_millis(100);
 /// How often a newcomer looks for a place meanwhile.
 const LOOK_INTERVAL: Duration = Duration::from_millis(5);
 /// Who has kept the server waiting for less is not ended for its memory: a healthy peer takes its answer in this time.
@@ -134,11 +132,11 @@ impl Connections {
                 return Some(may);
             }
             if let Some((worth, least_used)) = open.least_used(may) {
-                let is_old = !worth.is_newer_than(TENURE);
-                if is_old {
-                    self.end(least_used, ConnectionEnd::NoPlace);
+                if worth.is_new {
+                    return None;
                 }
-                return is_old.then_some(may);
+                self.end(least_used, ConnectionEnd::NoPlace);
+                return Some(may);
             }
         }
         None
