@@ -8,9 +8,9 @@ mod calls;
 mod crowd;
 mod deadlines;
 mod found;
-mod good;
+pub mod good;
 mod memory;
-mod program;
+pub mod program;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -40,7 +40,7 @@ pub struct Arguments {
 }
 
 /// The key that the server knows.
-const KEY: &str = "key-of-the-bench";
+pub const KEY: &str = "key-of-the-bench";
 /// How long the server may take to give memory back.
 const RECOVERY: Duration = Duration::from_secs(10);
 /// A container of 256 MiB holds the server at rest and this above it.
@@ -55,17 +55,17 @@ const MIN_OPEN_FILES: u64 = 5_000;
 
 /// What an attack needs to know.
 #[derive(Debug, Clone, Copy)]
-struct Target {
-    rest: SocketAddr,
-    grpc: SocketAddr,
-    process: u32,
+pub struct Target {
+    pub rest: SocketAddr,
+    pub grpc: SocketAddr,
+    pub process: u32,
     /// When the attack must be over.
-    end: Instant,
+    pub end: Instant,
 }
 
 /// What must hold beside the attack's own requirement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Requirement {
+pub enum Requirement {
     /// Memory is bounded and given back, and good callers notice nothing.
     Memory,
     /// Good callers, newcomers among them, are answered within a second.
@@ -77,16 +77,17 @@ enum Requirement {
 }
 
 /// One line of the table.
-struct Row {
-    number: u8,
-    name: &'static str,
+pub struct Row {
+    pub number: u8,
+    pub name: &'static str,
     flags: &'static [&'static str],
     log: Log,
-    requirement: Requirement,
-    attack: fn(Target) -> BoxFuture<'static, Found>,
+    pub requirement: Requirement,
+    pub attack: fn(Target) -> BoxFuture<'static, Found>,
 }
 
-fn rows() -> Vec<Row> {
+/// All attacks.
+pub fn rows() -> Vec<Row> {
     use Requirement::{Answers, Memory, Newcomers, Nothing};
     type Attack = fn(Target) -> BoxFuture<'static, Found>;
     let row = |number, name, requirement, attack: Attack| Row {
@@ -205,7 +206,7 @@ fn list_of(faults: &[String]) -> String {
 }
 
 /// Both ends of each connection are files; too few would let the bench fail in place of the server.
-fn require_open_files() {
+pub fn require_open_files() {
     let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
     let line = limits.lines().find_map(|line| line.strip_prefix("Max open files")).unwrap_or_default();
     let soft = line.split_whitespace().next().and_then(|soft| soft.parse::<u64>().ok());

@@ -7,6 +7,7 @@
 //! cargo bench --bench load -- pace                          deadlines that one worker can keep, and those it cannot
 //! cargo bench --bench load -- departures                    callers who leave long solves in every way there is
 //! cargo bench --bench load -- hostile [--program PATH] [--row N] [--seconds S]    callers who mean no good
+//! cargo bench --bench load -- soak [--minutes 30] [--program PATH] [--row N]    good callers and attacks
 //! cargo bench --bench load -- offer --rate 100 --seconds 10 --rest http://HOST:PORT --grpc http://HOST:PORT
 //! ```
 //!
@@ -26,6 +27,7 @@ mod overload;
 mod pace;
 mod process;
 mod server;
+mod soak;
 mod tally;
 mod verdict;
 
@@ -51,6 +53,8 @@ enum Command {
     Departures,
     /// Plays attacks on the program; not among those that run by default, for it takes half an hour.
     Hostile(hostile::Arguments),
+    /// Mixes good load with attacks; not among those that run by default, for it takes half an hour.
+    Soak(soak::Arguments),
     /// Asks for more than one worker can do by the deadlines.
     Pace,
     /// Offers load to a running server.
@@ -70,6 +74,7 @@ fn main() -> ExitCode {
             Some(Command::Overhead(arguments)) => overhead::run(&arguments).await,
             Some(Command::Departures) => departures::run().await,
             Some(Command::Hostile(arguments)) => hostile::run(&arguments).await,
+            Some(Command::Soak(arguments)) => soak::run(&arguments).await,
             Some(Command::Pace) => pace::run().await,
             Some(Command::Offer(arguments)) => offer::run(&arguments).await,
             Some(Command::Serve(arguments)) => {

@@ -66,6 +66,16 @@ pub fn memory_bytes(process: u32) -> u64 {
     statm.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or_default() * 4096
 }
 
+/// Files that a process has open, connections among them; zero once it has ended.
+pub fn open_files(process: u32) -> usize {
+    fs::read_dir(format!("/proc/{process}/fd")).into_iter().flatten().count()
+}
+
+/// Threads of a process; zero once it has ended.
+pub fn threads(process: u32) -> usize {
+    fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().count()
+}
+
 /// Processor time of all threads of a process whose name begins so.
 pub fn cpu_time(process: u32, thread: &str) -> Duration {
     let threads = fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();

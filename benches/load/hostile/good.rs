@@ -33,7 +33,7 @@ enum Question {
 
 /// Whether a caller opens a connection for each question.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Connections {
+pub enum Connections {
     Kept,
     Fresh,
 }
@@ -160,7 +160,8 @@ impl Caller {
     }
 }
 
-fn client() -> Client {
+/// With connections of its own.
+pub fn client() -> Client {
     Client::builder().no_proxy().build().unwrap()
 }
 
