@@ -2,8 +2,9 @@
 //!
 //! On the first signal the service reports that it is not ready (`/readyz` 503, gRPC health `NOT_SERVING`, `Connection:
 //! close`) and still takes work for the drain delay, until load balancers have noticed. Then it takes none, which HTTP/2
-//! is told at once (GOAWAY), while the listeners stay open for the probes; when the solves in flight have ended, the listeners close and the last answers are written. Solves
-//! that outlast the drain timeout, or a second signal, are cut off and answered as unavailable.
+//! is told at once (GOAWAY), while the listeners stay open for the probes; when the solves in flight have ended, the
+//! listeners close and the last answers are written. Solves that outlast the drain timeout, or a second signal, are cut
+//! off and answered as unavailable.
 
 use std::io;
 use std::net::SocketAddr;

@@ -10,10 +10,10 @@ use axum::body::{Body, Bytes, HttpBody};
 use axum::http::Extensions;
 use tokio::time::timeout;
 
-use super::server::{Connection, Connections, Lease};
+use super::server::{Connection, Connections, Lease, Purpose};
 use crate::contract::{ErrorCode, Problem};
 
-/// What is reserved for a body at first, bytes: most are no longer.
+/// Room for a body at first, bytes, as part of what every request holds: most are no longer.
 const FIRST_BYTES: usize = 2 * 1024;
 /// When it is worth trying again after a lack of memory or places: those who do not read, or do not ask, make room at
 /// once.
@@ -51,8 +51,7 @@ pub(super) async fn receive(
     body_timeout: Duration,
     connection: &Arc<Connection>,
 ) -> Result<(Vec<u8>, Lease), Problem> {
-    let mut wait = connection.wait(body_timeout);
-    wait.begin();
+    let _wait = connection.wait(body_timeout).begun();
     let received = timeout(body_timeout, read_within(body, limit, connection)).await;
     received.unwrap_or_else(|_| {
         Err(Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {body_timeout:?}")))
@@ -60,7 +59,7 @@ pub(super) async fn receive(
 }
 
 async fn read_within(body: &mut Body, limit: usize, connection: &Arc<Connection>) -> Result<(Vec<u8>, Lease), Problem> {
-    let lease = connection.lease_soon(FIRST_BYTES).await.ok_or_else(memory_full)?;
+    let lease = Lease::empty(connection, Purpose::Requests);
     let mut bytes = Vec::with_capacity(FIRST_BYTES);
     while let Some(chunk) = next_chunk(body).await {
         let chunk = chunk.map_err(|error| {

@@ -31,7 +31,7 @@ use crate::metrics::ConnectionEnd;
 pub(super) use connection::{Connection, Use};
 pub use connections::Connections;
 use connections::Place;
-pub(super) use memory::Lease;
+pub(super) use memory::{Lease, Purpose};
 use metered_stream::MeteredStream;
 
 /// Limits and timeouts of a server's connections.
@@ -42,7 +42,8 @@ pub struct ServerSettings {
     pub max_connections: usize,
     /// Connections of one address that may be open at once, where there is no proxy before the server.
     pub max_connections_per_address: Option<usize>,
-    /// What bodies being received and answers not yet taken may hold, bytes; one connection a quarter of it.
+    /// What requests, bodies being received, answers not yet taken and items of batches may hold, bytes; one connection a
+    /// quarter at most.
     pub memory_budget_bytes: usize,
     /// Requests of one HTTP/2 connection that may be open at once.
     pub max_streams: u32,

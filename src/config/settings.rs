@@ -70,7 +70,7 @@ settings! {
         queue_length: usize = "64",
         /// Seconds of expected work per worker that may be in flight; more is refused with 429.
         queue_work_s: Duration = "60",
-        /// Items of one gRPC batch that may be unanswered at once; what is sent meanwhile waits, up to 4 MiB.
+        /// Items of one gRPC batch that may be unanswered at once; what is sent meanwhile waits, up to 4 MiB per connection.
         batch_window: NonZeroUsize = "16",
         /// Seconds that work is still taken after a stop signal, while probes already say that the server is not ready.
         drain_delay_s: Duration = "0",
@@ -90,7 +90,7 @@ settings! {
         max_connections: NonZeroUsize = "512",
         /// Connections of one address that may be open at once, where no proxy stands before the server; empty: no limit.
         max_connections_per_address: Option<NonZeroUsize> = "",
-        /// MiB that bodies being received and answers not yet taken may hold, one connection a quarter of it; more is refused with 429.
+        /// MiB that bodies being received and answers not yet taken may hold, one connection a quarter at most; more is refused with 429.
         memory_budget_mib: NonZeroUsize = "64",
         /// Requests of one HTTP/2 connection that may be open at once.
         max_streams: u32 = "128",

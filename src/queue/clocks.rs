@@ -20,6 +20,12 @@ pub struct Finishing {
 }
 
 impl Finishing {
+    /// How long a job under this time limit runs at least, where it uses up what is not kept free.
+    pub fn at_least_for(&self, time_limit: Option<Duration>) -> Duration {
+        let beyond = |limit: Duration| (limit < self.time).then(|| self.time.min(limit.max(self.least_time)));
+        time_limit.and_then(beyond).unwrap_or_default()
+    }
+
     /// What is kept free for it of the time that a job has.
     pub fn kept_of(&self, available: Duration) -> Duration {
         self.time.min(available.mul_f64(self.largest_share))
@@ -67,7 +73,7 @@ impl Clocks {
     /// nothing better is known.
     pub(super) fn expected_rest(&self, start: Instant, now: Instant) -> Duration {
         let elapsed = now.saturating_duration_since(start);
-        let limit = self.time_limit.map(|limit| limit.saturating_sub(elapsed));
+        let limit = self.time_limit.map(|limit| limit.max(self.finishing.least_time).saturating_sub(elapsed));
         let until_deadline = self.deadline.map(|deadline| deadline.saturating_duration_since(start.max(now)));
         let rest = self.estimate.abs_diff(elapsed).min(self.estimate);
         let ends = [Some(rest), limit, until_deadline];

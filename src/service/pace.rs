@@ -6,8 +6,8 @@ use std::time::Duration;
 
 /// Weight of the latest job: about the last eight decide.
 const LATEST_WEIGHT: f64 = 1.0 / 8.0;
-/// How much work the first figures stand for, s: a tenth of a common job, so that measured ones soon replace them and
-/// the least ones do not.
+/// How much work the first figures stand for, s: a tenth of a common job, so that measured ones soon replace them. Jobs of
+/// less work are forgotten as slowly as they are small.
 const FIRST_WORK_S: f64 = 0.1;
 /// Shortest and longest advice when to come back: a busy loop of refused callers must not form, and no estimate is
 /// worth more than a minute of waiting.
@@ -105,9 +105,11 @@ impl Averages {
 }
 
 impl Ratio {
+    /// What was known is forgotten by the work that replaces it: any number of the least jobs says little of large ones.
     fn record(&mut self, found: f64, expected: f64) {
-        self.found += found - LATEST_WEIGHT * self.found;
-        self.expected += expected - LATEST_WEIGHT * self.expected;
+        let kept = (1.0 - LATEST_WEIGHT).powf((expected / FIRST_WORK_S).min(1.0));
+        self.found = kept * self.found + found;
+        self.expected = kept * self.expected + expected;
     }
 
     fn value(self) -> f64 {
@@ -187,6 +189,15 @@ mod tests {
         assert!(is_near(estimate_s(&pace, 1.0), 3.0) && is_near(estimate_s(&pace, 2.0), 6.0));
         assert_eq!(estimate_s(&pace, 30.0), 60.0, "no longer than it may run");
         assert_eq!(pace.estimate("other", Cost::seconds(2.0), None), Duration::from_secs(2), "each kind has its own");
+    }
+
+    #[test]
+    fn any_number_of_the_least_jobs_says_little_of_large_ones() {
+        let pace = after(20, complete(1.0), taken(1.0));
+        for _ in 0..100 {
+            pace.record(KIND, Cost::seconds(1e-4), complete(1e-4), taken(1e-3));
+        }
+        assert!(estimate_s(&pace, 1.0) < 1.2, "{}", estimate_s(&pace, 1.0));
     }
 
     #[test]

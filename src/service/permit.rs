@@ -38,8 +38,10 @@ impl Permit {
         answer: impl FnOnce(&J::Input, &Done<J::Output>) -> T + Send + 'static,
     ) -> Result<Running<T, J::Progress>, ServiceError> {
         let (cost, time_limit) = (job.cost(&input), job.time_limit(&input));
-        let estimate = self.pace.estimate(J::NAME, cost, time_limit);
-        let clocks = Clocks { time_limit, deadline, finishing: job.finishing(&input), estimate };
+        let finishing = job.finishing(&input);
+        // However short the time limit, what follows it takes its time.
+        let estimate = self.pace.estimate(J::NAME, cost, time_limit).max(finishing.at_least_for(time_limit));
+        let clocks = Clocks { time_limit, deadline, finishing, estimate };
         self.check_reachable(&clocks)?;
         let position = (self.reserved.backlog().jobs + 1).saturating_sub(self.settings.workers.get());
         let (report, progress) = watch::channel(None);

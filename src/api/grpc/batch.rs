@@ -16,6 +16,7 @@ use tonic::{Status, Streaming};
 use tracing::{Instrument as _, Span};
 
 use super::admission::Call;
+use super::calls::unavailable;
 use super::pb::batch_request::Request;
 use super::pb::batch_response::Answer;
 use super::{middleware, pb, status};
@@ -89,6 +90,10 @@ impl Batch {
         loop {
             let may_read = self.running.len() < self.state.settings.batch_window.get();
             let (service, deadline) = (&self.state.service, self.call.deadline);
+            let is_idle = self.inbound.is_some() && self.running.is_empty();
+            // Who leaves a batch idle may be ended for its memory, like those who do not read. Twice the time, since the
+            // batch ends by itself before.
+            let _wait = is_idle.then(|| self.call.connection.wait(2 * STANDSTILL).begun());
             tokio::select! {
                 Some((answer, lease)) = self.running.next(), if !self.running.is_empty() => {
                     self.lease = lease;
@@ -105,10 +110,9 @@ impl Batch {
                     Err(status) => self.end_with(self.unreadable(&status)),
                 },
                 () = service.closed(), if self.inbound.is_some() => {
-                    let unavailable = self.state.service.check_open().err();
-                    self.end_with(unavailable.map_or_else(|| Problem::new(ErrorCode::Unavailable, ""), Problem::from));
+                    self.end_with(unavailable(&self.state));
                 }
-                () = sleep(STANDSTILL), if self.inbound.is_some() && self.running.is_empty() => {
+                () = sleep(STANDSTILL), if is_idle => {
                     let detail = format!("nothing came for {STANDSTILL:?}");
                     self.end_with(Problem::new(ErrorCode::BodyTimeout, detail));
                 }

@@ -7,8 +7,9 @@ use tokio::time::timeout_at;
 
 use super::admission::Call;
 use crate::api::ApiState;
+use crate::api::receive::memory_full;
 use crate::api::server::Lease;
-use crate::contract::Problem;
+use crate::contract::{ErrorCode, Problem};
 use crate::jobs::Kind;
 use crate::service::{Permit, Running, ServiceError};
 
@@ -38,6 +39,12 @@ pub(super) fn start<K: Kind>(
     Ok(running?)
 }
 
+/// The refusal of what comes after the end of the service.
+pub(super) fn unavailable(state: &ApiState) -> Problem {
+    let refused = state.service.check_open().err();
+    refused.map_or_else(|| Problem::new(ErrorCode::Unavailable, "the server takes no more work"), Problem::from)
+}
+
 /// The answer to one item, and the memory that it holds. Waits for memory and a permit, where single callers would be
 /// refused; the last quarter of the queue stays theirs.
 pub(super) async fn answer_of<K: Kind>(
@@ -49,11 +56,16 @@ pub(super) async fn answer_of<K: Kind>(
     let input = K::accept(request, state.jobs.limits())?;
     let bytes = answer_bytes::<K>(&input);
     let reserve = async {
-        let lease = call.connection.lease_at_last(bytes).await;
+        let lease = tokio::select! {
+            lease = call.connection.lease_at_last(bytes) => lease.ok_or_else(memory_full)?,
+            () = state.service.closed() => return Err(unavailable(state)),
+        };
         Ok((lease, state.service.reserve_for_batch().await?))
     };
     let (lease, permit) = match call.deadline {
-        Some(deadline) => timeout_at(deadline.into(), reserve).await.unwrap_or(Err(ServiceError::DeadlineExceeded))?,
+        Some(deadline) => {
+            timeout_at(deadline.into(), reserve).await.unwrap_or_else(|_| Err(ServiceError::DeadlineExceeded.into()))?
+        }
         None => reserve.await?,
     };
     let lease = Arc::new(lease);

@@ -40,6 +40,9 @@ pub async fn router(state: &ApiState) -> (Router, Health) {
     (router, health)
 }
 
+/// Longest question of reflection, bytes: the name of a symbol or a file.
+const REFLECTION_MESSAGE_BYTES: usize = 1024;
+
 /// Both versions: many tools still ask for the older one.
 fn add_reflection(routes: &mut tonic::service::RoutesBuilder) {
     let builder = || {
@@ -49,7 +52,8 @@ fn add_reflection(routes: &mut tonic::service::RoutesBuilder) {
     };
     match (builder().build_v1(), builder().build_v1alpha()) {
         (Ok(current), Ok(older)) => {
-            routes.add_service(current).add_service(older);
+            let current = current.max_decoding_message_size(REFLECTION_MESSAGE_BYTES);
+            routes.add_service(current).add_service(older.max_decoding_message_size(REFLECTION_MESSAGE_BYTES));
         }
         (Err(error), _) | (_, Err(error)) => tracing::error!(error = %error, "there is no reflection"),
     }

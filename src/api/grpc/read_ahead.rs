@@ -4,6 +4,7 @@
 //! thousand small frames unread, and the calls beside it with it. So nothing is left there. Whole messages are passed on,
 //! so that a message of which only the head has come holds no more than its head.
 
+use std::collections::VecDeque;
 use std::mem;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -18,10 +19,11 @@ use tokio::task::JoinHandle;
 use super::admission::FRAME_HEAD_BYTES;
 use super::status;
 use crate::api::receive::{memory_full, next_chunk};
-use crate::api::server::{Connection, Lease};
+use crate::api::server::{Connection, Lease, Purpose};
 
-/// What one batch may have sent ahead of its answers, bytes: tens of thousands of short items, or some of the longest.
-pub(super) const SHARE_BYTES: usize = 4 * 1024 * 1024;
+/// What is passed on at once, bytes, if it is more than one message: it stays in the reader of messages, which is in no
+/// share of memory.
+const PASSED_BYTES: usize = 16 * 1024;
 
 /// The body of a batch, read ahead.
 pub(super) struct ReadAhead {
@@ -40,16 +42,18 @@ struct Shared {
 
 #[derive(Default)]
 struct Unread {
-    bytes: Vec<u8>,
-    /// How many of them are whole messages.
-    whole: usize,
+    /// Whole messages, some together.
+    messages: VecDeque<Vec<u8>>,
+    /// The beginning of the next message.
+    partial: Vec<u8>,
     end: Option<Result<(), Error>>,
 }
 
 impl ReadAhead {
     /// Begins to read; longer messages than `limit` bytes are passed on as far as they have come, to be refused.
     pub(super) fn of(body: Body, limit: usize, connection: &Arc<Connection>, request_id: &str) -> Self {
-        let (shared, lease) = (Arc::<Shared>::default(), Arc::new(Lease::empty(connection)));
+        let shared = Arc::<Shared>::default();
+        let lease = Arc::new(Lease::empty(connection, Purpose::ReadAhead));
         let full = Error::new(status::of_problem(&memory_full(), request_id));
         let reader = tokio::spawn(read(body, limit, Arc::clone(&shared), Arc::clone(&lease), full));
         Self { shared, lease, passed_bytes: 0, reader }
@@ -71,18 +75,15 @@ impl HttpBody for ReadAhead {
         self.lease.shrink(passed);
         self.shared.arrived.register(context.waker());
         let mut unread = self.shared.unread();
-        if unread.whole == 0 {
+        let Some(messages) = unread.messages.pop_front() else {
             return match unread.end.take() {
                 Some(Ok(())) => Poll::Ready(None),
                 Some(Err(error)) => Poll::Ready(Some(Err(error))),
                 None => Poll::Pending,
             };
-        }
-        let whole = mem::take(&mut unread.whole);
-        let rest = unread.bytes.split_off(whole);
-        let messages = mem::replace(&mut unread.bytes, rest);
+        };
         drop(unread);
-        self.passed_bytes = whole;
+        self.passed_bytes = messages.len();
         Poll::Ready(Some(Ok(Frame::data(messages.into()))))
     }
 }
@@ -95,7 +96,8 @@ impl Shared {
     fn end(&self, result: Result<(), Error>) {
         let mut unread = self.unread();
         // What is left of a message is for the reader of messages to complain of.
-        unread.whole = unread.bytes.len();
+        let partial = mem::take(&mut unread.partial);
+        unread.messages.extend(Some(partial).filter(|partial| !partial.is_empty()));
         unread.end = Some(result);
         drop(unread);
         self.arrived.wake();
@@ -108,43 +110,45 @@ async fn read(mut body: Body, limit: usize, shared: Arc<Shared>, lease: Arc<Leas
             Ok(chunk) => chunk,
             Err(error) => return shared.end(Err(error)),
         };
-        let ahead = shared.unread().bytes.len() + chunk.len();
-        if ahead > SHARE_BYTES || !lease.grow_soon(chunk.len()).await {
+        if !lease.grow_soon(chunk.len()).await {
             return shared.end(Err(full));
         }
-        let mut unread = shared.unread();
-        unread.bytes.extend_from_slice(&chunk);
-        if !unread.find_whole(limit) {
-            drop(unread);
+        let may_go_on = shared.unread().take(&chunk, limit);
+        if !may_go_on {
             return shared.end(Ok(()));
         }
-        drop(unread);
         shared.arrived.wake();
     }
     shared.end(Ok(()));
 }
 
 impl Unread {
-    /// Moves the end of the whole messages on; false where the next one is longer than the limit.
-    fn find_whole(&mut self, limit: usize) -> bool {
-        while let Some(&[_, first, second, third, fourth]) = self.bytes[self.whole..].first_chunk::<FRAME_HEAD_BYTES>()
-        {
+    /// Takes the next bytes; false where a message is longer than the limit.
+    fn take(&mut self, chunk: &[u8], limit: usize) -> bool {
+        self.partial.extend_from_slice(chunk);
+        let mut whole = 0;
+        while let Some(&[_, first, second, third, fourth]) = self.partial[whole..].first_chunk::<FRAME_HEAD_BYTES>() {
             let length = u32::from_be_bytes([first, second, third, fourth]) as usize;
             if length > limit {
                 return false;
             }
-            let end = self.whole + FRAME_HEAD_BYTES + length;
-            if end > self.bytes.len() {
-                break;
+            let end = whole + FRAME_HEAD_BYTES + length;
+            let Some(message) = self.partial.get(whole..end) else { break };
+            match self.messages.back_mut().filter(|last| last.len() + message.len() <= PASSED_BYTES) {
+                Some(last) => last.extend_from_slice(message),
+                None => self.messages.push_back(message.to_vec()),
             }
-            self.whole = end;
+            whole = end;
         }
+        self.partial.drain(..whole);
         true
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use futures_util::{StreamExt as _, stream};
     use http_body_util::BodyExt as _;
 
@@ -178,17 +182,23 @@ mod tests {
         }
     }
 
-    #[tokio::test]
+    #[tokio::test(start_paused = true)]
     async fn batch_beyond_its_share_ends() {
-        let chunks = vec![message(1000); SHARE_BYTES / 1000 + 1];
-        let mut body = read_ahead(chunks);
+        // Of 64 MiB a quarter is for reading ahead, and one connection has a quarter of that.
+        let share = 4 << 20;
+        let mut body = read_ahead(vec![message(1000); share / 1000 + 1]);
         // Nothing is asked for until all is read.
         while body.shared.unread().end.is_none() {
-            tokio::task::yield_now().await;
+            tokio::time::sleep(Duration::from_millis(1)).await;
         }
-        let first = body.frame().await.unwrap().unwrap().into_data().unwrap();
-        assert!((SHARE_BYTES - 2000..=SHARE_BYTES).contains(&first.len()));
-        let error = body.frame().await.unwrap().unwrap_err();
+        let mut passed = 0;
+        let error = loop {
+            match body.frame().await.unwrap() {
+                Ok(frame) => passed += frame.into_data().unwrap().len(),
+                Err(error) => break error,
+            }
+        };
+        assert!((share - 2000..=share).contains(&passed), "{passed}");
         assert_eq!(tonic::Status::from_error(error.into()).code(), tonic::Code::ResourceExhausted);
     }
 }

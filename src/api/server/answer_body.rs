@@ -28,11 +28,11 @@ pub(super) struct AnswerBody {
     wait: Wait,
     lease: Arc<Lease>,
     /// The request counts, and holds memory of its own, until its answer is taken or dropped.
-    _request: (UnderWay, Option<Lease>),
+    _request: (UnderWay, Lease),
 }
 
 impl AnswerBody {
-    pub(super) fn new(body: Body, mut wait: Wait, lease: Arc<Lease>, request: (UnderWay, Option<Lease>)) -> Self {
+    pub(super) fn new(body: Body, mut wait: Wait, lease: Arc<Lease>, request: (UnderWay, Lease)) -> Self {
         // The head counts as the first part: without room for one byte of the body, the next is never asked for.
         wait.begin();
         Self { body, rest: Bytes::new(), part_bytes: 0, wait, lease, _request: request }
@@ -90,6 +90,7 @@ mod tests {
 
     use super::super::connection::Standing;
     use super::super::connections::Connections;
+    use super::super::memory::Purpose;
     use super::*;
 
     #[tokio::test]
@@ -98,8 +99,9 @@ mod tests {
         for length in [0, 1, 2, PART_BYTES, PART_BYTES + 1, 3 * PART_BYTES] {
             let bytes: Vec<_> = (0..=u8::MAX).cycle().take(length).collect();
             let (wait, under_way) = (connection.wait(Duration::MAX), connection.enter(Standing::Caller).unwrap());
-            let lease = Arc::new(Lease::empty(&connection));
-            let body = AnswerBody::new(Body::from(bytes.clone()), wait, lease, (under_way, None));
+            let lease = Arc::new(Lease::empty(&connection, Purpose::Requests));
+            let held = Lease::empty(&connection, Purpose::Requests);
+            let body = AnswerBody::new(Body::from(bytes.clone()), wait, lease, (under_way, held));
             assert_eq!((body.size_hint().exact(), body.is_end_stream()), (Some(length as u64), length == 0));
             let parts: Vec<_> = Body::new(body).into_data_stream().map(Result::unwrap).collect().await;
             assert_eq!(parts.concat(), bytes);

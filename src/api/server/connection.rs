@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use tokio::sync::Notify;
 use tokio::time::Instant;
 
 use super::connections::Connections;
-use super::memory::Lease;
+use super::memory::{Held, Lease, Purpose};
 use super::patience::Patience;
 
 /// Length of the HTTP/2 preface, bytes: once as many have arrived the protocol is known, and hyper's own timers run.
@@ -47,7 +47,9 @@ pub(in crate::api) struct Connection {
     pub(in crate::api) peer: SocketAddr,
     pub(in crate::api) may: Use,
     pub(super) connections: Arc<Connections>,
-    pub(super) held_bytes: AtomicUsize,
+    pub(super) held: Held,
+    /// Of the items of batches that wait for memory.
+    pub(super) turn: tokio::sync::Mutex<()>,
     bytes_read: AtomicU64,
     state: Mutex<State>,
     is_ended: AtomicBool,
@@ -70,7 +72,7 @@ struct State {
 /// How much a connection is worth keeping; the least is ended first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Worth {
-    has_served_caller: bool,
+    pub(super) has_served_caller: bool,
     has_served: bool,
     /// Whether the peer has come so lately that it may not have asked yet.
     pub(super) is_new: bool,
@@ -93,7 +95,8 @@ impl Connection {
             peer,
             may,
             connections,
-            held_bytes: AtomicUsize::new(0),
+            held: Held::default(),
+            turn: tokio::sync::Mutex::new(()),
             bytes_read: AtomicU64::new(0),
             state: Mutex::new(state),
             is_ended: AtomicBool::new(false),
@@ -190,17 +193,14 @@ impl Connection {
     /// Reserves memory for a request of this connection, after giving others a moment to release theirs; none when the
     /// budget is used up.
     pub(in crate::api) async fn lease_soon(self: &Arc<Self>, bytes: usize) -> Option<Lease> {
-        let lease = Lease::empty(self);
+        let lease = Lease::empty(self, Purpose::Requests);
         lease.grow_soon(bytes).await.then_some(lease)
     }
 
-    /// Like [`Connection::lease_soon`], after as long a wait as it takes.
-    pub(in crate::api) async fn lease_at_last(self: &Arc<Self>, bytes: usize) -> Lease {
-        loop {
-            if let Some(lease) = self.lease_soon(bytes).await {
-                return lease;
-            }
-        }
+    /// Reserves memory for an item of a batch, after as long a wait as it takes; none where that is for ever.
+    pub(in crate::api) async fn lease_at_last(self: &Arc<Self>, bytes: usize) -> Option<Lease> {
+        let lease = Lease::empty(self, Purpose::Requests);
+        lease.grow_at_last(bytes).await.then_some(lease)
     }
 }
 
@@ -231,8 +231,14 @@ pub(in crate::api) struct Wait {
 }
 
 impl Wait {
+    /// The same, from now on.
+    pub(in crate::api) fn begun(mut self) -> Self {
+        self.begin();
+        self
+    }
+
     /// The server waits from now on.
-    pub(in crate::api) fn begin(&mut self) {
+    pub(super) fn begin(&mut self) {
         self.patience.begin();
         self.connection.state().waits.insert(self.number, self.patience);
     }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv6Addr, SocketAddr};
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -11,6 +10,7 @@ use tokio::time::{Instant, sleep};
 
 use super::ServerSettings;
 use super::connection::{Connection, TENURE, Use, Worth};
+use super::memory::{Held, Purpose};
 use crate::api::auth::ApiKeys;
 use crate::api::{ApiSettings, ApiState, Probes};
 use crate::metrics::{ConnectionEnd, Metrics};
@@ -22,6 +22,9 @@ const PROBE_PLACES: usize = 16;
 const LOOK_INTERVAL: Duration = Duration::from_millis(5);
 /// Who has kept the server waiting for less is not ended for its memory: a healthy peer takes its answer in this time.
 const LEAST_WAIT: Duration = Duration::from_millis(100);
+
+/// How often somebody is ended for memory: it takes a moment until that is released.
+const RELIEF_INTERVAL: Duration = Duration::from_millis(10);
 
 /// How far the end of the server has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -41,7 +44,7 @@ pub struct Connections {
     pub(super) keys: ApiKeys,
     /// How many of the last places serve probes only.
     probe_places: usize,
-    pub(super) held_bytes: AtomicUsize,
+    pub(super) held: Held,
     /// Memory was released.
     pub(super) released: Notify,
     open: Mutex<Open>,
@@ -53,6 +56,9 @@ pub struct Connections {
 struct Open {
     next_number: u64,
     connections: BTreeMap<u64, Arc<Connection>>,
+    /// Those that are gone, until the last of their requests has released its memory.
+    leaving: Vec<Arc<Connection>>,
+    last_relief: Option<Instant>,
 }
 
 impl Connections {
@@ -68,7 +74,7 @@ impl Connections {
             settings,
             keys,
             probe_places,
-            held_bytes: AtomicUsize::new(0),
+            held: Held::default(),
             released: Notify::new(),
             open: Mutex::default(),
             phase: watch::Sender::new(Phase::Serving),
@@ -83,8 +89,13 @@ impl Connections {
         Arc::new(Connection::new(connections, nobody, Use::All))
     }
 
-    pub(super) fn memory_budget(&self) -> usize {
-        self.settings.memory_budget_bytes
+    /// The part of the budget that may be held for this purpose; one connection has a quarter of it.
+    pub(super) fn share(&self, purpose: Purpose) -> usize {
+        let quarter = self.settings.memory_budget_bytes / 4;
+        match purpose {
+            Purpose::Requests => 3 * quarter,
+            Purpose::ReadAhead => quarter,
+        }
     }
 
     fn open(&self) -> MutexGuard<'_, Open> {
@@ -132,7 +143,8 @@ impl Connections {
                 return Some(may);
             }
             if let Some((worth, least_used)) = open.least_used(may) {
-                if worth.is_new {
+                // Probes are short: they need no protection from each other.
+                if worth.is_new && may == Use::All {
                     return None;
                 }
                 self.end(least_used, ConnectionEnd::NoPlace);
@@ -142,13 +154,22 @@ impl Connections {
         None
     }
 
-    /// Ends the connection that leaves most unread for longest, unless what is about to be released is enough for so
-    /// many bytes more.
-    pub(super) fn relieve(&self, bytes: usize) {
-        let open = self.open();
-        let held = |connection: &Arc<Connection>| connection.held_bytes.load(Ordering::Relaxed);
-        let leaving: usize = open.connections.values().filter(|connection| connection.is_ended()).map(held).sum();
-        if self.held_bytes.load(Ordering::Relaxed) + bytes <= self.memory_budget() / 4 * 3 + leaving {
+    /// Ends the connection that leaves most unread for longest, unless as many bytes as are too many are about to be
+    /// released.
+    pub(super) fn relieve(&self, excess_bytes: usize) {
+        if excess_bytes == 0 {
+            return;
+        }
+        let mut open = self.open();
+        if open.last_relief.is_some_and(|last| last.elapsed() < RELIEF_INTERVAL) {
+            return;
+        }
+        open.last_relief = Some(Instant::now());
+        let held = |connection: &Arc<Connection>| connection.held.total();
+        open.leaving.retain(|connection| held(connection) > 0);
+        let ended = open.connections.values().filter(|connection| connection.is_ended());
+        let leaving: usize = ended.chain(&open.leaving).map(held).sum();
+        if excess_bytes <= leaving {
             return;
         }
         let unread = |connection: &Arc<Connection>| {
@@ -210,7 +231,8 @@ impl Open {
         self.alive().filter(|connection| Holder::of(connection.peer) == holder).count()
     }
 
-    /// The least used connection of the largest holder that has any without work for a caller.
+    /// The least used connection of the largest holder that has any without work for a caller; first those of holders
+    /// that have one which never worked for any.
     fn least_used(&self, may: Use) -> Option<(Worth, &Arc<Connection>)> {
         let mut holders = BTreeMap::<Holder, (usize, Option<_>)>::new();
         for connection in self.alive().filter(|connection| connection.may == may) {
@@ -223,7 +245,7 @@ impl Open {
             }
         }
         let candidates = holders.into_values().filter_map(|(count, least)| Some((count, least?)));
-        candidates.max_by_key(|(count, _)| *count).map(|(_, least)| least)
+        candidates.max_by_key(|(count, (worth, _))| (!worth.has_served_caller, *count)).map(|(_, least)| least)
     }
 }
 
@@ -250,7 +272,10 @@ pub(super) struct Place {
 impl Drop for Place {
     fn drop(&mut self) {
         let connections = &self.connection.connections;
-        connections.open().connections.remove(&self.number);
+        let mut open = connections.open();
+        let connection = open.connections.remove(&self.number);
+        open.leaving.extend(connection.filter(|connection| connection.held.total() > 0));
+        drop(open);
         connections.metrics.connection_closed();
     }
 }
@@ -274,7 +299,7 @@ mod tests {
     }
 
     fn lease(connection: &Arc<Connection>, bytes: usize) -> Option<Lease> {
-        let lease = Lease::empty(connection);
+        let lease = Lease::empty(connection, Purpose::Requests);
         lease.grow(bytes).then_some(lease)
     }
 
@@ -337,7 +362,7 @@ mod tests {
         let settings = ServerSettings { memory_budget_bytes: 1 << 20, ..ServerSettings::default() };
         let connections = with_settings(settings, 0);
         let places = [1, 2, 3, 4].map(|last| connections.place(peer(last)).unwrap());
-        let quarter = 1 << 18;
+        let quarter = 3 << 16;
         let leases = places.each_ref().map(|place| lease(&place.connection, quarter));
         assert!(leases[2].is_some() && leases[3].is_none(), "three quarters are for large ones");
         assert!(places.iter().all(|place| !place.connection.is_ended()), "nobody has waited for them yet");

@@ -9,42 +9,111 @@ use tokio::time::{Instant, timeout_at};
 
 use super::connection::Connection;
 
-/// A lease up to this size may use the whole budget, larger ones three quarters of it: requests as small as most are get
-/// through while large answers have used up theirs.
+/// A lease up to this size may use the whole share of requests: those as small as most get through while large ones have
+/// used up theirs.
 const SMALL_BYTES: usize = 16 * 1024;
 /// How long a request waits for memory that others are about to release.
 const RELEASE_WAIT: Duration = Duration::from_millis(100);
+
+/// What memory is held for. Each has a share of its own: what waits for memory must not hold what it waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::api) enum Purpose {
+    /// Requests under way, their bodies and their answers: three quarters of the budget.
+    Requests,
+    /// Items of batches that were not begun: a quarter.
+    ReadAhead,
+}
+
+/// What is held for each purpose, by one connection or by all.
+#[derive(Debug, Default)]
+pub(super) struct Held {
+    requests: AtomicUsize,
+    read_ahead: AtomicUsize,
+}
+
+impl Held {
+    fn of(&self, purpose: Purpose) -> &AtomicUsize {
+        match purpose {
+            Purpose::Requests => &self.requests,
+            Purpose::ReadAhead => &self.read_ahead,
+        }
+    }
+
+    /// For all purposes.
+    pub(super) fn total(&self) -> usize {
+        self.requests.load(Ordering::Relaxed) + self.read_ahead.load(Ordering::Relaxed)
+    }
+}
+
+/// How much of its share a lease may use up to the brim.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Ceiling {
+    /// All for small leases, three quarters for large ones.
+    BySize,
+    /// Half, for items of batches: the rest is left to single callers.
+    Items,
+}
 
 /// Memory that is reserved for one request; released on drop.
 #[derive(Debug)]
 pub(in crate::api) struct Lease {
     connection: Arc<Connection>,
+    purpose: Purpose,
     bytes: AtomicUsize,
 }
 
 impl Lease {
     /// Nothing so far.
-    pub(in crate::api) fn empty(connection: &Arc<Connection>) -> Self {
-        Self { connection: Arc::clone(connection), bytes: AtomicUsize::new(0) }
+    pub(in crate::api) fn empty(connection: &Arc<Connection>, purpose: Purpose) -> Self {
+        Self { connection: Arc::clone(connection), purpose, bytes: AtomicUsize::new(0) }
     }
 
-    /// Reserves more; false, and nothing changes, where the budget of the connection or of the process is used up.
+    /// Reserves more; false, and nothing changes, where the share of the connection or of the process is used up.
     pub(in crate::api) fn grow(&self, bytes: usize) -> bool {
+        self.grow_to(Ceiling::BySize, bytes)
+    }
+
+    fn grow_to(&self, ceiling: Ceiling, bytes: usize) -> bool {
         let connections = &self.connection.connections;
-        let budget = connections.memory_budget();
+        let share = connections.share(self.purpose);
         let is_small = self.bytes.load(Ordering::Relaxed) + bytes <= SMALL_BYTES;
-        let of_process = if is_small { budget } else { budget / 4 * 3 };
-        if !added(&self.connection.held_bytes, bytes, budget / 4) {
+        let limit = match (self.purpose, ceiling) {
+            (Purpose::ReadAhead, _) => share,
+            (Purpose::Requests, Ceiling::BySize) if is_small => share,
+            (Purpose::Requests, Ceiling::BySize) => share / 4 * 3,
+            (Purpose::Requests, Ceiling::Items) => share / 2,
+        };
+        let [of_connection, of_process] = [&self.connection.held, &connections.held].map(|held| held.of(self.purpose));
+        if !added(of_connection, bytes, share / 4) {
             return false;
         }
-        if !added(&connections.held_bytes, bytes, of_process) {
-            self.connection.held_bytes.fetch_sub(bytes, Ordering::Relaxed);
-            connections.relieve(bytes);
+        if !added(of_process, bytes, limit) {
+            of_connection.fetch_sub(bytes, Ordering::Relaxed);
+            connections.relieve((of_process.load(Ordering::Relaxed) + bytes).saturating_sub(limit));
             return false;
         }
         self.bytes.fetch_add(bytes, Ordering::Relaxed);
         connections.metrics.held(bytes, 0);
         true
+    }
+
+    /// Reserves for an item of a batch, after as long a wait as it takes; false where one connection never has so much.
+    pub(super) async fn grow_at_last(&self, bytes: usize) -> bool {
+        let connections = &self.connection.connections;
+        if bytes > connections.share(self.purpose) / 4 {
+            return false;
+        }
+        // One after the other: each release would wake all items of the connection otherwise.
+        let _turn = self.connection.turn.lock().await;
+        loop {
+            let released = connections.released.notified();
+            tokio::pin!(released);
+            released.as_mut().enable();
+            if self.grow_to(Ceiling::Items, bytes) {
+                return true;
+            }
+            released.await;
+        }
     }
 
     /// Like [`Lease::grow`], after giving others a moment to release theirs.
@@ -64,49 +133,54 @@ impl Lease {
         }
     }
 
-    /// Holds exactly so many bytes from now on. Work that is done is not thrown away: beyond the budget, the connection
+    /// Holds exactly so many bytes from now on; nobody grows the lease meanwhile. Work that is done is not thrown away: beyond the budget, the connection
     /// that leaves most unread is ended for it.
     pub(in crate::api) fn settle(&self, bytes: usize) {
-        let before = self.bytes.swap(bytes, Ordering::Relaxed);
-        if bytes == before {
+        let before = self.bytes.load(Ordering::Relaxed);
+        if bytes <= before {
+            self.shrink(before - bytes);
             return;
         }
         let connections = &self.connection.connections;
-        for held in [&self.connection.held_bytes, &connections.held_bytes] {
-            held.fetch_add(bytes, Ordering::Relaxed);
-            held.fetch_sub(before, Ordering::Relaxed);
+        for held in [&self.bytes, self.connection.held.of(self.purpose), connections.held.of(self.purpose)] {
+            held.fetch_add(bytes - before, Ordering::Relaxed);
         }
         connections.metrics.held(bytes, before);
-        if bytes < before {
-            connections.released.notify_waiters();
-        } else if connections.held_bytes.load(Ordering::Relaxed) > connections.memory_budget() {
-            connections.relieve(0);
-        }
+        let held = connections.held.of(self.purpose).load(Ordering::Relaxed);
+        connections.relieve(held.saturating_sub(connections.share(self.purpose)));
     }
 
     /// Holds so many bytes less.
     pub(in crate::api) fn shrink(&self, bytes: usize) {
-        self.settle(self.bytes.load(Ordering::Relaxed).saturating_sub(bytes));
+        if bytes == 0 {
+            return;
+        }
+        let connections = &self.connection.connections;
+        for held in [&self.bytes, self.connection.held.of(self.purpose), connections.held.of(self.purpose)] {
+            held.fetch_sub(bytes, Ordering::Relaxed);
+        }
+        connections.metrics.held(0, bytes);
+        connections.released.notify_waiters();
     }
 
     /// The same bytes, which hold the lease until the last copy of them is dropped.
     pub(in crate::api) fn holding(self: &Arc<Self>, bytes: Bytes) -> Bytes {
-        Bytes::from_owner(Held { bytes, _lease: Arc::clone(self) })
+        Bytes::from_owner(LeasedBytes { bytes, _lease: Arc::clone(self) })
     }
 }
 
 impl Drop for Lease {
     fn drop(&mut self) {
-        self.settle(0);
+        self.shrink(self.bytes.load(Ordering::Relaxed));
     }
 }
 
-struct Held {
+struct LeasedBytes {
     bytes: Bytes,
     _lease: Arc<Lease>,
 }
 
-impl AsRef<[u8]> for Held {
+impl AsRef<[u8]> for LeasedBytes {
     fn as_ref(&self) -> &[u8] {
         &self.bytes
     }

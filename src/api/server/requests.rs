@@ -9,7 +9,7 @@ use axum::Router;
 use axum::body::{Body, HttpBody as _};
 use axum::extract::Request;
 use axum::http::header::CONNECTION;
-use axum::http::{HeaderValue, Version};
+use axum::http::{HeaderMap, HeaderValue, Version};
 use axum::response::Response;
 use futures_util::future::Either;
 use hyper::body::Incoming;
@@ -18,10 +18,16 @@ use tower::ServiceExt as _;
 
 use super::answer_body::AnswerBody;
 use super::connection::{Connection, REQUEST_BYTES, Standing, UnderWay};
-use super::memory::Lease;
+use super::memory::{Lease, Purpose};
 
-/// Services that everybody may ask, for other purposes than work.
-const SERVICES_FOR_GUESTS: &str = "/grpc.";
+/// What everybody may ask: services for other purposes than work, and probes.
+const FOR_GUESTS: [&str; 4] = ["/grpc.", "/livez", "/readyz", "/metrics"];
+/// Most fields of a head: hyper's own limit over HTTP/1.
+const MAX_FIELDS: usize = 100;
+/// What a field of a head holds beside its name and value, bytes: its place in the map, and two allocations.
+const FIELD_BYTES: usize = 160;
+/// Longest head of a guest with what it holds, bytes.
+const MAX_GUEST_HEAD_BYTES: usize = 8 * 1024;
 
 /// Answers the requests of one connection.
 pub(super) fn service(
@@ -35,7 +41,8 @@ pub(super) fn service(
 > {
     service_fn(move |request| {
         let standing = standing(&connection, &request);
-        match connection.enter(standing) {
+        let entered = if is_too_long(request.headers(), standing) { None } else { connection.enter(standing) };
+        match entered {
             // Boxed, so that a refused stream holds next to nothing.
             Some(under_way) => {
                 Either::Left(Box::pin(answer(router.clone(), Arc::clone(&connection), request, under_way)))
@@ -51,12 +58,17 @@ async fn answer(
     mut request: Request<Incoming>,
     under_way: UnderWay,
 ) -> Result<Response, Box<dyn Error + Send + Sync>> {
-    let held = match under_way.standing {
-        // Their number bounds what they hold.
-        Standing::Guest => None,
-        Standing::Caller => Some(connection.lease_soon(REQUEST_BYTES).await.ok_or_else(refused_stream)?),
-    };
     let version = request.version();
+    let held = Lease::empty(&connection, Purpose::Requests);
+    let bytes = REQUEST_BYTES + head_bytes(request.headers());
+    match (under_way.standing, version) {
+        // Their number bounds what they hold.
+        (Standing::Guest, _) => {}
+        (Standing::Caller, Version::HTTP_2) if held.grow_soon(bytes).await => {}
+        (Standing::Caller, Version::HTTP_2) => return Err(refused_stream().into()),
+        // There is one at a time, and without an answer the connection would end.
+        (Standing::Caller, _) => held.settle(bytes),
+    }
     request.extensions_mut().insert(Arc::clone(&connection));
     let mut response = router.oneshot(request.map(Body::new)).await?;
     if version != Version::HTTP_2 && connection.connections.is_leaving() {
@@ -69,7 +81,7 @@ async fn answer(
 
 /// Whether somebody asks who may ask for work: probes and requests without a key are those of guests.
 fn standing<B>(connection: &Connection, request: &Request<B>) -> Standing {
-    let is_for_guests = request.uri().path().starts_with(SERVICES_FOR_GUESTS);
+    let is_for_guests = FOR_GUESTS.iter().any(|path| request.uri().path().starts_with(path));
     if is_for_guests || !connection.connections.keys.admit(request.headers()) {
         Standing::Guest
     } else {
@@ -77,9 +89,18 @@ fn standing<B>(connection: &Connection, request: &Request<B>) -> Standing {
     }
 }
 
+/// What a head holds, beside what every request does.
+fn head_bytes(headers: &HeaderMap) -> usize {
+    headers.iter().map(|(name, value)| name.as_str().len() + value.len() + FIELD_BYTES).sum()
+}
+
+fn is_too_long(headers: &HeaderMap, standing: Standing) -> bool {
+    headers.len() > MAX_FIELDS || standing == Standing::Guest && head_bytes(headers) > MAX_GUEST_HEAD_BYTES
+}
+
 /// The lease of an answer that was not reserved before: what is known of its length.
 fn lease_of(connection: &Arc<Connection>, response: &Response) -> Arc<Lease> {
-    let lease = Lease::empty(connection);
+    let lease = Lease::empty(connection, Purpose::Requests);
     let bytes = response.body().size_hint().exact().and_then(|bytes| usize::try_from(bytes).ok());
     // Small ones are part of what the request holds.
     if let Some(bytes) = bytes.filter(|&bytes| bytes > REQUEST_BYTES) {
@@ -88,7 +109,8 @@ fn lease_of(connection: &Arc<Connection>, response: &Response) -> Arc<Lease> {
     Arc::new(lease)
 }
 
-/// Over HTTP/2 the stream alone is reset, in the way that says that it may be tried again.
+/// Over HTTP/2 the stream alone is reset, in the way that says that it may be tried again; over HTTP/1, which has few
+/// reasons for it, the connection ends.
 fn refused_stream() -> h2::Error {
     h2::Error::from(h2::Reason::REFUSED_STREAM)
 }
