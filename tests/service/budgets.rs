@@ -18,12 +18,12 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 
 use crate::support::http2::{Connection, DATA, END_STREAM, GOAWAY, HEADERS, RST_STREAM, WINDOW_UPDATE};
+use crate::support::protobuf::SOLVE;
 use crate::support::{
     Answer, FakeSolver, HANG_BOUND, TestServer, held_solver, instant_solver, real_solver, small_solution,
 };
 
 const HEALTH: &str = "/grpc.health.v1.Health/Check";
-const SOLVE: &str = "/slipdrive.v1.ManeuverService/Solve";
 const BATCH: &str = "/slipdrive.v1.ManeuverService/SolveBatch";
 
 /// A server with these settings.

@@ -16,13 +16,12 @@ use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 use tonic::Code;
 
-use crate::support::protobuf::{GRPC, code_of, framed, raw_call};
+use crate::support::protobuf::{GRPC, SOLVE, code_of, framed, raw_call};
 use crate::support::{FakeSolver, HANG_BOUND, TestServer, small_solution};
 
 const SEED: u64 = 21;
 /// Far above the time of the whole test: nobody gets an answer by waiting.
 const TIME_LIMIT_S: f64 = 60.0;
-const SOLVE: &str = "/slipdrive.v1.ManeuverService/Solve";
 
 fn long_solve() -> pb::SolveRequest {
     let solver = pb::Solver { time_limit_s: Some(TIME_LIMIT_S), ..pb::Solver::default() };

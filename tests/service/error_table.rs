@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use prost::Message as _;
 use serde_json::Value;
 use slipdrive::api::ApiSettings;
 use slipdrive::api::auth::ApiKeys;
@@ -18,7 +19,7 @@ use tokio::time::timeout;
 use tonic::{Code, Request, Status};
 
 use crate::stopping::{impatient_server, slow_simulation};
-use crate::support::protobuf::{GRPC, code_of, framed, raw_call};
+use crate::support::protobuf::{GRPC, SOLVE, code_of, framed, raw_call};
 use crate::support::{Answer, FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
 
 /// What the solver does with a seed, beside answering at once.
@@ -82,14 +83,14 @@ fn seeded(seed: u64) -> pb::SolveRequest {
 async fn solve_both(server: &TestServer, seed: u64, timeout_ms: Option<u32>) -> Refusals {
     let request = server.client.post(server.url("/solve")).header("content-type", "application/json");
     let mut request = request.body(format!(r#"{{"solver": {{"seed": {seed}}}}}"#));
-    let mut call = Request::new(seeded(seed));
+    let grpc_timeout = timeout_ms.map(|timeout_ms| format!("{timeout_ms}m"));
     if let Some(timeout_ms) = timeout_ms {
         request = request.header("request-timeout-ms", timeout_ms);
-        // Set as metadata: the client would give up by itself at this time.
-        call.metadata_mut().insert("grpc-timeout", format!("{timeout_ms}m").parse().unwrap());
     }
+    let headers: Vec<_> =
+        [GRPC].into_iter().chain(grpc_timeout.iter().map(|given| ("grpc-timeout", &**given))).collect();
     let rest = Answer::of(request).await;
-    Refusals { rest, grpc: server.grpc().await.solve(call).await.unwrap_err() }
+    Refusals { rest, grpc: raw_call(server, SOLVE, &headers, framed(0, &seeded(seed).encode_to_vec())).await }
 }
 
 /// The JSON over one transport, the message over the other.
@@ -97,8 +98,6 @@ async fn refuse(server: &TestServer, body: &str, message: pb::SolveRequest) -> R
     let rest = server.post("/solve", body.to_owned()).await;
     Refusals { rest, grpc: server.grpc().await.solve(message).await.unwrap_err() }
 }
-
-const SOLVE: &str = "/slipdrive.v1.ManeuverService/Solve";
 
 /// The situation of a row; none where no caller can meet it over a socket.
 async fn provoke(code: ErrorCode) -> Option<Refusals> {

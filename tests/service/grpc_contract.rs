@@ -16,7 +16,7 @@ use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_check_response::ServingStatus;
 use tonic_health::pb::health_client::HealthClient;
 
-use crate::support::protobuf::{code_of, fields_of, refusal};
+use crate::support::protobuf::{code_of, fields_of, refusal, solved_by};
 use crate::support::{FakeSolver, Gate, HANG_BOUND, TestServer, held_solver, instant_solver, small_solution};
 
 fn spin_until_stopped(control: &RunControl<'_>) {
@@ -64,10 +64,7 @@ async fn deadline_of_a_call_ends_the_solve_with_its_best_plan() {
         small_solution(StopReason::Stopped)
     });
     let server = TestServer::start(4, Arc::new(solver)).await;
-    let mut request = tonic::Request::new(seeded(1));
-    // Set as metadata: the client would give up by itself at this time.
-    request.metadata_mut().insert("grpc-timeout", "200m".parse().unwrap());
-    let solution = server.grpc().await.solve(request).await.unwrap().into_inner().solution.unwrap();
+    let solution = solved_by(&server, &seeded(1), Duration::from_millis(200)).await;
     assert_eq!(solution.stop_reason(), pb::StopReason::Deadline);
 }
 

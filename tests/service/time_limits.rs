@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use slipdrive::api::grpc::pb;
 
+use crate::support::protobuf::solved_by;
 use crate::support::{Answer, TestServer, real_solver};
 
 /// Far more than the certificate of the finest grid takes on a busy machine, far less than the solves alone.
@@ -71,10 +72,7 @@ async fn finest_grid_is_answered_by_the_deadline() {
         grid: Some(pb::SolveGrid { steps: Some(10_000), ..pb::SolveGrid::default() }),
         ..pb::SolveRequest::default()
     };
-    let mut request = tonic::Request::new(request);
-    // Set by hand: the client of tonic would cut the call at the very moment.
-    request.metadata_mut().insert("grpc-timeout", format!("{}m", TIMEOUT.as_millis()).parse().unwrap());
-    let solution = server.grpc().await.solve(request).await.unwrap().into_inner().solution.unwrap();
+    let solution = solved_by(&server, &request, TIMEOUT).await;
     assert!(start.elapsed() < TIMEOUT + SLACK);
     assert_eq!(solution.stop_reason(), pb::StopReason::Deadline);
 }

@@ -63,17 +63,24 @@ struct State {
     requests: u64,
     guests: usize,
     callers: usize,
-    has_served_caller: bool,
+    served: Served,
     last_used: Instant,
     /// For what the server waits at present.
     waits: BTreeMap<u64, Patience>,
 }
 
+/// For whom a connection has worked so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Served {
+    Nobody,
+    Guests,
+    Callers,
+}
+
 /// How much a connection is worth keeping; the least is ended first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Worth {
-    pub(super) has_served_caller: bool,
-    has_served: bool,
+    pub(super) served: Served,
     /// Whether the peer has come so lately that it may not have asked yet.
     pub(super) is_new: bool,
     has_spoken: bool,
@@ -87,7 +94,7 @@ impl Connection {
             requests: 0,
             guests: 0,
             callers: 0,
-            has_served_caller: false,
+            served: Served::Nobody,
             last_used: Instant::now(),
             waits: BTreeMap::new(),
         };
@@ -125,10 +132,13 @@ impl Connection {
         state.requests += 1;
         match standing {
             Standing::Guest if state.guests >= MAX_GUESTS => return None,
-            Standing::Guest => state.guests += 1,
+            Standing::Guest => {
+                state.guests += 1;
+                state.served = state.served.max(Served::Guests);
+            }
             Standing::Caller => {
                 state.callers += 1;
-                state.has_served_caller = true;
+                state.served = Served::Callers;
             }
         }
         Some(UnderWay { connection: Arc::clone(self), standing })
@@ -149,10 +159,10 @@ impl Connection {
     /// What the connection is worth; none while a caller's request is under way.
     pub(super) fn worth(&self) -> Option<Worth> {
         let state = self.state();
-        let State { has_served_caller, last_used, requests, .. } = *state;
-        let (has_served, has_spoken) = (requests > 0, self.bytes_read.load(Ordering::Relaxed) > 0);
-        let is_new = !has_served && last_used.elapsed() < TENURE;
-        (state.callers == 0).then_some(Worth { has_served_caller, has_served, is_new, has_spoken, last_used })
+        let State { served, last_used, .. } = *state;
+        let has_spoken = self.bytes_read.load(Ordering::Relaxed) > 0;
+        let is_new = served == Served::Nobody && last_used.elapsed() < TENURE;
+        (state.callers == 0).then_some(Worth { served, is_new, has_spoken, last_used })
     }
 
     /// Prepares a wait for the peer, who has `full` time for it in all.

@@ -9,7 +9,7 @@ use tokio::sync::{Notify, watch};
 use tokio::time::{Instant, sleep};
 
 use super::ServerSettings;
-use super::connection::{Connection, TENURE, Use, Worth};
+use super::connection::{Connection, Served, TENURE, Use, Worth};
 use super::memory::{Held, Purpose};
 use crate::api::auth::ApiKeys;
 use crate::api::{ApiSettings, ApiState, Probes};
@@ -245,7 +245,7 @@ impl Open {
             }
         }
         let candidates = holders.into_values().filter_map(|(count, least)| Some((count, least?)));
-        candidates.max_by_key(|(count, (worth, _))| (!worth.has_served_caller, *count)).map(|(_, least)| least)
+        candidates.max_by_key(|(count, (worth, _))| (worth.served < Served::Callers, *count)).map(|(_, least)| least)
     }
 }
 

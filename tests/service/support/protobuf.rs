@@ -1,6 +1,10 @@
 //! gRPC requests made from the JSON that REST takes, and what errors tell.
 
+use std::time::Duration;
+
+use axum::body::Bytes;
 use http_body_util::BodyExt as _;
+use prost::Message as _;
 use serde_json::Value;
 use slipdrive::api::grpc::pb;
 use tonic::{Code, Status};
@@ -125,7 +129,10 @@ fn solver(solver: &Value) -> pb::Solver {
 }
 
 /// The media type of gRPC, which generated clients add by themselves.
+/// Media type and path of a solve.
+pub(crate) const SOLVE: &str = "/slipdrive.v1.ManeuverService/Solve";
 pub(crate) const GRPC: (&str, &str) = ("content-type", "application/grpc");
+
 /// The bytes of a message with its head.
 pub(crate) fn framed(flag: u8, message: &[u8]) -> Vec<u8> {
     let mut frame = vec![flag];
@@ -134,8 +141,21 @@ pub(crate) fn framed(flag: u8, message: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// Bytes over HTTP/2 to the gRPC port, as no generated client would send them.
+/// The status of what is sent as bytes over HTTP/2 to the gRPC port, as no generated client would send it.
 pub(crate) async fn raw_call(server: &TestServer, path: &str, headers: &[(&str, &str)], body: Vec<u8>) -> Status {
+    raw_answer(server, path, headers, body).await.0
+}
+
+/// The solution that comes by a deadline. tonic's own client gives up by itself at that time.
+pub(crate) async fn solved_by(server: &TestServer, request: &pb::SolveRequest, timeout: Duration) -> pb::Solution {
+    let (timeout, message) = (format!("{}m", timeout.as_millis()), framed(0, &request.encode_to_vec()));
+    let (status, body) = raw_answer(server, SOLVE, &[GRPC, ("grpc-timeout", &timeout)], message).await;
+    assert_eq!(status.code(), Code::Ok, "{status:?}");
+    let answer = pb::SolveResponse::decode(&body[framed(0, &[]).len()..]).unwrap();
+    answer.solution.expect("it is answered with its best plan")
+}
+
+async fn raw_answer(server: &TestServer, path: &str, headers: &[(&str, &str)], body: Vec<u8>) -> (Status, Bytes) {
     let client = reqwest::Client::builder().http2_prior_knowledge().no_proxy().timeout(HANG_BOUND).build().unwrap();
     let method = headers.iter().find(|(name, _)| *name == ":method").map_or("POST", |(_, method)| method);
     let url = format!("http://{}{path}", server.grpc_address);
@@ -147,7 +167,8 @@ pub(crate) async fn raw_call(server: &TestServer, path: &str, headers: &[(&str, 
     let body = body.collect().await.expect("the answer is complete");
     // In the head if there is no message, else at the end.
     let in_trailers = body.trailers().and_then(Status::from_header_map);
-    Status::from_header_map(&head.headers).or(in_trailers).expect("every answer has a status")
+    let status = Status::from_header_map(&head.headers).or(in_trailers).expect("every answer has a status");
+    (status, body.to_bytes())
 }
 
 /// The code of an error as REST writes it, after checking that all details are there.
