@@ -166,7 +166,7 @@ impl Connections {
         }
         open.last_relief = Some(Instant::now());
         let held = |connection: &Arc<Connection>| connection.held.total();
-        open.leaving.retain(|connection| held(connection) > 0);
+        open.forget_released();
         let ended = open.connections.values().filter(|connection| connection.is_ended());
         let leaving: usize = ended.chain(&open.leaving).map(held).sum();
         if excess_bytes <= leaving {
@@ -227,6 +227,10 @@ impl Open {
         self.connections.values().filter(|connection| !connection.is_ended())
     }
 
+    fn forget_released(&mut self) {
+        self.leaving.retain(|connection| connection.held.total() > 0);
+    }
+
     fn of_holder(&self, holder: Holder) -> usize {
         self.alive().filter(|connection| Holder::of(connection.peer) == holder).count()
     }
@@ -274,7 +278,8 @@ impl Drop for Place {
         let connections = &self.connection.connections;
         let mut open = connections.open();
         let connection = open.connections.remove(&self.number);
-        open.leaving.extend(connection.filter(|connection| connection.held.total() > 0));
+        open.leaving.extend(connection);
+        open.forget_released();
         drop(open);
         connections.metrics.connection_closed();
     }
@@ -355,6 +360,18 @@ mod tests {
         assert_eq!(of("2001:db8::1"), of("2001:db8::ffff:1"));
         assert_ne!(of("2001:db8::1"), of("2001:db8:0:1::1"));
         assert_eq!(of("::ffff:10.0.0.1"), of("10.0.0.1"));
+    }
+
+    #[test]
+    fn memory_of_who_is_gone_counts_until_it_is_released() {
+        let connections = connections(3, 0);
+        let place = connections.place(peer(1)).unwrap();
+        let lease = lease(&place.connection, 1000);
+        drop(place);
+        assert_eq!((connections.open().leaving.len(), connections.held.total()), (1, 1000));
+        drop(lease);
+        drop(connections.place(peer(2)));
+        assert_eq!((connections.open().leaving.len(), connections.held.total()), (0, 0));
     }
 
     #[tokio::test(start_paused = true)]

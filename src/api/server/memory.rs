@@ -133,8 +133,8 @@ impl Lease {
         }
     }
 
-    /// Holds exactly so many bytes from now on; nobody grows the lease meanwhile. Work that is done is not thrown away: beyond the budget, the connection
-    /// that leaves most unread is ended for it.
+    /// Holds exactly so many bytes from now on; nobody grows the lease meanwhile. Work that is done is not thrown away:
+    /// beyond the budget, the connection that leaves most unread is ended for it.
     pub(in crate::api) fn settle(&self, bytes: usize) {
         let before = self.bytes.load(Ordering::Relaxed);
         if bytes <= before {
