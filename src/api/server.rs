@@ -166,6 +166,7 @@ async fn receive(stream: TcpStream, router: Router, place: Place) {
         tracing::debug!(error = %error, "a connection keeps its send delay");
     }
     let connection = &place.connection;
+    connection.arrive();
     #[cfg(feature = "tls")]
     if let Some(identity) = &connection.connections.settings.identity {
         let shaken = tokio::select! {

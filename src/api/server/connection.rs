@@ -64,6 +64,8 @@ struct State {
     guests: usize,
     callers: usize,
     served: Served,
+    /// Whether it was looked at: on a busy machine some time after it was accepted.
+    has_arrived: bool,
     last_used: Instant,
     /// For what the server waits at present.
     waits: BTreeMap<u64, Patience>,
@@ -95,6 +97,7 @@ impl Connection {
             guests: 0,
             callers: 0,
             served: Served::Nobody,
+            has_arrived: false,
             last_used: Instant::now(),
             waits: BTreeMap::new(),
         };
@@ -113,6 +116,13 @@ impl Connection {
 
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The server looks at the connection for the first time.
+    pub(super) fn arrive(&self) {
+        let mut state = self.state();
+        state.has_arrived = true;
+        state.last_used = Instant::now();
     }
 
     /// Counts bytes that arrived.
@@ -159,9 +169,9 @@ impl Connection {
     /// What the connection is worth; none while a caller's request is under way.
     pub(super) fn worth(&self) -> Option<Worth> {
         let state = self.state();
-        let State { served, last_used, .. } = *state;
+        let State { served, has_arrived, last_used, .. } = *state;
         let has_spoken = self.bytes_read.load(Ordering::Relaxed) > 0;
-        let is_new = served == Served::Nobody && last_used.elapsed() < TENURE;
+        let is_new = served == Served::Nobody && (!has_arrived || last_used.elapsed() < TENURE);
         (state.callers == 0).then_some(Worth { served, is_new, has_spoken, last_used })
     }
 

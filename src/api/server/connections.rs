@@ -172,9 +172,11 @@ impl Connections {
         if excess_bytes <= leaving {
             return;
         }
+        // Who holds less than the others is not the cause.
+        let mean = open.alive().map(held).sum::<usize>() / open.alive().count().max(1);
         let unread = |connection: &Arc<Connection>| {
-            let wait = connection.longest_wait();
-            (wait >= LEAST_WAIT).then(|| held(connection) as u128 * wait.as_millis())
+            let (held, wait) = (held(connection), connection.longest_wait());
+            (held >= mean && wait >= LEAST_WAIT).then(|| held as u128 * wait.as_millis())
         };
         let candidates = open.alive().filter_map(|connection| Some((unread(connection)?, connection)));
         if let Some((_, worst)) = candidates.max_by_key(|(unread, _)| *unread) {
@@ -303,6 +305,13 @@ mod tests {
         SocketAddr::from(([10, 0, 0, last], 1))
     }
 
+    /// A connection that was admitted and looked at.
+    async fn admitted(connections: &Arc<Connections>, last: u8) -> Place {
+        let place = connections.admit(peer(last)).await.unwrap();
+        place.connection.arrive();
+        place
+    }
+
     fn lease(connection: &Arc<Connection>, bytes: usize) -> Option<Lease> {
         let lease = Lease::empty(connection, Purpose::Requests);
         lease.grow(bytes).then_some(lease)
@@ -311,11 +320,11 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn newcomer_replaces_the_least_used_of_the_largest_holder() {
         let connections = connections(3, 0);
-        let _small = connections.admit(peer(1)).await.unwrap();
-        let places = [connections.admit(peer(2)).await.unwrap(), connections.admit(peer(2)).await.unwrap()];
+        let _small = admitted(&connections, 1).await;
+        let places = [admitted(&connections, 2).await, admitted(&connections, 2).await];
         drop(places[0].connection.enter(Standing::Caller));
         let begin = Instant::now();
-        let newcomer = connections.admit(peer(3)).await.unwrap();
+        let newcomer = admitted(&connections, 3).await;
         assert!(begin.elapsed() >= TENURE, "the others had time to ask");
         assert_eq!(newcomer.connection.may, Use::All);
         assert!(places[1].connection.is_ended() && !places[0].connection.is_ended());
@@ -324,11 +333,11 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn work_for_a_caller_is_not_ended_and_probes_have_places_left() {
         let connections = connections(PROBE_PLACES + 1, PROBE_PLACES);
-        let busy = connections.admit(peer(1)).await.unwrap();
+        let busy = admitted(&connections, 1).await;
         let _under_way = busy.connection.enter(Standing::Caller);
         let mut probes = Vec::new();
         for _ in 0..=PROBE_PLACES {
-            probes.push(connections.admit(peer(1)).await.unwrap());
+            probes.push(admitted(&connections, 1).await);
         }
         assert!(probes.iter().all(|place| place.connection.may == Use::Probes));
         assert!(probes[0].connection.is_ended(), "the first one makes room for the last");
@@ -338,7 +347,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn nobody_is_admitted_where_all_work_and_probes_are_apart() {
         let connections = connections(1, 0);
-        let busy = connections.admit(peer(1)).await.unwrap();
+        let busy = admitted(&connections, 1).await;
         let under_way = busy.connection.enter(Standing::Caller);
         assert!(connections.admit(peer(2)).await.is_none());
         drop((under_way, busy));
@@ -349,7 +358,7 @@ mod tests {
     async fn hard_limit_counts_the_places_of_one_address() {
         let settings = ServerSettings { max_connections_per_address: Some(1), ..ServerSettings::default() };
         let connections = with_settings(settings, 0);
-        let _place = connections.admit(peer(1)).await.unwrap();
+        let _place = admitted(&connections, 1).await;
         assert!(connections.admit(peer(1)).await.is_none());
         assert!(connections.admit(peer(2)).await.is_some());
     }
