@@ -6,6 +6,9 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
+#[path = "../../src/robot/unlucky.rs"]
+mod unlucky;
+
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::robot::{PerWheel, Robot, RobotParameters, State};
@@ -32,7 +35,9 @@ enum Moment {
 /// Runs all and prints the worst.
 pub(crate) fn run(count: u64, seed: u64) {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut robots = vec![("heavy_wheels".to_owned(), heavy_wheels()), ("short_track".to_owned(), short_track())];
+    let known = [("heavy_wheels", unlucky::heavy_wheels()), ("short_track", unlucky::short_track())];
+    let accepted = |parameters| Robot::new(parameters).expect("an accepted robot");
+    let mut robots = known.map(|(name, parameters)| (name.to_owned(), accepted(parameters))).to_vec();
     robots.extend((0..count).map(|number| (format!("random {number}"), random_robot(&mut random))));
     let mut rows = Vec::new();
     for (name, robot) in &robots {
@@ -181,42 +186,4 @@ fn random_robot(random: &mut Xoshiro256PlusPlus) -> Robot {
             return robot;
         }
     }
-}
-
-/// The exact solver falls back to sweeps and smoothing in many of its steps.
-fn heavy_wheels() -> Robot {
-    let parameters = RobotParameters {
-        chassis_mass: 7.413,
-        wheel_mass: 8.257,
-        chassis_yaw_inertia: 0.01234,
-        wheel_diametral_inertia: 1.27,
-        wheel_spin_inertia: 0.004_612,
-        wheel_radius: 0.3388,
-        track_width: 3.017,
-        axle_to_front_support: 0.03469,
-        center_of_mass_height: 0.008_886,
-        wheel_friction_coefficient: 0.695,
-        front_friction_coefficient: 1.757,
-        ..RobotParameters::default()
-    };
-    Robot::new(parameters).expect("an accepted robot")
-}
-
-/// Its fixed point takes thousands of sweeps a step.
-fn short_track() -> Robot {
-    let parameters = RobotParameters {
-        chassis_mass: 2.374,
-        wheel_mass: 3.573,
-        chassis_yaw_inertia: 0.01702,
-        wheel_diametral_inertia: 0.002_001,
-        wheel_spin_inertia: 0.001_218,
-        wheel_radius: 0.006_426,
-        track_width: 0.01935,
-        axle_to_front_support: 0.1229,
-        center_of_mass_height: 0.002_739,
-        wheel_friction_coefficient: 2.861,
-        front_friction_coefficient: 1.584,
-        ..RobotParameters::default()
-    };
-    Robot::new(parameters).expect("an accepted robot")
 }

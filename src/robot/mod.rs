@@ -10,6 +10,8 @@ mod dynamics;
 mod normal_force;
 mod parameters;
 mod state;
+#[cfg(test)]
+pub(crate) mod unlucky;
 
 pub use contact_kinematics::{BodyVector, DIRECTION_COUNT, TangentJacobian};
 pub use dynamics::Robot;

@@ -18,8 +18,9 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::time::timeout;
 use tonic::{Code, Request, Status};
 
-use crate::stopping::{impatient_server, slow_simulation};
+use crate::stopping::impatient_server;
 use crate::support::protobuf::{GRPC, SOLVE, code_of, framed, raw_call};
+use crate::support::slow_simulation::slow_simulation;
 use crate::support::{Answer, FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
 
 /// What the solver does with a seed, beside answering at once.

@@ -13,33 +13,13 @@ use slipdrive::service::ServiceSettings;
 use slipdrive::solver::{Report, RunControl, Solution, SolveInput, Status, StopReason};
 use tokio::time::{sleep, timeout};
 
+use crate::support::slow_simulation::slow_simulation;
 use crate::support::{Answer, FakeSolver, TestServer, real_solver, small_solution};
 
 /// What a caller of these tests waits, ms.
 const PATIENCE_MS: u64 = 300;
 /// Far above the milliseconds that a worker takes to obey on a busy machine, far below the rollouts alone.
 const OBEYS_WITHIN: Duration = Duration::from_secs(8);
-
-/// The fixed point takes thousands of sweeps in each of 10,000 steps.
-pub(crate) fn slow_simulation() -> Value {
-    let repeated = |torques: [f64; 4]| (0..100).flat_map(|_| torques).collect::<Vec<_>>();
-    json!({
-        "robot": {
-            "chassis_mass_kg": 2.374, "wheel_mass_kg": 3.573, "chassis_yaw_inertia_kg_m2": 0.01702,
-            "wheel_diametral_inertia_kg_m2": 0.002_001, "wheel_spin_inertia_kg_m2": 0.001_218,
-            "wheel_radius_m": 0.006_426, "track_width_m": 0.01935, "axle_to_front_support_m": 0.1229,
-            "center_of_mass_height_m": 0.002_739, "wheel_friction_coefficient": 2.861,
-            "front_friction_coefficient": 1.584,
-        },
-        "torque_schedule": {
-            "interval_s": 8.71,
-            "left_n_m": repeated([-0.252, 0.169, 0.551, 0.803]),
-            "right_n_m": repeated([1.893, 1.769, -1.166, -1.366]),
-        },
-        "grid": {"steps": 10_000},
-        "contact_solver": "fixed_point",
-    })
-}
 
 /// The exact solver of contacts takes up to a millisecond in each of 10,000 steps.
 fn slow_solve() -> Value {

@@ -1,5 +1,8 @@
 //! Jobs that are hard to stop: the answer must come at the deadline, and the worker must be free with it.
 
+#[path = "../../../tests/service/support/slow_simulation.rs"]
+mod slow_simulation;
+
 use std::io;
 use std::time::Duration;
 
@@ -16,6 +19,7 @@ use super::attacker::{DATA, END_STREAM, HEADERS, Head, Peer, message};
 use super::found::Found;
 use super::{KEY, Target};
 use crate::process::{WORKER, cpu_time};
+use slow_simulation::slow_simulation;
 
 /// How late an answer may be, and how long a worker may go on.
 const LATENESS: Duration = Duration::from_millis(50);
@@ -64,26 +68,6 @@ pub async fn solves(on: Target) -> Found {
         found.require(rest.max(grpc) <= deadline + LATENESS, format!("late at {milliseconds} ms"));
     }
     found.with_text(format!("slowest of 3, deadline {}", parts.join("; ")))
-}
-
-/// A robot on which the fixed point converges slowly.
-fn slow_simulation() -> Value {
-    let times = |torques: [f64; 4]| torques.repeat(100);
-    json!({
-        "robot": {
-            "chassis_mass_kg": 2.374, "wheel_mass_kg": 3.573, "chassis_yaw_inertia_kg_m2": 0.01702,
-            "wheel_diametral_inertia_kg_m2": 0.002_001, "wheel_spin_inertia_kg_m2": 0.001_218,
-            "wheel_radius_m": 0.006_426, "track_width_m": 0.01935, "axle_to_front_support_m": 0.1229,
-            "center_of_mass_height_m": 0.002_739, "wheel_friction_coefficient": 2.861,
-            "front_friction_coefficient": 1.584,
-        },
-        "torque_schedule": {
-            "interval_s": 8.71,
-            "left_n_m": times([-0.252, 0.169, 0.551, 0.803]), "right_n_m": times([1.893, 1.769, -1.166, -1.366]),
-        },
-        "grid": {"steps": 10_000},
-        "contact_solver": "fixed_point",
-    })
 }
 
 /// A robot whose contact patterns are hard to find.

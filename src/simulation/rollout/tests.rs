@@ -1,52 +1,17 @@
 //! How often rollouts ask whether they are stopped, with robots whose friction is hard to resolve.
 
 use super::*;
+use crate::robot::unlucky::{heavy_wheels, short_track};
 use crate::robot::{PerWheel, RobotParameters};
 use crate::simulation::EndSensitivity;
 use crate::stop::probe;
 
 const STEPS: usize = 30;
 
-/// Its fixed point takes thousands of sweeps.
-fn short_track() -> RobotParameters {
-    RobotParameters {
-        chassis_mass: 2.374,
-        wheel_mass: 3.573,
-        chassis_yaw_inertia: 0.01702,
-        wheel_diametral_inertia: 0.002_001,
-        wheel_spin_inertia: 0.001_218,
-        wheel_radius: 0.006_426,
-        track_width: 0.01935,
-        axle_to_front_support: 0.1229,
-        center_of_mass_height: 0.002_739,
-        wheel_friction_coefficient: 2.861,
-        front_friction_coefficient: 1.584,
-        ..RobotParameters::default()
-    }
-}
-
 fn schedule() -> TorqueSchedule {
     let repeated = |torques: [f64; 4]| torques.into_iter().cycle().take(STEPS).collect();
     let (left, right) = (repeated([-0.252, 0.169, 0.551, 0.803]), repeated([1.893, 1.769, -1.166, -1.366]));
     TorqueSchedule { final_time: 8.71 * STEPS as f64, left, right }
-}
-
-/// The exact solver falls back to sweeps and smoothing in many of its steps.
-fn heavy_wheels() -> RobotParameters {
-    RobotParameters {
-        chassis_mass: 7.413,
-        wheel_mass: 8.257,
-        chassis_yaw_inertia: 0.01234,
-        wheel_diametral_inertia: 1.27,
-        wheel_spin_inertia: 0.004_612,
-        wheel_radius: 0.3388,
-        track_width: 3.017,
-        axle_to_front_support: 0.03469,
-        center_of_mass_height: 0.008_886,
-        wheel_friction_coefficient: 0.695,
-        front_friction_coefficient: 1.757,
-        ..RobotParameters::default()
-    }
 }
 
 /// A rollout of a robot with its simulator.

@@ -1,7 +1,8 @@
 //! How soon a solve ends once it is stopped or cut off, with a robot whose friction is hard to resolve.
 
 use super::*;
-use crate::robot::{PerWheel, RobotParameters};
+use crate::robot::PerWheel;
+use crate::robot::unlucky::heavy_wheels;
 use crate::shooting::{Goal, Maneuver};
 use crate::simulation::TorqueSchedule;
 use crate::solver::{
@@ -15,20 +16,7 @@ const STEPS: usize = 6;
 const WAY_OUT: u64 = 20;
 
 fn input(settings: SolverSettings) -> SolveInput {
-    let robot = RobotParameters {
-        chassis_mass: 7.413,
-        wheel_mass: 8.257,
-        chassis_yaw_inertia: 0.01234,
-        wheel_diametral_inertia: 1.27,
-        wheel_spin_inertia: 0.004_612,
-        wheel_radius: 0.3388,
-        track_width: 3.017,
-        axle_to_front_support: 0.03469,
-        center_of_mass_height: 0.008_886,
-        wheel_friction_coefficient: 0.695,
-        front_friction_coefficient: 1.757,
-        ..RobotParameters::default()
-    };
+    let robot = heavy_wheels();
     let maneuver = Maneuver {
         goal: Goal::at_rest(1.0, 2.0, 0.7),
         torque_limit: PerWheel::new(2.0, 2.0),

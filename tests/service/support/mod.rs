@@ -5,6 +5,7 @@ pub(crate) mod http2;
 pub(crate) mod process;
 pub(crate) mod protobuf;
 pub(crate) mod readers;
+pub(crate) mod slow_simulation;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Condvar, Mutex};
