@@ -28,12 +28,15 @@ const REQUIRED: [&str; 7] = [
 /// Messages in answers that are left out where there are none; all others are always there.
 const LEFT_OUT: [&str; 3] = ["Solution.trajectory", "Solution.contacts", "ValidateResponse.initial_guess"];
 /// Fields in answers that are null where there are none.
-const NULL: [&str; 3] = ["Report.lower_bound_assumption", "Report.replay", "Solution.reason"];
+const NULL: [&str; 4] =
+    ["Report.least_normal_load", "Report.lower_bound_assumption", "Report.replay", "Solution.reason"];
 /// Numbers in answers that may not be finite, because a motion diverges or nothing was computed; JSON has null for them.
 /// An entry without a field means all numbers of the message but times.
-const NOT_FINITE: [&str; 12] = [
+const NOT_FINITE: [&str; 14] = [
     "Contact",
+    "EndState",
     "GoalError",
+    "NormalLoad.share",
     "Progress.best_final_time_s",
     "Progress.best_goal_error",
     "Reason.value",

@@ -159,7 +159,6 @@ fn simulated(case: &Case, accepted: &AcceptedSolve, solution: &Solution, answer:
     }
     let schedule = serde_json::to_value(&answer.torque_schedule)?;
     let simulation = case.simulated_over_the_wire(&schedule, solution.report.step_count)?;
-    let end = simulation.trajectory.state.last().context("the simulation has no end")?;
-    let error = accepted.input.maneuver.goal_error(end);
+    let error = accepted.input.maneuver.goal_error(&simulation.trajectory.end_state);
     Ok((error.amax(), (error - solution.goal_error).amax()))
 }

@@ -9,8 +9,8 @@ use super::problem::Problem;
 use crate::contact::{ContactMode, ContactName, PerContact};
 use crate::robot::{PerWheel, RobotParameters, State};
 use crate::rules::Checks;
-use crate::shooting::{Maneuver, ReferencePoint};
-use crate::simulation::{ContactMethod, ContactModeSpan, ContactSample, Separation, TorqueSchedule};
+use crate::shooting::{Maneuver, ManeuverLimits, ReferencePoint};
+use crate::simulation::{ContactMethod, ContactModeSpan, ContactSample, NormalLoad, Separation, TorqueSchedule};
 use crate::solver::Method;
 
 /// A message of optional numbers and the domain struct of the same numbers, in both directions; absent is the default of
@@ -54,6 +54,8 @@ same_numbers!(
         gravity_m_s2: gravity,
     }
 );
+
+same_numbers!(ManeuverLimits = ManeuverLimits { normal_load_share: normal_load_share });
 
 /// An enum of the contract and the one of the domain with the same values; unspecified is the default of the domain.
 macro_rules! same_values {
@@ -107,7 +109,8 @@ pub(crate) fn count(number: usize) -> u32 {
 
 /// The maneuver that is meant; faults of the goal go to `checks`.
 pub(crate) fn maneuver(given: message::Maneuver, checks: &mut Checks) -> Result<Maneuver, Problem> {
-    let message::Maneuver { reference_point, start, goal, torque_limit_left_n_m, torque_limit_right_n_m } = given;
+    let message::Maneuver { reference_point, start, goal, torque_limit_left_n_m, torque_limit_right_n_m, limits } =
+        given;
     let reference_point: message::ReferencePoint = named(reference_point, "maneuver.reference_point")?;
     let start = State::from(start.unwrap_or_default());
     let goal = goal.unwrap_or_default();
@@ -116,18 +119,20 @@ pub(crate) fn maneuver(given: message::Maneuver, checks: &mut Checks) -> Result<
     let default = Maneuver::forward_drive().torque_limit;
     let torque_limit =
         PerWheel::new(torque_limit_left_n_m.unwrap_or(default.left), torque_limit_right_n_m.unwrap_or(default.right));
-    Ok(Maneuver { reference_point: reference_point.into(), start, goal, torque_limit })
+    let limits = limits.unwrap_or_default().into();
+    Ok(Maneuver { reference_point: reference_point.into(), start, goal, torque_limit, limits })
 }
 
 impl From<&Maneuver> for message::Maneuver {
     fn from(maneuver: &Maneuver) -> Self {
-        let Maneuver { reference_point, start, goal, torque_limit } = maneuver;
+        let Maneuver { reference_point, start, goal, torque_limit, limits } = maneuver;
         Self {
             reference_point: message::ReferencePoint::from(*reference_point).into(),
             start: Some(start.into()),
             goal: Some(message_of_goal(goal)),
             torque_limit_left_n_m: Some(torque_limit.left),
             torque_limit_right_n_m: Some(torque_limit.right),
+            limits: Some(limits.into()),
         }
     }
 }
@@ -160,6 +165,13 @@ impl From<&Separation> for message::Separation {
         let Separation { time, contact, normal_force } = *separation;
         let contact = message::ContactName::from(contact).into();
         Self { time_s: time, contact, normal_force_n: normal_force }
+    }
+}
+
+impl From<&NormalLoad> for message::NormalLoad {
+    fn from(load: &NormalLoad) -> Self {
+        let NormalLoad { share, contact, time } = *load;
+        Self { share, contact: message::ContactName::from(contact).into(), time_s: time }
     }
 }
 

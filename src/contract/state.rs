@@ -21,6 +21,13 @@ macro_rules! by_component {
             }
         }
 
+        impl From<&State> for message::EndState {
+            fn from(state: &State) -> Self {
+                let [$($field),*] = state.to_vector().into();
+                Self { $($field),* }
+            }
+        }
+
         impl From<&Trajectory> for message::Trajectory {
             fn from(trajectory: &Trajectory) -> Self {
                 let mut columns = Self { time_s: trajectory.time.clone(), ..Self::default() };

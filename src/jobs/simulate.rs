@@ -107,6 +107,7 @@ impl Kind for Simulate {
         // The same request gives the same bytes: the duration goes to the log only.
         let Simulation { trajectory, contact_modes, separations, slip_reversals } = &done.output;
         SimulateResponse {
+            end_state: Some((&trajectory.end_state).into()),
             trajectory: Some(trajectory.into()),
             contacts: Some(contacts(&trajectory.contact)),
             contact_modes: contact_modes.iter().map(Into::into).collect(),
@@ -129,11 +130,9 @@ impl Kind for Simulate {
         row(&mut table, "indeterminate", &format!("{} steps", trajectory.indeterminate_steps));
         row(&mut table, "contact residual", &format!("{:.1e}", trajectory.worst_contact_residual));
         table.push_str("\nend state\n");
-        if let Some(state) = trajectory.state.last() {
-            let values = state.to_vector();
-            for component in StateComponent::ALL {
-                line(&mut table, &format!("  {:<22} {:>12.6}", component.field(), values[component.index()]));
-            }
+        let values = trajectory.end_state.to_vector();
+        for component in StateComponent::ALL {
+            line(&mut table, &format!("  {:<22} {:>12.6}", component.field(), values[component.index()]));
         }
         write_timeline(&mut table, &simulation.contact_modes);
         table

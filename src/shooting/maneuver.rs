@@ -1,9 +1,9 @@
 //! What is asked: a start, a goal in some or all components, and the torque limits.
 
-use nalgebra::{SVector, Vector2};
+use nalgebra::{SVector, Vector2, Vector3};
 
-use crate::robot::{PerWheel, RobotParameters, State};
-use crate::rules::{Checks, Rule, RuleSet};
+use crate::robot::{PerWheel, Robot, RobotParameters, State};
+use crate::rules::{BoundedField, Checks, Rule, RuleSet};
 
 /// Largest accepted coordinate, m: beyond it a millimetre is near the rounding of the rollout.
 const POSITION_LIMIT: f64 = 1e4;
@@ -17,6 +17,8 @@ const YAW_RATE_LIMIT: f64 = 1e3;
 const WHEEL_RATE_LIMIT: f64 = 1e5;
 /// Largest accepted torque limit, N m.
 const TORQUE_LIMIT: f64 = 1e6;
+/// A third is what each contact carries on average.
+const LARGEST_NORMAL_LOAD_SHARE: f64 = 0.5;
 
 /// The point of the chassis whose position and velocity the caller speaks of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -138,6 +140,39 @@ impl Goal {
     }
 }
 
+/// What a plan must keep at every step of its grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ManeuverLimits {
+    /// Least normal force of each contact as a share of the weight, at most half of the contact's share at rest.
+    pub normal_load_share: f64,
+}
+
+impl Default for ManeuverLimits {
+    /// A hundredth of the weight: plans that balance on a contact do not survive small errors of the model.
+    fn default() -> Self {
+        Self { normal_load_share: 0.01 }
+    }
+}
+
+impl ManeuverLimits {
+    /// Share of its static normal force that a contact must keep at most.
+    const STATIC_SHARE: f64 = 0.5;
+    const RULES: [BoundedField<Self>; 1] =
+        [("normal_load_share", |limits| limits.normal_load_share, Rule::between(0.0, LARGEST_NORMAL_LOAD_SHARE, ""))];
+
+    /// The least normal forces (left, right, front) as shares of the weight.
+    pub fn least_normal_loads(&self, robot: &Robot) -> Vector3<f64> {
+        let half = static_loads(robot) * Self::STATIC_SHARE;
+        half.map(|half| half.clamp(0.0, self.normal_load_share))
+    }
+}
+
+/// Normal forces at rest (left, right, front) as shares of the weight.
+pub(crate) fn static_loads(robot: &Robot) -> Vector3<f64> {
+    let weight = robot.parameters().total_mass() * robot.parameters().gravity;
+    robot.normal_force_projection().static_force / weight
+}
+
 /// Start, goal and torque limits of one maneuver, all at the reference point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Maneuver {
@@ -149,6 +184,8 @@ pub struct Maneuver {
     pub goal: Goal,
     /// Largest torque magnitude per wheel, N m; 0 for a wheel without drive.
     pub torque_limit: PerWheel<f64>,
+    /// What the plan must keep on the way.
+    pub limits: ManeuverLimits,
 }
 
 impl Maneuver {
@@ -161,7 +198,8 @@ impl Maneuver {
         let goal = rules_of_state()
             .across(&["free"], "names fields of the goal, each once, and none that has a value")
             .across(&["free"], "leaves at least one field of the goal constrained");
-        RuleSet::of(torque_limits).with("start", rules_of_state()).with("goal", goal)
+        let limits = RuleSet::of(ManeuverLimits::RULES.map(|(field, _, rule)| (field, rule)));
+        RuleSet::of(torque_limits).with("start", rules_of_state()).with("goal", goal).with("limits", limits)
     }
 
     /// The paper's case: 5 m forward from rest to rest with 1 N m per wheel.
@@ -171,6 +209,7 @@ impl Maneuver {
             start: State::default(),
             goal: Goal::at_rest(0.0, 5.0, 0.0),
             torque_limit: PerWheel::new(1.0, 1.0),
+            limits: ManeuverLimits::default(),
         }
     }
 
@@ -189,6 +228,11 @@ impl Maneuver {
         {
             checks.bounds(field, limit, &Self::TORQUE_RULE);
         }
+        checks.within("limits", |checks| {
+            for (field, value, rule) in ManeuverLimits::RULES {
+                checks.bounds(field, value(&self.limits), &rule);
+            }
+        });
     }
 
     /// The goal heading in the winding nearest to the start's, rad; none where it is free.
@@ -202,7 +246,8 @@ impl Maneuver {
         self.start.moved_by(-self.reference_point.offset(robot))
     }
 
-    /// Constrained components of `end` (a state at the reference point) minus goal; the heading modulo 2 pi, 0 where free.
+    /// Constrained components of `end` (a state at the reference point, at the end of a rollout in the
+    /// [frame of its end](crate::simulation::EndFrame)) minus goal; the heading modulo 2 pi, 0 where free.
     pub fn goal_error(&self, end: &State) -> SVector<f64, { State::LEN }> {
         let end = end.to_vector();
         let mut error = SVector::zeros();

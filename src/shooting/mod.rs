@@ -7,8 +7,8 @@ mod penalty;
 mod problem;
 
 pub use decision::{decision_from_schedule, decision_len, schedule_from_decision};
-pub use maneuver::{Goal, Maneuver, ReferencePoint, StateComponent, wrapped_angle};
+pub use maneuver::{Goal, Maneuver, ManeuverLimits, ReferencePoint, StateComponent, wrapped_angle};
 pub(crate) use maneuver::{check_state, rules_of_state};
-pub use normal_force_constraints::NORMAL_FORCE_TOLERANCE;
+pub use normal_force_constraints::NORMAL_LOAD_TOLERANCE;
 pub use penalty::Penalty;
 pub use problem::{GoalScales, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem};

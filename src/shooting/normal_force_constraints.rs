@@ -1,40 +1,40 @@
-//! Normal forces as inequality constraints of the search: no contact may separate.
+//! Normal forces as inequality constraints of the search: no contact may separate or carry less than its least load.
 
 use nalgebra::{DVector, Dyn, MatrixViewMut, U1, Vector3};
 
+use super::maneuver::{ManeuverLimits, static_loads};
 use crate::robot::Robot;
 use crate::simulation::{LeastNormalForces, NormalForceDerivative};
 
-/// The search keeps the normal force of every contact above this share of the weight, so that the last corrections of a
-/// plan cause no separation.
-const MARGIN: f64 = 1e-3;
-/// Inequality values up to this much, as a share of the weight, mean no separation.
-pub const NORMAL_FORCE_TOLERANCE: f64 = MARGIN / 2.0;
-/// A contact with a small static normal force keeps at least this share of it.
-const STATIC_SHARE: f64 = 0.5;
-/// Contacts with less than this share of the weight above their margin may separate within one step of the search.
+/// How exactly the search keeps the least loads, as a share of the weight: a thousandth of what counts, and far above the
+/// rounding of a rollout.
+pub const NORMAL_LOAD_TOLERANCE: f64 = 1e-6;
+/// Contacts with less than this share of the weight above their least load may fall below it within one step of the search.
 const WORKING_SET_SHARE: f64 = 0.1;
 
-/// The constraints of one robot: `margin - normal force / weight <= 0` for the least normal forces of a rollout.
+/// The constraints of one robot: `least load - normal force / weight <= 0` for the least normal forces of a rollout.
 #[derive(Debug, Clone)]
 pub(super) struct NormalForceConstraints {
     weight: f64,
-    margin: Vector3<f64>,
+    /// Least loads of the search, as shares of the weight.
+    least: Vector3<f64>,
+    /// By how much they may be missed.
+    tolerance: Vector3<f64>,
 }
 
 impl NormalForceConstraints {
-    pub(super) fn new(robot: &Robot) -> Self {
-        let weight = robot.parameters().total_mass() * robot.parameters().gravity;
-        let margin = robot
-            .normal_force_projection()
-            .static_force
-            .map(|force| (STATIC_SHARE * force / weight).clamp(0.0, MARGIN));
-        Self { weight, margin }
+    pub(super) fn new(robot: &Robot, limits: ManeuverLimits) -> Self {
+        let parameters = robot.parameters();
+        // Without a least load the search keeps its tolerance away from separation; a contact that carries next to nothing
+        // has a smaller one.
+        let tolerance = static_loads(robot).map(|load| (0.5 * load).clamp(0.0, NORMAL_LOAD_TOLERANCE));
+        let least = limits.least_normal_loads(robot).sup(&tolerance);
+        Self { weight: parameters.total_mass() * parameters.gravity, least, tolerance }
     }
 
     pub(super) fn write_inequality_values(&self, forces: &LeastNormalForces, values: &mut DVector<f64>) {
         for (index, value) in values.iter_mut().enumerate() {
-            *value = self.margin[LeastNormalForces::contact(index)] - forces.force(index) / self.weight;
+            *value = self.least[LeastNormalForces::contact(index)] - forces.force(index) / self.weight;
         }
     }
 
@@ -52,7 +52,8 @@ impl NormalForceConstraints {
         }
     }
 
-    pub(super) fn has_separation(&self, values: &DVector<f64>) -> bool {
-        values.iter().enumerate().any(|(index, value)| *value > self.margin[LeastNormalForces::contact(index)])
+    /// Whether a contact carries less than its least load.
+    pub(super) fn are_broken(&self, values: &DVector<f64>) -> bool {
+        values.iter().enumerate().any(|(index, value)| *value > self.tolerance[LeastNormalForces::contact(index)])
     }
 }

@@ -40,9 +40,9 @@ impl<'a, 'b> Penalty<'a, 'b> {
         &self.constraints
     }
 
-    /// Whether a contact separates (negative normal force) under the last decision.
-    pub fn has_separation(&self) -> bool {
-        self.problem.has_separation(&self.constraints)
+    /// Whether the last decision breaks the limits of the maneuver.
+    pub fn breaks_limits(&self) -> bool {
+        self.problem.breaks_limits(&self.constraints)
     }
 
     /// The penalty of a decision; one rollout.

@@ -8,15 +8,18 @@ use super::maneuver::{Maneuver, StateComponent};
 use super::normal_force_constraints::NormalForceConstraints;
 use crate::optimizer::{Constraints, Linearisation, Problem};
 use crate::robot::State;
-use crate::simulation::{EndDerivative, EndSensitivity, LeastNormalForces, Rollout, Simulator, TorqueSchedule};
+use crate::simulation::{
+    EndDerivative, EndFrame, EndSensitivity, LeastNormalForces, Rollout, Simulator, TorqueSchedule,
+};
 use crate::stop::{Stop, Stopped};
 
 /// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): a time constant of 0.3 s.
 const SPEED_SCALE: f64 = 0.3;
 /// The variable scale of a torque is its limit, that of the final time this fraction of itself.
 const FINAL_TIME_SCALE: f64 = 0.5;
-/// Shortest final time that is searched, s: without a lower bound the linear model could make it zero or negative.
-pub const SHORTEST_FINAL_TIME: f64 = 0.02;
+/// Shortest final time that is searched, s: the fastest nudge by the tightest tolerance takes longer. Without a floor the
+/// linear model could make the final time zero or negative.
+pub const SHORTEST_FINAL_TIME: f64 = 1e-7;
 /// Longest final time that is searched, s.
 pub const LONGEST_FINAL_TIME: f64 = 1e4;
 
@@ -96,7 +99,7 @@ impl<'a> ShootingProblem<'a> {
             start: maneuver.start_at_center_of_mass(parameters),
             reference_offset: maneuver.reference_point.offset(parameters),
             rows: goal_rows(maneuver, parameters.wheel_radius),
-            normal_force_constraints: NormalForceConstraints::new(simulator.robot()),
+            normal_force_constraints: NormalForceConstraints::new(simulator.robot(), maneuver.limits),
             step_count,
             cost,
             lower,
@@ -138,13 +141,13 @@ impl<'a> ShootingProblem<'a> {
     /// Sum of the scaled goal errors of the start.
     pub fn violation_at_start(&self) -> f64 {
         let mut residual = DVector::zeros(self.rows.len());
-        self.write_residual(&self.start, &mut residual);
+        self.write_residual(&self.start.moved_by(self.reference_offset), &mut residual);
         residual.lp_norm(1)
     }
 
-    /// Whether a contact separates (negative normal force) at a point with these constraint values.
-    pub fn has_separation(&self, constraints: &Constraints) -> bool {
-        self.normal_force_constraints.has_separation(&constraints.inequality)
+    /// Whether a point with these constraint values breaks the limits of the maneuver, beyond their tolerance.
+    pub fn breaks_limits(&self, constraints: &Constraints) -> bool {
+        self.normal_force_constraints.are_broken(&constraints.inequality)
     }
 
     /// Rolls out, unless the last rollout was the same: a search linearises at points that it has just evaluated.
@@ -172,28 +175,37 @@ impl<'a> ShootingProblem<'a> {
         Ok(())
     }
 
+    /// From the end state as goals are judged.
     fn write_residual(&self, end: &State, residual: &mut DVector<f64>) {
-        let end = end.moved_by(self.reference_offset).to_vector();
+        let end = end.to_vector();
         for (value, row) in residual.iter_mut().zip(&self.rows) {
             *value = row.scale * (end[row.component] - row.target);
         }
     }
 
+    fn end_frame(&self) -> EndFrame {
+        let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
+        self.simulator.end_frame(&rollout, self.reference_offset)
+    }
+
     /// The goal rows of a column of the Jacobian.
-    fn write_column(&self, derivative: &EndDerivative, end: &State, mut column: nalgebra::DVectorViewMut<f64>) {
-        let derivative = moved_derivative(derivative, end, self.reference_offset);
+    fn write_column(&self, derivative: &EndDerivative, mut column: nalgebra::DVectorViewMut<f64>) {
         for (value, row) in column.iter_mut().zip(&self.rows) {
             *value = row.scale * derivative[row.component];
         }
     }
 
     fn write_goal_rows(&self, linearisation: &mut Linearisation) {
-        let sensitivity = &self.sensitivity;
-        self.write_residual(&sensitivity.end, &mut linearisation.constraints.residual);
+        let (sensitivity, frame) = (&self.sensitivity, self.end_frame());
+        let end = &sensitivity.end;
+        self.write_residual(&frame.state(end), &mut linearisation.constraints.residual);
         let torques = sensitivity.by_left_torque.iter().chain(&sensitivity.by_right_torque);
-        for (index, derivative) in torques.chain([&sensitivity.by_final_time]).enumerate() {
-            self.write_column(derivative, &sensitivity.end, linearisation.jacobian.column_mut(index));
+        let jacobian = &mut linearisation.jacobian;
+        for (index, derivative) in torques.enumerate() {
+            self.write_column(&frame.derivative(derivative, end), jacobian.column_mut(index));
         }
+        let by_final_time = frame.derivative_by_final_time(&sensitivity.by_final_time, end);
+        self.write_column(&by_final_time, jacobian.column_mut(self.cost.len() - 1));
     }
 
     fn write_normal_force_rows(
@@ -244,7 +256,7 @@ impl Problem for ShootingProblem<'_> {
 
     fn evaluate(&mut self, decision: &DVector<f64>, constraints: &mut Constraints, stop: Stop) -> Result<(), Stopped> {
         self.record(decision, stop)?;
-        self.write_residual(&self.sensitivity.end, &mut constraints.residual);
+        self.write_residual(&self.end_frame().state(&self.sensitivity.end), &mut constraints.residual);
         self.normal_force_constraints
             .write_inequality_values(&self.sensitivity.least_normal_forces, &mut constraints.inequality);
         Ok(())
@@ -287,19 +299,6 @@ fn residual_scale(component: StateComponent, wheel_radius: f64) -> f64 {
         StateComponent::VelocityX | StateComponent::VelocityY | StateComponent::YawRate => SPEED_SCALE,
         StateComponent::WheelRateLeft | StateComponent::WheelRateRight => SPEED_SCALE * wheel_radius,
     }
-}
-
-/// Derivative of [`State::moved_by`] along a derivative of the state.
-fn moved_derivative(derivative: &EndDerivative, end: &State, offset: Vector2<f64>) -> EndDerivative {
-    let (sin, cos) = end.configuration.heading.sin_cos();
-    let (x, y) = (cos * offset.x - sin * offset.y, sin * offset.x + cos * offset.y);
-    let (heading, yaw_rate) = (derivative[2], derivative[7]);
-    let mut moved = *derivative;
-    moved[0] -= y * heading;
-    moved[1] += x * heading;
-    moved[5] -= y * yaw_rate + x * heading * end.velocity.yaw_rate;
-    moved[6] += x * yaw_rate - y * heading * end.velocity.yaw_rate;
-    moved
 }
 
 #[cfg(test)]

@@ -27,8 +27,19 @@ pub struct Separation {
     pub normal_force: f64,
 }
 
+/// The smallest normal force of a trajectory.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NormalLoad {
+    /// The force as a share of the weight; negative where the contact separates.
+    pub share: f64,
+    /// The contact.
+    pub contact: ContactName,
+    /// Start of its step, s.
+    pub time: f64,
+}
+
 /// Negative normal forces of at most this fraction of the weight are rounding, not separation.
-const SEPARATION_TOLERANCE: f64 = 1e-12;
+pub(super) const SEPARATION_TOLERANCE: f64 = 1e-12;
 
 impl Trajectory {
     /// Merges equal modes of neighbouring steps.
@@ -60,6 +71,15 @@ impl Trajectory {
             }
         }
         separations
+    }
+
+    /// The load of each step and contact.
+    pub fn normal_loads(&self) -> impl Iterator<Item = NormalLoad> {
+        self.contact.iter().zip(&self.time).flat_map(|(contacts, &time)| {
+            let weight = contacts.sum(|sample| sample.normal_force);
+            let load = move |sample: &ContactSample| sample.normal_force / weight;
+            ContactName::ALL.map(|contact| NormalLoad { share: load(contacts.get(contact)), contact, time })
+        })
     }
 
     /// Counts opposite slip of one contact before and after at most one sticking step.

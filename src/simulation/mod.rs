@@ -2,6 +2,7 @@
 
 mod chain;
 mod contact_timeline;
+mod end_frame;
 mod least_normal_forces;
 mod moreau_step;
 mod normal_force_sensitivity;
@@ -12,7 +13,8 @@ mod tape;
 mod torque_schedule;
 mod trajectory;
 
-pub use contact_timeline::{ContactModeSpan, Separation};
+pub use contact_timeline::{ContactModeSpan, NormalLoad, Separation};
+pub use end_frame::EndFrame;
 pub use least_normal_forces::LeastNormalForces;
 pub use normal_force_sensitivity::NormalForceDerivative;
 pub use rollout::{ContactMethod, Rollout, Simulator};

@@ -1,5 +1,8 @@
 //! Rollouts: a torque schedule integrated from a start state.
 
+use nalgebra::{Vector2, Vector3};
+
+use super::contact_timeline::SEPARATION_TOLERANCE;
 use super::moreau_step::{Step, StepContact, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
@@ -78,6 +81,29 @@ impl Simulator {
         }
     }
 
+    /// As [`Simulator::end_state`], with the number of times that a contact separates.
+    ///
+    /// # Errors
+    /// When it was stopped before the end.
+    pub fn end_state_and_separations(&self, rollout: &Rollout, stop: Stop) -> Result<(State, usize), Stopped> {
+        let mut separations = 0;
+        let mut count = |normal_impulse: &Vector3<f64>| {
+            let pulls = -SEPARATION_TOLERANCE * normal_impulse.sum();
+            separations += normal_impulse.iter().filter(|impulse| **impulse < pulls).count();
+        };
+        let end = match &self.model {
+            Model::Wheels(model) => {
+                let count = |_, step: &Step<3>| count(&step.contact.normal_impulse);
+                integrate(model, rollout, &mut ExactContact::default(), stop, count)
+            }
+            Model::WheelsAndFront(model) => {
+                let count = |_, step: &Step<5>| count(&step.contact.normal_impulse);
+                integrate(model, rollout, &mut ExactContact::default(), stop, count)
+            }
+        }?;
+        Ok((end, separations))
+    }
+
     /// As [`Simulator::end_state`], by the paper's fixed point: the slow reference.
     ///
     /// # Errors
@@ -96,10 +122,12 @@ impl Simulator {
     /// When it was stopped before the end.
     pub fn trajectory(&self, rollout: &Rollout, method: ContactMethod, stop: Stop) -> Result<Trajectory, Stopped> {
         let jacobian = self.robot.tangent_jacobian();
-        match &self.model {
+        let mut trajectory = match &self.model {
             Model::Wheels(model) => record(model, jacobian, rollout, method, stop),
             Model::WheelsAndFront(model) => record(model, jacobian, rollout, method, stop),
-        }
+        }?;
+        trajectory.end_state = self.end_frame(rollout, Vector2::zeros()).state(&trajectory.end_state);
+        Ok(trajectory)
     }
 }
 
@@ -225,6 +253,7 @@ fn record_with<const N: usize>(
     let mut trajectory = Trajectory {
         time: (0..=steps).map(|node| rollout.schedule.final_time * (node as f64 / steps as f64)).collect(),
         state: Vec::with_capacity(steps + 1),
+        end_state: *rollout.start,
         contact: Vec::with_capacity(steps),
         degrees_of_freedom: Vec::with_capacity(steps),
         worst_contact_residual: 0.0,
@@ -232,7 +261,7 @@ fn record_with<const N: usize>(
     };
     trajectory.state.push(*rollout.start);
     let mut solver = CheckedContact { solver, indeterminate_steps: 0 };
-    integrate(model, rollout, &mut solver, stop, |_, step| {
+    trajectory.end_state = integrate(model, rollout, &mut solver, stop, |_, step| {
         trajectory.state.push(step.end);
         trajectory.contact.push(contact_samples(model, jacobian, step, dt));
         trajectory.degrees_of_freedom.push(step.contact.pattern.degrees_of_freedom());

@@ -12,6 +12,8 @@ pub struct Trajectory {
     pub time: Vec<f64>,
     /// States at the nodes, at the chassis centre of mass.
     pub state: Vec<State>,
+    /// The end state as goals are judged ([`EndFrame`](super::EndFrame)), at the same point.
+    pub end_state: State,
     /// Contacts per step.
     pub contact: Vec<PerContact<ContactSample>>,
     /// Degrees of freedom per step: 5 - rank of the sticking directions.
@@ -34,6 +36,7 @@ impl Trajectory {
             for state in &mut self.state {
                 *state = state.moved_by(offset);
             }
+            self.end_state = self.end_state.moved_by(offset);
         }
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::progress::is_nearer;
 use crate::optimizer::{CriticalityMeasure, CriticalitySettings};
-use crate::shooting::{NORMAL_FORCE_TOLERANCE, ShootingProblem};
+use crate::shooting::{NORMAL_LOAD_TOLERANCE, ShootingProblem};
 
 /// Predicted decreases of at most this share of the final time are negligible: a third of what `converged` asks for.
 const STATIONARY_SHARE: f64 = 3e-5;
@@ -18,8 +18,8 @@ pub(super) struct Candidate {
     pub(super) decision: DVector<f64>,
     /// Largest magnitude of its goal errors.
     pub(super) goal_error: f64,
-    /// Whether a contact separates (negative normal force).
-    pub(super) has_separation: bool,
+    /// Whether it breaks the limits of the maneuver.
+    pub(super) breaks_limits: bool,
     /// The winding of the goal heading that it meets.
     pub(super) goal_heading: Option<f64>,
     /// Its criticality measure, where the search has computed it.
@@ -45,34 +45,29 @@ impl Stationarity {
             penalty_parameter,
             negligible_decrease: STATIONARY_SHARE * final_time,
             residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
-            inequality_tolerance: NORMAL_FORCE_TOLERANCE,
+            inequality_tolerance: NORMAL_LOAD_TOLERANCE,
         }
     }
 }
 
 impl Candidate {
-    pub(super) fn new(
-        decision: DVector<f64>,
-        goal_error: f64,
-        has_separation: bool,
-        goal_heading: Option<f64>,
-    ) -> Self {
-        Self { decision, goal_error, has_separation, goal_heading, stationarity: None }
+    pub(super) fn new(decision: DVector<f64>, goal_error: f64, breaks_limits: bool, goal_heading: Option<f64>) -> Self {
+        Self { decision, goal_error, breaks_limits, goal_heading, stationarity: None }
     }
 
     pub(super) fn final_time(&self) -> f64 {
         self.decision[self.decision.len() - 1]
     }
 
-    /// Whether it meets the goal without separation.
+    /// Whether it meets the goal within the limits.
     pub(super) fn is_feasible(&self, goal_tolerance: f64) -> bool {
-        self.goal_error <= goal_tolerance && !self.has_separation
+        self.goal_error <= goal_tolerance && !self.breaks_limits
     }
 
     /// A feasible one before any other, one that meets the goal before one that misses it; then the faster one or the
     /// one nearer to the goal. A NaN is the worst.
     pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {
-        let rank = |candidate: &Self| match (candidate.goal_error <= goal_tolerance, candidate.has_separation) {
+        let rank = |candidate: &Self| match (candidate.goal_error <= goal_tolerance, candidate.breaks_limits) {
             (true, false) => 2,
             (true, true) => 1,
             (false, _) => 0,

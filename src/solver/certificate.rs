@@ -9,16 +9,21 @@ use super::goal_miss::goal_missed;
 use super::local_search::penalty_parameters;
 use super::lower_bound::{Grid, LowerBound, largest, lower_bounds};
 use super::search::SearchResult;
-use super::settings::{Refinement, SolveInput};
+use super::settings::{Refinement, SolveInput, SolverSettings};
 use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
 use crate::optimizer::{Budget, CriticalityMeasure, Interruption, criticality_measure, sign_violations};
 use crate::robot::State;
-use crate::shooting::{LONGEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision};
+use crate::shooting::{
+    LONGEST_FINAL_TIME, NORMAL_LOAD_TOLERANCE, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent,
+    schedule_from_decision,
+};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
 use crate::stop::{Stop, Stopped};
 
 /// The replay's grid is this much finer than the plan's.
 const REPLAY_REFINEMENT: usize = 16;
+/// A replay that misses a speed is judged by how far the robot would drift in this time, s.
+const REPLAY_DRIFT_TIME: f64 = 1.0;
 /// Largest accepted residual of the contact law, relative to m g dt.
 const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// Largest accepted criticality measure, as a share of the final time.
@@ -90,7 +95,9 @@ impl Optimality {
         let Stationarity { penalty_parameter, measure } = &*known;
         let sign_violations = sign_violations(problem, &best.decision, &measure.model, *penalty_parameter, cut)?;
         let measure = if measure.prediction.is_finite() { measure.prediction } else { unknown.measure };
-        let is_stationary = measure <= CRITICALITY_TOLERANCE * best.final_time();
+        // At the shortest final time no faster plan was looked for.
+        let is_faster_excluded = best.final_time() <= SHORTEST_FINAL_TIME;
+        let is_stationary = measure <= CRITICALITY_TOLERANCE * best.final_time() && !is_faster_excluded;
         Ok(Self { measure, is_stationary, sign_violations })
     }
 
@@ -136,8 +143,9 @@ pub(super) fn certified_impossible(input: &SolveInput, reason: Reason) -> Soluti
 
 /// The answer without motion, where the start already meets the goal.
 pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
-    let trajectory = Trajectory { time: vec![0.0], state: vec![input.maneuver.start], ..Trajectory::default() };
-    let goal_error = input.maneuver.goal_error(&input.maneuver.start);
+    let start = input.maneuver.start;
+    let trajectory = Trajectory { time: vec![0.0], state: vec![start], end_state: start, ..Trajectory::default() };
+    let goal_error = input.maneuver.goal_error(&start);
     let refinement = match input.settings.refinement {
         Refinement::Fixed => RefinementOutcome::Fixed,
         Refinement::UntilConfirmed { .. } => RefinementOutcome::WithinTolerance,
@@ -157,7 +165,7 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
     let certificate = Certificate {
         optimality: Optimality { measure: 0.0, is_stationary: true, sign_violations: 0 },
         bound: largest(&lower_bounds(input, Grid::Steps(input.settings.step_count))),
-        replay: replay_of_miss(input, &goal_error, 0),
+        replay: replay_of_miss(input, &goal_error, (0, 0)),
     };
     let motion = Motion { schedule: TorqueSchedule::empty(), trajectory, goal_error };
     let mut solution = motion.solution(input, result, Ok(certificate));
@@ -185,9 +193,14 @@ impl Motion {
         let rollout = Rollout { start: &start, schedule: &schedule, step_count };
         let mut trajectory = simulator.trajectory(&rollout, ContactMethod::Exact, cut)?;
         trajectory.move_states_by(input.maneuver.reference_point.offset(parameters));
-        let end = trajectory.state[trajectory.state.len() - 1];
-        let goal_error = input.maneuver.goal_error(&end);
+        let goal_error = input.maneuver.goal_error(&trajectory.end_state);
         Ok(Self { schedule, trajectory, goal_error })
+    }
+
+    /// Whether every contact carries its least load.
+    fn keeps_limits(&self, input: &SolveInput) -> bool {
+        let least = input.maneuver.limits.least_normal_loads(&input.robot);
+        self.trajectory.normal_loads().all(|load| load.share >= least[load.contact as usize] - NORMAL_LOAD_TOLERANCE)
     }
 
     /// The answer; its certificate may have been cut off.
@@ -207,7 +220,7 @@ impl Motion {
         let keeps_law = self.trajectory.worst_contact_residual <= CONTACT_RESIDUAL_TOLERANCE;
         let status = if !meets_goal {
             Status::NotConverged
-        } else if optimality.is_stationary && keeps_law && separations.is_empty() {
+        } else if optimality.is_stationary && keeps_law && separations.is_empty() && self.keeps_limits(input) {
             Status::Converged
         } else {
             Status::Feasible
@@ -234,6 +247,7 @@ impl Motion {
                 lower_bound: bound.map(|bound| bound.time.min(LONGEST_FINAL_TIME)),
                 lower_bound_assumption: bound.map(|bound| bound.assumption),
                 separations,
+                least_normal_load: self.trajectory.normal_loads().min_by(|a, b| a.share.total_cmp(&b.share)),
                 indeterminate_steps: self.trajectory.indeterminate_steps,
                 slip_reversals: self.trajectory.slip_reversals(),
                 switching_sign_violations: optimality.sign_violations,
@@ -258,23 +272,42 @@ pub(super) fn replay(
     let parameters = input.robot.parameters();
     let start = input.maneuver.start_at_center_of_mass(parameters);
     let fine = Rollout { start: &start, schedule, step_count: REPLAY_REFINEMENT * step_count };
-    let end = simulator.end_state(&fine, stop)?.moved_by(input.maneuver.reference_point.offset(parameters));
+    let (end, separations) = simulator.end_state_and_separations(&fine, stop)?;
+    let end = simulator.end_frame(&fine, input.maneuver.reference_point.offset(parameters)).state(&end);
     let miss = input.maneuver.goal_error(&end).map(finite_or_largest);
-    Ok(replay_of_miss(input, &miss, fine.step_count))
+    Ok(replay_of_miss(input, &miss, (fine.step_count, separations)))
 }
 
 /// The replay whose end misses the goal by `miss`.
-fn replay_of_miss(input: &SolveInput, miss: &SVector<f64, { State::LEN }>, step_count: usize) -> Replay {
-    let of = |component: StateComponent| miss[component.index()];
-    let miss_position = finite_or_largest(of(StateComponent::X).hypot(of(StateComponent::Y)));
-    let miss_heading = of(StateComponent::Heading).abs();
-    Replay {
+fn replay_of_miss(
+    input: &SolveInput,
+    miss: &SVector<f64, { State::LEN }>,
+    (step_count, separations): (usize, usize),
+) -> Replay {
+    let of = |component: StateComponent| miss[component.index()].abs();
+    let distance = |x, y| finite_or_largest(of(x).hypot(of(y)));
+    let wheel_rate = of(StateComponent::WheelRateLeft).max(of(StateComponent::WheelRateRight));
+    let mut replay = Replay {
         step_count,
-        miss_position,
-        miss_heading,
-        miss_speed: finite_or_largest(of(StateComponent::VelocityX).hypot(of(StateComponent::VelocityY))),
-        within_tolerance: miss_position <= input.settings.replay_tolerance_position
-            && miss_heading <= input.settings.replay_tolerance_heading,
+        miss_position: distance(StateComponent::X, StateComponent::Y),
+        miss_heading: of(StateComponent::Heading),
+        miss_speed: distance(StateComponent::VelocityX, StateComponent::VelocityY),
+        miss_yaw_rate: of(StateComponent::YawRate),
+        miss_wheel_speed: finite_or_largest(input.robot.parameters().wheel_radius * wheel_rate),
+        separations,
+        within_tolerance: false,
+    };
+    replay.within_tolerance = replay.relative_miss(&input.settings) <= 1.0 && separations == 0;
+    replay
+}
+
+impl Replay {
+    /// The largest miss in units of its tolerance.
+    pub(super) fn relative_miss(&self, settings: &SolverSettings) -> f64 {
+        let drift = |speed: f64| REPLAY_DRIFT_TIME * speed;
+        let position = self.miss_position.max(drift(self.miss_speed)).max(drift(self.miss_wheel_speed));
+        let heading = self.miss_heading.max(drift(self.miss_yaw_rate));
+        (position / settings.replay_tolerance_position).max(heading / settings.replay_tolerance_heading)
     }
 }
 

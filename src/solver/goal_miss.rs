@@ -37,7 +37,7 @@ pub(super) fn goal_missed(
             "more `grid.steps` or a slower start",
         )
     } else {
-        ("goal_missed", "the best plan", help(input, miss, stop_reason))
+        ("goal_missed", "the best plan", help(input, component, miss, stop_reason))
     };
     Reason {
         code,
@@ -52,7 +52,7 @@ pub(super) fn goal_missed(
 }
 
 /// What would help the search to the goal, for the most certain cause first.
-fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> &'static str {
+fn help(input: &SolveInput, component: StateComponent, miss: f64, stop_reason: StopReason) -> &'static str {
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     match stop_reason {
@@ -62,9 +62,19 @@ fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> &'static str 
             "more `grid.control_intervals`, of which there are too few for so many goal fields,"
         }
         StopReason::Finished if settings.method == Method::NelderMead => "the method `sequential_linear`",
+        StopReason::Finished if asks_for_lagging_velocity(input, component) => {
+            "a free velocity or more `grid.steps` (with restitution a rolling end lags its heading by half a step),"
+        }
         StopReason::Finished if miss.abs() <= NEAR_MISS * settings.goal_tolerance => {
             "a larger `solver.goal_tolerance` or more `grid.steps`"
         }
         StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",
     }
+}
+
+/// Whether the goal asks for a velocity on a curve that the scheme meets only up to its step.
+fn asks_for_lagging_velocity(input: &SolveInput, component: StateComponent) -> bool {
+    let is_velocity = matches!(component, StateComponent::VelocityX | StateComponent::VelocityY);
+    let turns = input.maneuver.goal.value(StateComponent::YawRate).is_some_and(|rate| rate != 0.0);
+    is_velocity && turns && input.robot.parameters().tangential_restitution > 0.0
 }

@@ -3,10 +3,11 @@
 //! Each claim is proved for the equations of motion without separation (`docs/bounds.md`); maneuvers without such a proof
 //! are left to the search.
 
-use super::largest_normal_force::{Rates, smallest_largest_normal_force};
+use super::largest_normal_force::{Rates, largest_normal_forces};
 use super::lower_bound::{Grid, LowerBound, lower_bounds};
 use super::settings::SolveInput;
 use super::solution::{LowerBoundAssumption, Reason};
+use crate::contact::ContactName;
 use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
 
 /// A normal force further below zero than this share of the weight is not rounding.
@@ -14,54 +15,69 @@ const NORMAL_FORCE_ROUNDING: f64 = 1e-9;
 
 /// Why no plan can meet the goal; none where that is not proven.
 pub(super) fn impossibility(input: &SolveInput) -> Option<Reason> {
-    start_separates(input)
+    start_unloads(input)
         .or_else(|| cannot_move(input))
         .or_else(|| takes_too_long(input))
-        .or_else(|| goal_separates(input))
+        .or_else(|| goal_unloads(input))
 }
 
-fn start_separates(input: &SolveInput) -> Option<Reason> {
+fn start_unloads(input: &SolveInput) -> Option<Reason> {
     let velocity = &input.maneuver.start.velocity;
     let wheels = velocity.wheel_rate.left + velocity.wheel_rate.right;
     let rates = Rates { yaw: (velocity.yaw_rate, velocity.yaw_rate), wheels: (wheels, wheels) };
-    separation(input, &rates, "start_separates", ("start", velocity.yaw_rate), 0.0)
+    let codes = ["start_separates", "start_below_load_share"];
+    unloaded(input, &rates, codes, ("start", velocity.yaw_rate), 0.0)
 }
 
-fn goal_separates(input: &SolveInput) -> Option<Reason> {
+fn goal_unloads(input: &SolveInput) -> Option<Reason> {
     let goal = &input.maneuver.goal;
     let yaw_rate = goal.value(StateComponent::YawRate)?;
     let wheels = goal.value(StateComponent::WheelRateLeft)? + goal.value(StateComponent::WheelRateRight)?;
     let tolerance = input.settings.goal_tolerance;
     let around = |value: f64, slack: f64| (value - slack, value + slack);
     let rates = Rates { yaw: around(yaw_rate, tolerance), wheels: around(wheels, 2.0 * tolerance) };
-    separation(input, &rates, "goal_separates", ("goal", yaw_rate), LONGEST_FINAL_TIME)
+    let codes = ["goal_separates", "goal_below_load_share"];
+    unloaded(input, &rates, codes, ("goal", yaw_rate), LONGEST_FINAL_TIME)
 }
 
-fn separation(
+/// The contact whose normal force stays furthest below what it must be; the first code where it separates, the second where
+/// it only misses its least load.
+fn unloaded(
     input: &SolveInput,
     rates: &Rates,
-    code: &'static str,
+    [separates, below_share]: [&'static str; 2],
     (end, yaw_rate): (&str, f64),
     time: f64,
 ) -> Option<Reason> {
-    let (contact, force) = smallest_largest_normal_force(&input.robot, input.maneuver.torque_limit, rates);
+    let forces = largest_normal_forces(&input.robot, input.maneuver.torque_limit, rates);
     let parameters = input.robot.parameters();
     let weight = parameters.total_mass() * parameters.gravity;
+    let least = input.maneuver.limits.least_normal_loads(&input.robot) * weight;
+    let missing = |contact: &ContactName| least[*contact as usize] - forces[*contact as usize];
+    let contact = ContactName::ALL.into_iter().max_by(|a, b| missing(a).total_cmp(&missing(b)))?;
+    if missing(&contact) <= NORMAL_FORCE_ROUNDING * weight {
+        return None;
+    }
+    let force = forces[contact as usize];
+    let is_separation = force < -NORMAL_FORCE_ROUNDING * weight;
+    let (code, limit) = if is_separation { (separates, 0.0) } else { (below_share, least[contact as usize]) };
     let field = format!("maneuver.{end}.{}", StateComponent::YawRate.field());
-    let name = match contact.as_str() {
-        "front" => "front support".to_owned(),
-        side => format!("{side} wheel"),
+    let name = match contact {
+        ContactName::Front => "front support".to_owned(),
+        ContactName::Left | ContactName::Right => format!("{} wheel", contact.as_str()),
     };
-    (force < -NORMAL_FORCE_ROUNDING * weight).then(|| Reason {
+    let (effect, help) =
+        if is_separation { ("lifts", "") } else { ("unloads", "a smaller `maneuver.limits.normal_load_share`, ") };
+    Some(Reason {
         code,
         message: format!(
-            "`{field}` is {yaw_rate}, which lifts the {name} whatever the torques: its normal force is at most {force} N, \
-             must be >= 0 N; a slower spin or a lower centre of mass helps"
+            "`{field}` is {yaw_rate}, which {effect} the {name} whatever the torques: its normal force is at most {force} N, \
+             must be >= {limit} N; {help}a slower spin or a lower centre of mass helps"
         ),
         field,
         time,
         value: force,
-        limit: 0.0,
+        limit,
     })
 }
 

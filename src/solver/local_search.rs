@@ -12,7 +12,7 @@ use crate::optimizer::{
     Budget, Constraints, Ending, Interruption, NelderMeadSettings, Problem, SequentialLinearResult,
     SequentialLinearSettings, minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{GoalScales, NORMAL_FORCE_TOLERANCE, Penalty, ShootingProblem};
+use crate::shooting::{GoalScales, NORMAL_LOAD_TOLERANCE, Penalty, ShootingProblem};
 use crate::stop::Stop;
 
 /// Least penalty parameters of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is
@@ -125,7 +125,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             penalty_parameter,
             first_radius: radius,
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
-            inequality_tolerance: NORMAL_FORCE_TOLERANCE,
+            inequality_tolerance: NORMAL_LOAD_TOLERANCE,
             smallest_prediction,
             ..SequentialLinearSettings::default()
         };
@@ -135,13 +135,12 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let mut passed = None;
         let mut report_improvement = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
-            // Within the margin a contact may already separate.
-            let has_separation = constraints.largest_inequality_violation() > 0.0;
-            if goal_error > tolerance || !has_separation {
+            let breaks_limits = constraints.largest_inequality_violation() > NORMAL_LOAD_TOLERANCE;
+            if goal_error > tolerance || !breaks_limits {
                 report(control, start, x, goal_error);
             }
-            if goal_error <= tolerance && !has_separation {
-                passed = Some(Candidate::new(x.clone(), goal_error, has_separation, goal_heading));
+            if goal_error <= tolerance && !breaks_limits {
+                passed = Some(Candidate::new(x.clone(), goal_error, breaks_limits, goal_heading));
             }
         };
         let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut report_improvement);
@@ -160,8 +159,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     fn candidate(&self, result: &SequentialLinearResult) -> Candidate {
         let goal_error = self.scales.largest_goal_error(&result.constraints.residual);
-        let has_separation = self.problem.has_separation(&result.constraints);
-        Candidate::new(result.x.clone(), goal_error, has_separation, self.goal_heading)
+        let breaks_limits = self.problem.breaks_limits(&result.constraints);
+        Candidate::new(result.x.clone(), goal_error, breaks_limits, self.goal_heading)
     }
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
@@ -177,7 +176,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let mut penalty = Penalty::new(self.problem);
         let mut value = |x: &DVector<f64>, stop: Stop| {
             let value = penalty.value(x, stop)?;
-            last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.has_separation()));
+            last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.breaks_limits()));
             Ok(value)
         };
         let mut best = last.get();
@@ -190,8 +189,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let result = minimise_by_nelder_mead(&mut value, guess, &settings, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
-        let (goal_error, has_separation) = best;
-        let candidate = Candidate::new(decision, goal_error, has_separation, self.goal_heading);
+        let (goal_error, breaks_limits) = best;
+        let candidate = Candidate::new(decision, goal_error, breaks_limits, self.goal_heading);
         self.note(&candidate);
         result.interruption.map_or(Ok(candidate), Err)
     }
@@ -216,7 +215,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let tolerance = self.settings.goal_tolerance;
         if self.best.as_ref().is_none_or(|best| candidate.is_better_than(best, tolerance)) {
             self.best = Some(candidate.clone());
-            // A decision that meets the goal with a separation is not reported.
+            // A decision that meets the goal beyond the limits is not reported.
             if candidate.goal_error > tolerance || candidate.is_feasible(tolerance) {
                 report(self.control, self.start, &candidate.decision, candidate.goal_error);
             }

@@ -58,7 +58,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopp
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
     let (mut problem, mut bound) = problem_on(input, &simulator, settings.step_count);
-    let mut result = search::search(input, &problem, control);
+    let mut result = search::search(input, &problem, (settings.step_count, settings.rollout_limit), control);
     if let Refinement::UntilConfirmed { step_limit } = settings.refinement {
         refinement::refine(input, &simulator, step_limit, control, &mut result);
         (problem, bound) = problem_on(input, &simulator, result.step_count);
@@ -79,8 +79,8 @@ fn fallback(input: &SolveInput, problem: &mut ShootingProblem, stop: Stop) -> Re
     let mut constraints = problem.constraints();
     problem.evaluate(&decision, &mut constraints, stop)?;
     let goal_error = problem.goal_scales().largest_goal_error(&constraints.residual);
-    let has_separation = problem.has_separation(&constraints);
-    let candidate = Candidate::new(decision, goal_error, has_separation, start.goal_heading);
+    let breaks_limits = problem.breaks_limits(&constraints);
+    let candidate = Candidate::new(decision, goal_error, breaks_limits, start.goal_heading);
     Ok(goal_error.is_finite().then_some(candidate))
 }
 

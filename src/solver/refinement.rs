@@ -11,7 +11,7 @@ use super::grid_problem::problem_on;
 use super::local_search::LocalSearch;
 use super::progress::PhasesOnly;
 use super::run_control::RunControl;
-use super::search::{SearchResult, fastest_first, is_distinct};
+use super::search::{SearchResult, fastest_first, is_distinct, search};
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, Replay, StopReason};
 use super::starts::starts;
@@ -73,8 +73,12 @@ struct Plan {
 
 impl Refiner<'_, '_, '_> {
     fn run(&mut self) -> RefinementOutcome {
+        let candidates = self.candidates_on_the_coarsest_grid();
+        if self.is_interrupted() {
+            return RefinementOutcome::Interrupted;
+        }
         let coarse_step_count = self.result.step_count;
-        let mut candidates = self.coarse_candidates().into_iter();
+        let mut candidates = candidates.into_iter();
         let Some(fastest) = candidates.next() else { return RefinementOutcome::NoPlan };
         // The answer where no plan can be executed; its replay belongs to the certificate.
         let Ok(fastest) = self.plan(fastest, coarse_step_count, self.control.cut()) else {
@@ -91,6 +95,23 @@ impl Refiner<'_, '_, '_> {
                 !self.is_interrupted() && self.refine_first(candidates, coarse_step_count)
             });
         if is_confirmed { RefinementOutcome::WithinTolerance } else { outcome }
+    }
+
+    /// The plans of the search, or of the same search on the coarsest finer grid that has any: on long maneuvers a step of a
+    /// coarse grid is too long for the robot to keep its course.
+    fn candidates_on_the_coarsest_grid(&mut self) -> Vec<Candidate> {
+        let mut step_count = self.result.step_count;
+        loop {
+            let candidates = self.coarse_candidates();
+            if !candidates.is_empty() || self.is_interrupted() || step_count >= self.finest() {
+                return candidates;
+            }
+            step_count = (FACTORS.1 * step_count).min(self.finest());
+            let (problem, _) = problem_on(self.input, self.simulator, step_count);
+            let left = self.input.settings.rollout_limit - self.result.rollouts;
+            let finer = search(self.input, &problem, (step_count, left), self.control);
+            self.result.follow(finer, self.input.settings.goal_tolerance);
+        }
     }
 
     fn is_interrupted(&self) -> bool {
@@ -231,7 +252,8 @@ impl Refiner<'_, '_, '_> {
     }
 
     fn next_factor(&self, plan: &Plan) -> usize {
-        let factor = (MARGIN * plan.relative_miss(self.input)).clamp(FACTORS.0 as f64, FACTORS.1 as f64).ceil();
+        let factor =
+            (MARGIN * plan.replay.relative_miss(&self.input.settings)).clamp(FACTORS.0 as f64, FACTORS.1 as f64).ceil();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8, and whole")]
         let factor = factor as usize;
         factor
@@ -239,15 +261,8 @@ impl Refiner<'_, '_, '_> {
 }
 
 impl Plan {
-    /// The replay miss in units of its tolerance.
-    fn relative_miss(&self, input: &SolveInput) -> f64 {
-        let position = self.replay.miss_position / input.settings.replay_tolerance_position;
-        let heading = self.replay.miss_heading / input.settings.replay_tolerance_heading;
-        position.max(heading)
-    }
-
     /// The steps that bring the replay within tolerance, if the miss is proportional to the step.
     fn needed_steps(&self, input: &SolveInput) -> f64 {
-        self.relative_miss(input) * self.step_count as f64
+        self.replay.relative_miss(&input.settings) * self.step_count as f64
     }
 }

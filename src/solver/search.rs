@@ -41,8 +41,31 @@ pub(super) struct SearchResult {
     pub(super) replay: Option<Replay>,
 }
 
-/// Searches from every start, then polishes the best local optima; the result does not depend on the helpers.
-pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &RunControl) -> SearchResult {
+impl SearchResult {
+    /// Adds the search of a finer grid, where this one found no plan; the better of both misses is kept.
+    pub(super) fn follow(&mut self, finer: Self, goal_tolerance: f64) {
+        let has_better = match (&finer.best, &self.best) {
+            (Some(new), Some(known)) => new.is_better_than(known, goal_tolerance),
+            (new, known) => known.is_none() && new.is_some(),
+        };
+        let (iterations, rollouts) = (self.iterations + finer.iterations, self.rollouts + finer.rollouts);
+        let starts_tried = self.starts_tried + finer.starts_tried;
+        if has_better {
+            *self = finer;
+        } else {
+            self.stop_reason = finer.stop_reason;
+        }
+        (self.iterations, self.rollouts, self.starts_tried) = (iterations, rollouts, starts_tried);
+    }
+}
+
+/// Searches on a grid from every start, then polishes the best local optima; the result does not depend on the helpers.
+pub(super) fn search(
+    input: &SolveInput,
+    problem: &ShootingProblem,
+    (step_count, rollout_limit): (usize, u64),
+    control: &RunControl,
+) -> SearchResult {
     let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
     let progress = BestProgress::new(control, settings.goal_tolerance);
     let parts_of = |rollout_limit: u64, count: usize, run: &RunPart| {
@@ -53,7 +76,7 @@ pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &Ru
     let mut optima: Vec<Candidate> = Vec::new();
     for block in starts.chunks(settings.start_count) {
         let tried = found.tried;
-        let left = settings.rollout_limit - found.rollouts;
+        let left = rollout_limit - found.rollouts;
         let more = parts_of(left, block.len(), &|index, control, rollout_limit| {
             let number = (tried + index + 1, tried + block.len());
             part(input, problem, (control, rollout_limit), |search| search.run_from(&block[index], number))
@@ -75,7 +98,7 @@ pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &Ru
         }
         let mut chosen = distinct(&optima);
         chosen.truncate(count);
-        let left = settings.rollout_limit - found.rollouts;
+        let left = rollout_limit - found.rollouts;
         let polished = parts_of(left, chosen.len(), &|index, control, rollout_limit| {
             let optimum = optima[chosen[index]].clone();
             part(input, problem, (control, rollout_limit), |search| search.polish(optimum, hop_budget))
@@ -89,7 +112,7 @@ pub(super) fn search(input: &SolveInput, problem: &ShootingProblem, control: &Ru
     SearchResult {
         best: found.best,
         stop_reason: found.interruption.map_or(StopReason::Finished, StopReason::from),
-        step_count: settings.step_count,
+        step_count,
         iterations: found.iterations,
         rollouts: found.rollouts,
         starts_tried: found.tried,

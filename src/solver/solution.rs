@@ -4,12 +4,12 @@ use nalgebra::SVector;
 
 use super::settings::Method;
 use crate::robot::State;
-use crate::simulation::{ContactModeSpan, Separation, TorqueSchedule, Trajectory};
+use crate::simulation::{ContactModeSpan, NormalLoad, Separation, TorqueSchedule, Trajectory};
 
 /// How good the plan is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
-    /// Goal met, criticality measure small, no separation, contact law kept.
+    /// Goal met within the limits, criticality measure small, contact law kept.
     Converged,
     /// Goal met, but not shown to be a local optimum: it is none, or the certificate was cut off.
     Feasible,
@@ -135,7 +135,13 @@ pub struct Replay {
     pub miss_heading: f64,
     /// Difference of its velocity, m/s.
     pub miss_speed: f64,
-    /// Whether position and heading are within the asked tolerance.
+    /// Difference of its yaw rate, rad/s.
+    pub miss_yaw_rate: f64,
+    /// Largest difference of a wheel's rim speed, m/s.
+    pub miss_wheel_speed: f64,
+    /// How often a contact separates.
+    pub separations: usize,
+    /// Whether all misses are within the asked tolerances and no contact separates.
     pub within_tolerance: bool,
 }
 
@@ -168,6 +174,8 @@ pub struct Report {
     pub lower_bound_assumption: Option<LowerBoundAssumption>,
     /// Steps in which a contact separates (negative normal force).
     pub separations: Vec<Separation>,
+    /// The smallest normal force on the way; none without motion.
+    pub least_normal_load: Option<NormalLoad>,
     /// Steps whose friction problem has several solutions.
     pub indeterminate_steps: usize,
     /// Slip reversals, where derivatives are wrong.

@@ -58,7 +58,7 @@ fn replaying_the_plan_reproduces_its_goal_error() {
     let rollout = Rollout { start: &start, schedule: &solution.schedule, step_count: input.settings.step_count };
     let trajectory =
         Simulator::new(&input.robot).trajectory(&rollout, ContactMethod::FixedPoint, Stop::never()).unwrap();
-    let error = input.maneuver.goal_error(trajectory.state.last().unwrap());
+    let error = input.maneuver.goal_error(&trajectory.end_state);
     // The paper's contact solver ends where the exact one does, but for its slow convergence at the edges between
     // sticking and sliding, where an optimal plan has many of its steps; wheel rates magnify that by 1 / R.
     let difference = (error - solution.goal_error).amax();

@@ -170,6 +170,13 @@ fn beyond_the_limits_kinds() -> Vec<Case> {
             ask_rest_at(case, 0.0, 5.0, 0.0);
             ask(case, YawRate, 100.0);
         }),
+        case("a start that unloads a wheel", "start_below_load_share", "maneuver.start.yaw_rate_rad_s", |case| {
+            without_friction(case);
+            without_torque(case);
+            case.maneuver.start.velocity.yaw_rate = 60.0;
+            case.maneuver.limits.normal_load_share = 0.3;
+            ask(case, Y, 5.0);
+        }),
     ]
 }
 

@@ -30,11 +30,11 @@ async fn full_answer_has_every_field_of_the_contract() {
     let answer = server().await.post("/solve", r#"{"maneuver": {"goal": {"y_m": 5}}}"#).await;
     assert_eq!((answer.status, answer.header("content-type")), (200, "application/json"));
     let answer = answer.json();
-    let expected = "status stop_reason replay_confirmed reason final_time_s torque_schedule contact_modes goal_error \
+    let expected = "status stop_reason replay_confirmed reason final_time_s torque_schedule contact_modes end_state goal_error \
                     trajectory contacts report applied_limits solver_version input_hash";
     assert_eq!(keys(&answer), sorted(expected.split_whitespace().collect()));
     let expected = "method steps control_intervals iterations rollouts solve_time_s starts_tried distinct_optima \
-                    worst_contact_residual predicted_decrease_s lower_bound_s lower_bound_assumption separations \
+                    worst_contact_residual predicted_decrease_s lower_bound_s lower_bound_assumption separations least_normal_load \
                     indeterminate_steps slip_reversals switching_sign_violations replay refinement";
     assert_eq!(keys(&answer["report"]), sorted(expected.split_whitespace().collect()));
     let expected = "x_m y_m heading_rad velocity_x_m_s velocity_y_m_s yaw_rate_rad_s wheel_rate_left_rad_s \
@@ -150,7 +150,7 @@ async fn simulation_answers_with_trajectory_and_contacts() {
     });
     let answer = server.post("/simulate", body.to_string()).await;
     assert_eq!(answer.status, 200, "{}", answer.text());
-    let expected = "trajectory contacts contact_modes separations worst_contact_residual indeterminate_steps \
+    let expected = "end_state trajectory contacts contact_modes separations worst_contact_residual indeterminate_steps \
                     slip_reversals";
     assert_eq!(keys(&answer.json()), sorted(expected.split_whitespace().collect()));
 }

@@ -13,7 +13,6 @@ use slipdrive::contract::Problem;
 use slipdrive::jobs::simulate::Simulate;
 use slipdrive::jobs::solve::{AcceptedSolve, Solve};
 use slipdrive::jobs::{Kind as _, Limits};
-use slipdrive::robot::State;
 use slipdrive::simulation::TorqueSchedule;
 use slipdrive::solver::{Simulation, simulate};
 use slipdrive::stop::Stop;
@@ -108,8 +107,7 @@ impl Case {
 
     /// Largest magnitude of the goal errors at the end of a simulation (m, rad, m/s, rad/s).
     pub(crate) fn largest_goal_error(&self, simulation: &Simulation) -> f64 {
-        let end: &State = simulation.trajectory.state.last().expect("a trajectory has a first node");
-        self.accepted.input.maneuver.goal_error(end).amax()
+        self.accepted.input.maneuver.goal_error(&simulation.trajectory.end_state).amax()
     }
 }
 

@@ -42,6 +42,7 @@ pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message
         final_time_s: schedule.final_time,
         torque_schedule: Some(schedule.into()),
         contact_modes: contact_modes.iter().map(Into::into).collect(),
+        end_state: Some((&trajectory.end_state).into()),
         goal_error: Some(goal_error(error, &accepted.input.maneuver.goal)),
         trajectory: is_full.then(|| trajectory.into()),
         contacts: is_full.then(|| contacts(&trajectory.contact)),
@@ -99,6 +100,7 @@ fn report(report: &Report, solve_time_s: f64) -> message::Report {
         lower_bound,
         lower_bound_assumption,
         separations,
+        least_normal_load: given_load,
         indeterminate_steps,
         slip_reversals,
         switching_sign_violations,
@@ -120,6 +122,7 @@ fn report(report: &Report, solve_time_s: f64) -> message::Report {
             .map_or(message::LowerBoundAssumption::Unspecified, Into::into)
             .into(),
         separations: separations.iter().map(Into::into).collect(),
+        least_normal_load: given_load.as_ref().map(Into::into),
         indeterminate_steps: count(*indeterminate_steps),
         slip_reversals: count(*slip_reversals),
         switching_sign_violations: count(*switching_sign_violations),
@@ -134,12 +137,24 @@ fn optimum(optimum: &DistinctOptimum) -> message::DistinctOptimum {
 }
 
 fn replay(replay: &Replay) -> message::Replay {
-    let Replay { step_count, miss_position, miss_heading, miss_speed, within_tolerance } = *replay;
+    let Replay {
+        step_count,
+        miss_position,
+        miss_heading,
+        miss_speed,
+        miss_yaw_rate,
+        miss_wheel_speed,
+        separations,
+        within_tolerance,
+    } = *replay;
     message::Replay {
         steps: count(step_count),
         miss_m: miss_position,
         miss_heading_rad: miss_heading,
         miss_speed_m_s: miss_speed,
+        miss_yaw_rate_rad_s: miss_yaw_rate,
+        miss_wheel_speed_m_s: miss_wheel_speed,
+        separations: count(separations),
         within_tolerance,
     }
 }

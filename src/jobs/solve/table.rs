@@ -48,8 +48,12 @@ fn final_time(schedule: &TorqueSchedule, report: &Report) -> String {
 }
 
 fn replay_miss(replay: &Replay) -> String {
-    let Replay { step_count, miss_position, miss_heading, miss_speed, within_tolerance } = replay;
-    let verdict = if *within_tolerance { "within tolerance" } else { "above tolerance" };
+    let Replay { step_count, miss_position, miss_heading, miss_speed, separations, within_tolerance, .. } = replay;
+    let verdict = match (within_tolerance, separations) {
+        (true, _) => "within tolerance",
+        (false, 0) => "above tolerance",
+        (false, _) => "a contact separates",
+    };
     format!("{miss_position:.2e} m, {miss_heading:.2e} rad, {miss_speed:.2e} m/s on {step_count} steps: {verdict}")
 }
 
@@ -64,6 +68,9 @@ mod tests {
             miss_position: 2e-4,
             miss_heading: 0.0,
             miss_speed: 1e-3,
+            miss_yaw_rate: 0.0,
+            miss_wheel_speed: 0.0,
+            separations: 0,
             within_tolerance: true,
         };
         assert_eq!(replay_miss(&replay), "2.00e-4 m, 0.00e0 rad, 1.00e-3 m/s on 3200 steps: within tolerance");

@@ -65,6 +65,7 @@ fn small_report() -> Report {
         lower_bound: Some(1.0),
         lower_bound_assumption: Some(LowerBoundAssumption::Friction),
         separations: Vec::new(),
+        least_normal_load: None,
         indeterminate_steps: 0,
         slip_reversals: 0,
         switching_sign_violations: 0,
@@ -73,6 +74,9 @@ fn small_report() -> Report {
             miss_position: 0.0,
             miss_heading: 0.0,
             miss_speed: 0.0,
+            miss_yaw_rate: 0.0,
+            miss_wheel_speed: 0.0,
+            separations: 0,
             within_tolerance: true,
         }),
     }

@@ -78,7 +78,12 @@ fn maneuver(maneuver: &Value) -> pb::Maneuver {
         goal: present(&maneuver["goal"]).map(goal),
         torque_limit_left_n_m: maneuver["torque_limit_left_n_m"].as_f64(),
         torque_limit_right_n_m: maneuver["torque_limit_right_n_m"].as_f64(),
+        limits: present(&maneuver["limits"]).map(limits),
     }
+}
+
+fn limits(limits: &Value) -> pb::ManeuverLimits {
+    pb::ManeuverLimits { normal_load_share: limits["normal_load_share"].as_f64() }
 }
 
 fn state(state: &Value) -> pb::State {

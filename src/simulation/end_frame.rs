@@ -1,0 +1,73 @@
+//! The end state as goals are judged: in the frame in which the scheme rolls.
+//!
+//! A step keeps the contact law at the heading of its midpoint. A robot that rolls exactly therefore ends with a velocity that
+//! lags its heading by `omega_E dt / 2`, and a goal at speed on a curve would ask for a slip of that size. So the velocity of
+//! the chassis centre of mass is turned by that angle before it is moved to the reference point. With restitution the law
+//! mixes the velocities at both ends of the step and no frame rolls: the velocity stays as it is.
+
+use nalgebra::Vector2;
+
+use super::rollout::{Rollout, Simulator};
+use super::sensitivity::EndDerivative;
+use crate::robot::State;
+
+/// The frame of the end of one rollout.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EndFrame {
+    /// Turn of the velocity per yaw rate: half a step, s; 0 with restitution.
+    turn_time: f64,
+    /// Its derivative by the final time.
+    turn_time_by_final_time: f64,
+    /// From the chassis centre of mass to the reference point, in the body frame (right, forward), m.
+    offset: Vector2<f64>,
+}
+
+impl Simulator {
+    /// The frame of the end of a rollout, for a reference point `offset` away from the chassis centre of mass.
+    pub fn end_frame(&self, rollout: &Rollout, offset: Vector2<f64>) -> EndFrame {
+        let rolls = self.robot().parameters().tangential_restitution == 0.0;
+        let turn_time_by_final_time = if rolls { 0.5 / rollout.step_count as f64 } else { 0.0 };
+        EndFrame { turn_time: turn_time_by_final_time * rollout.schedule.final_time, turn_time_by_final_time, offset }
+    }
+}
+
+impl EndFrame {
+    /// The end state at the reference point, from that of the scheme at the chassis centre of mass.
+    pub fn state(&self, end: &State) -> State {
+        let (sin, cos) = (self.turn_time * end.velocity.yaw_rate).sin_cos();
+        let mut turned = *end;
+        turned.velocity.x = cos * end.velocity.x - sin * end.velocity.y;
+        turned.velocity.y = sin * end.velocity.x + cos * end.velocity.y;
+        turned.moved_by(self.offset)
+    }
+
+    /// Derivative of [`EndFrame::state`] along a derivative of the scheme's end state.
+    pub fn derivative(&self, derivative: &EndDerivative, end: &State) -> EndDerivative {
+        self.along(derivative, end, self.turn_time * derivative[7])
+    }
+
+    /// As [`EndFrame::derivative`] by the final time, which also changes the step.
+    pub fn derivative_by_final_time(&self, derivative: &EndDerivative, end: &State) -> EndDerivative {
+        let turn = self.turn_time * derivative[7] + self.turn_time_by_final_time * end.velocity.yaw_rate;
+        self.along(derivative, end, turn)
+    }
+
+    /// With the derivative of the turn.
+    fn along(&self, derivative: &EndDerivative, end: &State, by_turn: f64) -> EndDerivative {
+        let (sin, cos) = (self.turn_time * end.velocity.yaw_rate).sin_cos();
+        let turned_x = cos * end.velocity.x - sin * end.velocity.y;
+        let turned_y = sin * end.velocity.x + cos * end.velocity.y;
+        let mut moved = *derivative;
+        moved[5] = cos * derivative[5] - sin * derivative[6] - turned_y * by_turn;
+        moved[6] = sin * derivative[5] + cos * derivative[6] + turned_x * by_turn;
+
+        let (sin, cos) = end.configuration.heading.sin_cos();
+        let arm = Vector2::new(cos * self.offset.x - sin * self.offset.y, sin * self.offset.x + cos * self.offset.y);
+        let (heading, yaw_rate) = (derivative[2], derivative[7]);
+        moved[0] -= arm.y * heading;
+        moved[1] += arm.x * heading;
+        moved[5] -= arm.y * yaw_rate + arm.x * heading * end.velocity.yaw_rate;
+        moved[6] += arm.x * yaw_rate - arm.y * heading * end.velocity.yaw_rate;
+        moved
+    }
+}
