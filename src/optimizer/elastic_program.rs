@@ -1,7 +1,4 @@
-//! The data of an elastic linear program, and how its columns are numbered.
-//!
-//! Column j < n is variable j; then come m slacks above and m slacks below: `matrix x - above + below = target`. Both
-//! slacks of an equation are penalised; of an inequality only the one above.
+//! The data of an elastic linear program and its solution.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,6 +9,8 @@ pub struct ElasticProgram<'a> {
     pub matrix: &'a DMatrix<f64>,
     /// m.
     pub target: &'a DVector<f64>,
+    /// Names of the rows, ascending, by which a solver knows them again in its next program.
+    pub row_name: &'a [usize],
     /// The first rows are equations, `matrix x = target`; the others are inequalities, `matrix x <= target`.
     pub equation_count: usize,
     /// n.
@@ -44,31 +43,15 @@ impl ElasticProgram<'_> {
         self.cost.dot(x) + self.penalty_parameter * violation_sum(&(self.matrix * x - self.target), self.equation_count)
     }
 
-    pub(super) fn column_cost(&self, column: usize) -> f64 {
-        let (rows, columns) = self.matrix.shape();
-        if column < columns {
-            self.cost[column]
-        } else if column < columns + rows + self.equation_count {
-            self.penalty_parameter
-        } else {
-            0.0
-        }
+    /// Bounds of a row's multiplier: the slopes of its penalty on either side.
+    pub(super) fn multiplier_bounds(&self, row: usize) -> (f64, f64) {
+        let low = if row < self.equation_count { -self.penalty_parameter } else { 0.0 };
+        (low, self.penalty_parameter)
     }
 
-    pub(super) fn bounds(&self, column: usize) -> (f64, f64) {
-        if column < self.cost.len() { (self.lower[column], self.upper[column]) } else { (0.0, f64::INFINITY) }
-    }
-
-    /// The row of a slack.
-    pub(super) fn slack_row(&self, column: usize) -> usize {
-        let (rows, columns) = self.matrix.shape();
-        (column - columns) % rows
-    }
-
-    /// Coefficient of a slack in its row.
-    pub(super) fn slack_sign(&self, column: usize) -> f64 {
-        let (rows, columns) = self.matrix.shape();
-        if column < columns + rows { -1.0 } else { 1.0 }
+    /// How far a variable can move.
+    pub(super) fn width(&self, column: usize) -> f64 {
+        self.upper[column] - self.lower[column]
     }
 }
 

@@ -73,6 +73,12 @@ impl Linearisation {
         Self { constraints, working_set: Vec::new(), jacobian }
     }
 
+    /// A name of each row that stays when the working set changes.
+    pub fn row_names(&self) -> Vec<usize> {
+        let residuals = self.constraints.residual.len();
+        (0..residuals).chain(self.working_set.iter().map(|index| residuals + index)).collect()
+    }
+
     /// The values of the rows at any point.
     pub fn rows_of(&self, constraints: &Constraints) -> DVector<f64> {
         let inequalities = self.working_set.iter().map(|&index| constraints.inequality[index]);

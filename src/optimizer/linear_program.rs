@@ -1,98 +1,120 @@
-//! Elastic linear programs with few rows and many boxed variables, by the bounded-variable primal simplex method (Dantzig
-//! 1955).
+//! Elastic linear programs with boxed variables, by a dual simplex with long steps that begins where the last program ended.
 //!
 //! ```text
 //! minimise    cost' x + penalty_parameter (violations of equations and inequalities)
 //! subject to  lower <= x <= upper,  lower <= 0 <= upper
 //! ```
 //!
-//! Each row gets two slacks, `matrix x - above + below = target`, so the simplex starts at x = 0 without a first phase,
-//! and variables without a gain stay at 0. With m rows (8 for a maneuver) an iteration costs m n for pricing and m^2
-//! for the basis, of which the inverse is kept explicitly; a variable that goes from bound to bound costs no pivot. On this
-//! shape it is much faster than a general solver (`benches/linear_program.rs`).
+//! Its dual maximises a concave piecewise linear function of one multiplier per row,
 //!
-//! The entering column has the largest reduced cost (Dantzig), or after many steps of length zero the lowest index (Bland
-//! 1977); the leaving one is chosen by Harris's (1973) ratio test in two passes.
+//! ```text
+//! D(multiplier) = -multiplier' target + sum_j min over the box of gradient_j x_j,    gradient = cost + matrix' multiplier
+//! ```
+//!
+//! in a box too: an equation's multiplier lies within the penalty parameter, an inequality's between 0 and it. A vertex of
+//! the dual has k *tight* rows, whose multipliers are inside their box, and k *basic* variables, whose gradient is zero; all
+//! other variables rest at the bound that their gradient's sign chooses. So every choice of rows and variables with a regular
+//! k x k matrix is a vertex, and the last program's choice is a good start for the next one, whatever has changed (a warm start). One
+//! iteration takes a basic variable or a row that contradicts its place and moves the multipliers along the edge that frees
+//! it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
+//! Method", 2003). Rows that stay slack cost no more than a scalar product.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
 use crate::stop::{Stop, Stopped};
 
-/// Reduced costs closer to zero are rounding of the multipliers.
-const REDUCED_COST_TOLERANCE: f64 = 1e-11;
-/// How far a basic variable may pass its bound within one ratio test.
-const BOUND_TOLERANCE: f64 = 1e-9;
-/// Iterations without progress after which the entering column is chosen by Bland's rule, the lowest index, against
-/// cycling.
+/// Gradients closer to zero are rounding of the multipliers.
+const GRADIENT_TOLERANCE: f64 = 1e-11;
+/// The objective may exceed that of staying by this share of the largest penalty, its own rounding.
+const ROUNDING: f64 = 1e-13;
+/// Violations below this share of a variable's or row's range are rounding.
+const VIOLATION_TOLERANCE: f64 = 1e-10;
+/// Multipliers may pass their box by this share of the penalty parameter.
+const MULTIPLIER_TOLERANCE: f64 = 1e-9;
+/// Pivots below this share of what the rows can change at all would make the basis singular to rounding: rows are dependent
+/// when a plan ends sticking.
+const PIVOT_TOLERANCE: f64 = 1e-9;
+/// Rows of a warm start whose pivot falls below this share of the largest entry are dependent.
+const DEPENDENT: f64 = 1e-7;
+/// Kinks this close together, as a share of the step, are one: the largest pivot of them is taken (Harris 1973).
+const SAME_STEP: f64 = 1e-9;
+/// Iterations without progress after which the first violation is taken instead of the largest (Bland 1977), against cycling.
 const STALL_LIMIT: usize = 50;
 /// Iterations per variable and row after which the simplex gives up.
-const ITERATION_FACTOR: usize = 50;
+const ITERATION_FACTOR: usize = 20;
 
-/// Safeguards against rounding. Rows are dependent when a plan ends sticking, and about one program in twenty thousand then
-/// needs the strict ones.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Safeguards {
-    #[default]
-    Usual,
-    Strict,
-}
-
-impl Safeguards {
-    /// Pivots smaller than this share of the largest entry of their column would amplify rounding too much.
-    const fn pivot_tolerance(self) -> f64 {
-        match self {
-            Self::Usual => 1e-7,
-            Self::Strict => 1e-5,
-        }
-    }
-
-    /// Pivots after which the basis is inverted afresh.
-    const fn inversion_period(self) -> usize {
-        match self {
-            Self::Usual => 20,
-            Self::Strict => 1,
-        }
-    }
-}
-
-/// Memory of the simplex, reusable between programs of one shape.
+/// Memory of the simplex: the vertex of the last program, from which the next one begins.
 #[derive(Debug, Clone, Default)]
 pub struct ElasticSolver {
-    /// Status per column (n structural, m above, m below).
-    status: Vec<VariableStatus>,
-    /// Column of each basic position.
-    basis: Vec<usize>,
-    basis_value: Vec<f64>,
+    /// Names and places of the last program's rows, names ascending.
+    known: Vec<(usize, RowPlace)>,
+    place: Vec<RowPlace>,
+    /// Tight rows and basic variables, as many of each.
+    tight: Vec<usize>,
+    basic: Vec<usize>,
+    is_basic: Vec<bool>,
+    /// Where each variable that is not basic rests.
+    rest: Vec<Rest>,
+    /// Inverse of the basic columns of the tight rows: a row per basic variable, a column per tight row.
     inverse: DMatrix<f64>,
+    /// Per row: multiplier, its change along the edge, the row's value, its range.
     multiplier: DVector<f64>,
     direction: DVector<f64>,
-    pivots_since_inversion: usize,
-    /// (descent, column)
-    candidates: Vec<(f64, usize)>,
-    safeguards: Safeguards,
+    value: DVector<f64>,
+    range: DVector<f64>,
+    /// The transposed matrix: a contiguous column per row of the program.
+    by_row: DMatrix<f64>,
+    /// Per variable: gradient, its change along the edge, the variable's value.
+    gradient: DVector<f64>,
+    slope: DVector<f64>,
+    x: DVector<f64>,
+    kinks: Vec<Kink>,
+}
+
+/// Where the multiplier of a row is: at its lower bound, inside its box, or at its upper bound.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum RowPlace {
+    Low,
+    Tight,
+    High,
+}
+
+/// Where a variable rests: its gradient's sign decides, and without a gradient it stays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rest {
+    Lower,
+    Zero,
+    Upper,
+}
+
+/// What leaves its place.
+#[derive(Debug, Clone, Copy)]
+enum Leaving {
+    /// The basic variable at this position, and the sign that its gradient takes.
+    Basic { position: usize, sign: f64 },
+    /// A row at a bound of its multiplier, and the sign in which that moves.
+    Row { row: usize, sign: f64 },
+}
+
+/// A kink of D along the edge.
+#[derive(Debug, Clone, Copy)]
+struct Kink {
+    step: f64,
+    /// By how much the slope of D falls; infinite where the edge ends.
+    fall: f64,
+    pivot: f64,
+    at: KinkAt,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum VariableStatus {
-    /// Nonbasic at 0, where it started: between its bounds, free to move either way.
-    Zero,
-    Lower,
-    Upper,
-    Basic,
-}
-
-/// A column that improves the objective, and the direction in which it moves.
-struct Entering {
-    column: usize,
-    sign: f64,
-}
-
-enum Blocking {
-    /// The entering column reaches its other bound first.
+enum KinkAt {
+    /// The gradient of a variable passes zero.
+    Variable(usize),
+    /// The multiplier of the tight row at this position reaches a bound.
+    Tight(usize),
+    /// The multiplier of the leaving row reaches its other bound.
     OtherBound,
-    /// A basic position reaches a bound.
-    Position { index: usize, at: VariableStatus },
 }
 
 impl ElasticSolver {
@@ -104,297 +126,383 @@ impl ElasticSolver {
     /// Solves a program; at least as good as x = 0.
     ///
     /// # Errors
-    /// When it was stopped: programs of thousands of variables take many milliseconds.
+    /// When it was stopped: programs of hundreds of rows take many milliseconds.
     pub fn solve(&mut self, program: &ElasticProgram, stop: Stop) -> Result<ElasticSolution, Stopped> {
         let staying = program.penalty_parameter * violation_sum(&-program.target, program.equation_count);
         let mut iterations = 0;
-        for safeguards in [Safeguards::Usual, Safeguards::Strict] {
-            let mut solution = self.solve_with(program, safeguards, stop)?;
-            iterations += solution.iterations;
-            solution.iterations = iterations;
-            if solution.objective <= staying {
-                return Ok(solution);
+        for begin in [Self::begin_warm, Self::begin_cold] {
+            self.prepare(program);
+            begin(self, program);
+            if self.climb(program, &mut iterations, stop)? {
+                let objective = program.objective(&self.x);
+                let rounding = ROUNDING * program.penalty_parameter * self.range.amax();
+                if objective <= staying + rounding {
+                    self.remember(program);
+                    return Ok(ElasticSolution {
+                        x: self.x.clone(),
+                        multiplier: -&self.multiplier,
+                        objective,
+                        iterations,
+                    });
+                }
             }
         }
         // Singular to rounding, or not finite.
+        self.known.clear();
         let (rows, columns) = program.matrix.shape();
         let (x, multiplier) = (DVector::zeros(columns), DVector::zeros(rows));
         Ok(ElasticSolution { x, multiplier, objective: staying, iterations })
     }
 
-    fn solve_with(
-        &mut self,
-        program: &ElasticProgram,
-        safeguards: Safeguards,
-        stop: Stop,
-    ) -> Result<ElasticSolution, Stopped> {
-        self.safeguards = safeguards;
-        self.start(program);
-        self.update_multipliers(program);
+    /// Sizes the memory and computes the ranges of the rows.
+    fn prepare(&mut self, program: &ElasticProgram) {
         let (rows, columns) = program.matrix.shape();
-        let mut stalled = 0;
-        let mut iterations = 0;
-        while iterations < ITERATION_FACTOR * (rows + columns) {
-            self.list_candidates(program);
-            if stalled >= STALL_LIMIT {
-                // Bland's rule for the entering column.
-                self.candidates.sort_unstable_by_key(|(_, column)| *column);
-                self.candidates.truncate(1);
+        for (vector, len) in [
+            (&mut self.multiplier, rows),
+            (&mut self.direction, rows),
+            (&mut self.value, rows),
+            (&mut self.range, rows),
+            (&mut self.gradient, columns),
+            (&mut self.slope, columns),
+            (&mut self.x, columns),
+        ] {
+            vector.resize_vertically_mut(len, 0.0);
+        }
+        self.by_row = program.matrix.transpose();
+        self.range.fill(0.0);
+        for (column, width) in program.matrix.column_iter().zip((program.upper - program.lower).iter()) {
+            for (range, coefficient) in self.range.iter_mut().zip(column.iter()) {
+                *range += coefficient.abs() * width;
             }
-            stop.check()?;
-            if self.candidates.is_empty() {
+        }
+        self.is_basic.clear();
+        self.is_basic.resize(columns, false);
+        self.rest.clear();
+        self.rest.resize(columns, Rest::Zero);
+    }
+
+    /// All rows violated or slack as at x = 0.
+    fn begin_cold(&mut self, program: &ElasticProgram) {
+        self.tight.clear();
+        self.basic.clear();
+        self.place.clear();
+        self.place
+            .extend(program.target.iter().map(|target| if *target < 0.0 { RowPlace::High } else { RowPlace::Low }));
+    }
+
+    /// The rows and variables of the last program, as far as they are there and independent.
+    fn begin_warm(&mut self, program: &ElasticProgram) {
+        let basic = std::mem::take(&mut self.basic);
+        self.begin_cold(program);
+        let mut candidates = Vec::new();
+        for (row, name) in program.row_name.iter().enumerate() {
+            let Ok(known) = self.known.binary_search_by_key(name, |(name, _)| *name) else { continue };
+            match self.known[known].1 {
+                RowPlace::Tight => candidates.push(row),
+                place @ (RowPlace::Low | RowPlace::High) => self.place[row] = place,
+            }
+        }
+        let columns = program.cost.len();
+        let is_free = |column: &usize| *column < columns && program.width(*column) > 0.0;
+        let columns = basic.into_iter().filter(is_free).collect();
+        self.pair(program, candidates, columns);
+    }
+
+    /// Makes rows tight and variables basic, pair by pair with complete pivoting, while they are independent.
+    fn pair(&mut self, program: &ElasticProgram, mut rows: Vec<usize>, mut columns: Vec<usize>) {
+        let mut rest = program.matrix.select_rows(&rows).select_columns(&columns);
+        let largest = rest.amax();
+        while !rows.is_empty() && !columns.is_empty() {
+            let (row, column) = rest.iamax_full();
+            let pivot = rest[(row, column)];
+            if pivot.abs() <= DEPENDENT * largest {
                 break;
             }
-            for candidate in 0..self.candidates.len() {
-                let column = self.candidates[candidate].1;
-                if let Some((entering, _)) = self.entering(program, column) {
-                    iterations += 1;
-                    // A basis of many rows takes milliseconds to invert.
-                    stop.check()?;
-                    let step = self.advance(program, &entering);
-                    stalled = if step > 0.0 { 0 } else { stalled + 1 };
-                }
-            }
+            let eliminated = rest.column(column) * rest.row(row) / pivot;
+            rest -= eliminated;
+            rest = rest.remove_row(row).remove_column(column);
+            let (row, column) = (rows.remove(row), columns.remove(column));
+            self.place[row] = RowPlace::Tight;
+            self.tight.push(row);
+            self.is_basic[column] = true;
+            self.basic.push(column);
         }
-        Ok(self.solution(program, iterations))
     }
 
-    /// Columns that improve the objective at the current multipliers, the largest reduced cost first (Dantzig's rule).
-    ///
-    /// A variable that goes from bound to bound changes no multiplier, so one list serves many moves; after a pivot the
-    /// reduced cost of each remaining column is computed again before it enters.
-    fn list_candidates(&mut self, program: &ElasticProgram) {
-        let mut candidates = std::mem::take(&mut self.candidates);
-        candidates.clear();
-        let improving = |column| self.entering(program, column).map(|(_, descent)| (descent, column));
-        candidates.extend((0..self.status.len()).filter_map(improving));
-        candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        self.candidates = candidates;
+    fn remember(&mut self, program: &ElasticProgram) {
+        self.known.clear();
+        self.known.extend(program.row_name.iter().copied().zip(self.place.iter().copied()));
     }
 
-    /// Sets every variable to 0; the basis consists of one slack per row.
-    fn start(&mut self, program: &ElasticProgram) {
+    /// Climbs to the maximum of D; false when the basis became singular or the iterations ran out.
+    fn climb(&mut self, program: &ElasticProgram, iterations: &mut usize, stop: Stop) -> Result<bool, Stopped> {
         let (rows, columns) = program.matrix.shape();
-        self.status.clear();
-        self.status.resize(columns + 2 * rows, VariableStatus::Zero);
-        self.basis.resize(rows, 0);
-        self.basis_value.resize(rows, 0.0);
-        self.inverse = DMatrix::zeros(rows, rows);
-        for row in 0..rows {
-            let above = columns + row;
-            let below = columns + rows + row;
-            let value = -program.target[row];
-            let (basic, resting) = if value >= 0.0 { (above, below) } else { (below, above) };
-            self.basis[row] = basic;
-            self.status[basic] = VariableStatus::Basic;
-            self.status[resting] = VariableStatus::Lower;
-            self.basis_value[row] = value.abs();
-            self.inverse[(row, row)] = program.slack_sign(basic);
-        }
-        self.pivots_since_inversion = 0;
-    }
-
-    fn resting_value(&self, program: &ElasticProgram, column: usize) -> f64 {
-        match self.status[column] {
-            VariableStatus::Zero | VariableStatus::Basic => 0.0,
-            VariableStatus::Lower => program.bounds(column).0,
-            VariableStatus::Upper => program.bounds(column).1,
-        }
-    }
-
-    /// multiplier' = (cost of the basis)' inverse.
-    fn update_multipliers(&mut self, program: &ElasticProgram) {
-        let rows = self.basis.len();
-        self.multiplier.resize_vertically_mut(rows, 0.0);
-        self.multiplier.fill(0.0);
-        for (position, &column) in self.basis.iter().enumerate() {
-            let cost = program.column_cost(column);
-            if cost != 0.0 {
-                for row in 0..rows {
-                    self.multiplier[row] += cost * self.inverse[(position, row)];
-                }
+        self.value.copy_from(program.target);
+        self.value.neg_mut();
+        self.x.fill(0.0);
+        let mut stalled = 0;
+        for _ in 0..ITERATION_FACTOR * (rows + columns) {
+            stop.check()?;
+            *iterations += 1;
+            if !self.invert(program) {
+                return Ok(false);
             }
-        }
-    }
-
-    /// The direction in which a column improves the objective, with its rate; none if it does not.
-    #[inline]
-    fn entering(&self, program: &ElasticProgram, column: usize) -> Option<(Entering, f64)> {
-        let status = self.status[column];
-        if status == VariableStatus::Basic {
-            return None;
-        }
-        let reduced_cost = self.reduced_cost(program, column);
-        let sign = match status {
-            VariableStatus::Lower | VariableStatus::Basic => 1.0,
-            VariableStatus::Upper => -1.0,
-            VariableStatus::Zero => -reduced_cost.signum(),
-        };
-        let descent = -sign * reduced_cost;
-        let entering = Entering { column, sign };
-        (descent > REDUCED_COST_TOLERANCE && self.room(program, &entering) > 0.0).then_some((entering, descent))
-    }
-
-    #[inline]
-    fn reduced_cost(&self, program: &ElasticProgram, column: usize) -> f64 {
-        let columns = program.cost.len();
-        let cost = program.column_cost(column);
-        if column < columns {
-            cost - program.matrix.column(column).dot(&self.multiplier)
-        } else {
-            cost - program.slack_sign(column) * self.multiplier[program.slack_row(column)]
-        }
-    }
-
-    /// Moves the entering column as far as the bounds allow; returns how far.
-    fn advance(&mut self, program: &ElasticProgram, entering: &Entering) -> f64 {
-        self.compute_direction(program, entering.column);
-        let (step, blocking) = self.ratio_test(program, entering);
-        for (value, change) in self.basis_value.iter_mut().zip(self.direction.iter()) {
-            *value -= entering.sign * step * change;
-        }
-        match blocking {
-            Blocking::OtherBound => {
-                self.status[entering.column] =
-                    if entering.sign > 0.0 { VariableStatus::Upper } else { VariableStatus::Lower };
+            self.update_multipliers(program);
+            if self.drop_row_beyond_box(program) {
+                continue;
             }
-            Blocking::Position { index, at } => {
-                let entering_value = self.resting_value(program, entering.column) + entering.sign * step;
-                self.status[self.basis[index]] = at;
-                self.status[entering.column] = VariableStatus::Basic;
-                self.basis[index] = entering.column;
-                self.basis_value[index] = entering_value;
-                self.pivot(program, index);
-                self.update_multipliers(program);
-            }
+            self.update_gradient(program);
+            self.update_point(program);
+            let Some(leaving) = self.leaving(program, stalled >= STALL_LIMIT) else {
+                self.x.iter_mut().enumerate().for_each(|(j, x)| *x = x.clamp(program.lower[j], program.upper[j]));
+                return Ok(true);
+            };
+            self.update_direction(program, leaving);
+            let Some(kink) = self.first_kink_without_rise(program, leaving) else { return Ok(false) };
+            stalled = if kink.step > 0.0 { 0 } else { stalled + 1 };
+            self.exchange(leaving, kink.at);
         }
-        step
+        Ok(false)
     }
 
-    /// inverse * (entering column).
-    fn compute_direction(&mut self, program: &ElasticProgram, column: usize) {
-        let (rows, columns) = program.matrix.shape();
-        self.direction.resize_vertically_mut(rows, 0.0);
-        if column < columns {
-            self.inverse.mul_to(&program.matrix.column(column), &mut self.direction);
-        } else {
-            self.direction.copy_from(&self.inverse.column(program.slack_row(column)));
-            self.direction *= program.slack_sign(column);
-        }
-    }
-
-    /// How far a column can move before its own bound.
-    fn room(&self, program: &ElasticProgram, entering: &Entering) -> f64 {
-        let (lower, upper) = program.bounds(entering.column);
-        let value = self.resting_value(program, entering.column);
-        if entering.sign > 0.0 { upper - value } else { value - lower }
-    }
-
-    /// How far the entering column can move, and what stops it.
-    ///
-    /// In two passes (Harris 1973): the first finds the step with bounds relaxed by a tolerance; of the positions that
-    /// block within that step the second takes the one with the largest pivot. Rows are dependent when a plan ends
-    /// sticking; smaller pivots would make the basis singular to rounding.
-    fn ratio_test(&self, program: &ElasticProgram, entering: &Entering) -> (f64, Blocking) {
-        let own_room = self.room(program, entering);
-        let smallest_pivot = self.safeguards.pivot_tolerance() * self.direction.amax();
-        let mut relaxed = own_room;
-        for index in 0..self.basis.len() {
-            if let Some((room, rate, _)) = self.blocking_at(program, entering, index, smallest_pivot) {
-                relaxed = relaxed.min((room + BOUND_TOLERANCE) / rate);
-            }
-        }
-        let mut step = own_room;
-        let mut blocking = Blocking::OtherBound;
-        let mut pivot = 0.0;
-        for index in 0..self.basis.len() {
-            if let Some((room, rate, at)) = self.blocking_at(program, entering, index, smallest_pivot)
-                && room / rate <= relaxed
-                && rate > pivot
-                && room / rate < own_room
-            {
-                (step, pivot) = (room / rate, rate);
-                blocking = Blocking::Position { index, at };
-            }
-        }
-        (step, blocking)
-    }
-
-    /// (room to the bound, speed towards it, the bound) of a basic position that moves.
-    ///
-    /// The room may be slightly negative: the step is then negative, so that the variable leaves the basis exactly at its
-    /// bound.
-    fn blocking_at(
-        &self,
-        program: &ElasticProgram,
-        entering: &Entering,
-        index: usize,
-        smallest_pivot: f64,
-    ) -> Option<(f64, f64, VariableStatus)> {
-        let rate = entering.sign * self.direction[index];
-        if rate.abs() <= smallest_pivot {
-            return None;
-        }
-        let (lower, upper) = program.bounds(self.basis[index]);
-        let value = self.basis_value[index];
-        let (room, at) =
-            if rate > 0.0 { (value - lower, VariableStatus::Lower) } else { (upper - value, VariableStatus::Upper) };
-        Some((room, rate.abs(), at))
-    }
-
-    /// Updates the inverse after the basis has changed at `index`.
-    fn pivot(&mut self, program: &ElasticProgram, index: usize) {
-        self.pivots_since_inversion += 1;
-        if self.pivots_since_inversion >= self.safeguards.inversion_period() && self.invert_basis(program) {
-            return;
-        }
-        let rows = self.basis.len();
-        let pivot = self.direction[index];
-        for column in 0..rows {
-            let scaled = self.inverse[(index, column)] / pivot;
-            for row in 0..rows {
-                if row != index {
-                    self.inverse[(row, column)] -= self.direction[row] * scaled;
-                }
-            }
-            self.inverse[(index, column)] = scaled;
-        }
-    }
-
-    /// Inverts the basis and recomputes its values; false when it is singular to rounding.
-    fn invert_basis(&mut self, program: &ElasticProgram) -> bool {
-        let (rows, columns) = program.matrix.shape();
-        let mut matrix = DMatrix::zeros(rows, rows);
-        for (position, &column) in self.basis.iter().enumerate() {
-            if column < columns {
-                matrix.set_column(position, &program.matrix.column(column));
-            } else {
-                matrix[(program.slack_row(column), position)] = program.slack_sign(column);
-            }
-        }
+    /// Inverts the basic columns of the tight rows; false when they are singular or not finite.
+    fn invert(&mut self, program: &ElasticProgram) -> bool {
+        let size = self.tight.len();
+        let matrix = DMatrix::from_fn(size, size, |row, column| program.matrix[(self.tight[row], self.basic[column])]);
         let Some(inverse) = matrix.try_inverse() else { return false };
         self.inverse = inverse;
-        self.pivots_since_inversion = 0;
-        let mut remaining = program.target.clone();
-        for column in 0..columns {
-            if self.status[column] != VariableStatus::Basic {
-                remaining.axpy(-self.resting_value(program, column), &program.matrix.column(column), 1.0);
-            }
+        self.inverse.iter().all(|value| value.is_finite())
+    }
+
+    /// Multipliers at their bounds, and those of the tight rows that make the gradients of the basic variables zero.
+    fn update_multipliers(&mut self, program: &ElasticProgram) {
+        for (row, place) in self.place.iter().enumerate() {
+            let (low, high) = program.multiplier_bounds(row);
+            self.multiplier[row] = match place {
+                RowPlace::Low => low,
+                RowPlace::Tight => 0.0,
+                RowPlace::High => high,
+            };
         }
-        let values = &self.inverse * remaining;
-        self.basis_value.copy_from_slice(values.as_slice());
+        let gradient = |column: &usize| program.cost[*column] + program.matrix.column(*column).dot(&self.multiplier);
+        let missing = DVector::from_iterator(self.basic.len(), self.basic.iter().map(gradient));
+        let tight = self.inverse.tr_mul(&missing);
+        for (row, multiplier) in self.tight.iter().zip(tight.iter()) {
+            self.multiplier[*row] = -multiplier;
+        }
+    }
+
+    /// Puts the tight row whose multiplier is furthest beyond its box at that bound, after a warm start; false when there is
+    /// none.
+    fn drop_row_beyond_box(&mut self, program: &ElasticProgram) -> bool {
+        let slack = MULTIPLIER_TOLERANCE * program.penalty_parameter;
+        let beyond = |position: &usize| {
+            let (low, high) = program.multiplier_bounds(self.tight[*position]);
+            let multiplier = self.multiplier[self.tight[*position]];
+            (low - multiplier).max(multiplier - high)
+        };
+        let worst = (0..self.tight.len()).max_by(|a, b| beyond(a).total_cmp(&beyond(b)));
+        let Some(position) = worst.filter(|position| beyond(position) > slack) else { return false };
+        let row = self.tight[position];
+        let is_low = self.multiplier[row] < program.multiplier_bounds(row).0;
+        let partner = self.inverse.column(position).iamax();
+        self.is_basic[self.basic.remove(partner)] = false;
+        self.tight.remove(position);
+        self.place[row] = if is_low { RowPlace::Low } else { RowPlace::High };
         true
     }
 
-    fn solution(&mut self, program: &ElasticProgram, iterations: usize) -> ElasticSolution {
-        let columns = program.cost.len();
-        let mut x = DVector::from_fn(columns, |column, _| self.resting_value(program, column));
-        for (position, &column) in self.basis.iter().enumerate() {
-            if column < columns {
-                x[column] = self.basis_value[position].clamp(program.lower[column], program.upper[column]);
+    fn update_gradient(&mut self, program: &ElasticProgram) {
+        self.gradient.copy_from(program.cost);
+        for (multiplier, coefficients) in self.multiplier.iter().zip(self.by_row.column_iter()) {
+            if *multiplier != 0.0 {
+                self.gradient.axpy(*multiplier, &coefficients, 1.0);
             }
         }
-        ElasticSolution { objective: program.objective(&x), x, multiplier: self.multiplier.clone(), iterations }
+        for column in &self.basic {
+            self.gradient[*column] = 0.0;
+        }
+    }
+
+    /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows.
+    fn update_point(&mut self, program: &ElasticProgram) {
+        for (column, coefficients) in program.matrix.column_iter().enumerate() {
+            if self.gradient[column].abs() > GRADIENT_TOLERANCE {
+                self.rest[column] = Rest::by(self.gradient[column]);
+            }
+            let x = match self.rest[column] {
+                _ if self.is_basic[column] => 0.0,
+                Rest::Lower => program.lower[column],
+                Rest::Zero => 0.0,
+                Rest::Upper => program.upper[column],
+            };
+            let change = x - self.x[column];
+            if change != 0.0 {
+                self.value.axpy(change, &coefficients, 1.0);
+                self.x[column] = x;
+            }
+        }
+        let missing = DVector::from_iterator(self.tight.len(), self.tight.iter().map(|row| self.value[*row]));
+        let basic = &self.inverse * missing;
+        for (column, x) in self.basic.iter().zip(basic.iter()) {
+            self.x[*column] = -x;
+            self.value.axpy(-x, &program.matrix.column(*column), 1.0);
+        }
+    }
+
+    /// The variable or row that contradicts its place most, as a share of its range, or the first one; none at the optimum.
+    fn leaving(&self, program: &ElasticProgram, is_first_enough: bool) -> Option<Leaving> {
+        let mut worst = VIOLATION_TOLERANCE;
+        let mut leaving = None;
+        for (position, &column) in self.basic.iter().enumerate() {
+            let below = (program.lower[column] - self.x[column]) / program.width(column);
+            let above = (self.x[column] - program.upper[column]) / program.width(column);
+            if below.max(above) > worst && !(is_first_enough && leaving.is_some()) {
+                worst = below.max(above);
+                leaving = Some(Leaving::Basic { position, sign: if below > above { 1.0 } else { -1.0 } });
+            }
+        }
+        for (row, place) in self.place.iter().enumerate() {
+            let sign = match place {
+                RowPlace::Low => 1.0,
+                RowPlace::Tight => continue,
+                RowPlace::High => -1.0,
+            };
+            let violation = sign * self.value[row] / self.range[row];
+            if violation > worst && self.range[row] > 0.0 && !(is_first_enough && leaving.is_some()) {
+                worst = violation;
+                leaving = Some(Leaving::Row { row, sign });
+            }
+        }
+        leaving
+    }
+
+    /// The change of the multipliers along the edge, and that of the gradients.
+    fn update_direction(&mut self, program: &ElasticProgram, leaving: Leaving) {
+        self.direction.fill(0.0);
+        let tight = match leaving {
+            Leaving::Basic { position, sign } => self.inverse.row(position).transpose() * sign,
+            Leaving::Row { row, sign } => {
+                self.direction[row] = sign;
+                let coefficients = self.basic.iter().map(|column| -sign * program.matrix[(row, *column)]);
+                self.inverse.tr_mul(&DVector::from_iterator(self.basic.len(), coefficients))
+            }
+        };
+        for (row, change) in self.tight.iter().zip(tight.iter()) {
+            self.direction[*row] = *change;
+        }
+        self.slope.fill(0.0);
+        for (change, coefficients) in self.direction.iter().zip(self.by_row.column_iter()) {
+            if *change != 0.0 {
+                self.slope.axpy(*change, &coefficients, 1.0);
+            }
+        }
+    }
+
+    /// The kink at which D stops to rise; none where no pivot is large enough.
+    fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
+        self.list_kinks(program, leaving);
+        let mut rise = match leaving {
+            Leaving::Basic { position, sign } => {
+                let column = self.basic[position];
+                if sign > 0.0 { program.lower[column] - self.x[column] } else { self.x[column] - program.upper[column] }
+            }
+            Leaving::Row { row, sign } => sign * self.value[row],
+        };
+        let stop = self.kinks.iter().position(|kink| {
+            rise -= kink.fall;
+            rise <= 0.0
+        })?;
+        for kink in &self.kinks[..stop] {
+            if let KinkAt::Variable(column) = kink.at {
+                self.rest[column] = Rest::by(self.slope[column]);
+            }
+        }
+        let last = self.kinks[stop];
+        let same = |kink: &&Kink| (kink.step - last.step).abs() <= SAME_STEP * last.step;
+        let near = self.kinks.iter().filter(same);
+        near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
+    }
+
+    fn list_kinks(&mut self, program: &ElasticProgram, leaving: Leaving) {
+        let mut kinks = std::mem::take(&mut self.kinks);
+        kinks.clear();
+        let total: f64 = self.direction.iter().zip(self.range.iter()).map(|(change, range)| change.abs() * range).sum();
+        let smallest = PIVOT_TOLERANCE * total;
+        for (column, (&gradient, &slope)) in self.gradient.iter().zip(self.slope.iter()).enumerate() {
+            if self.is_basic[column] || slope.abs() * program.width(column) <= smallest {
+                continue;
+            }
+            let (rest, next) = (self.rest[column], Rest::by(slope));
+            if rest != next {
+                let width = match rest {
+                    Rest::Lower | Rest::Upper => program.width(column),
+                    Rest::Zero if next == Rest::Lower => -program.lower[column],
+                    Rest::Zero => program.upper[column],
+                };
+                let is_zero = gradient.abs() <= GRADIENT_TOLERANCE;
+                let step = if is_zero { 0.0 } else { -gradient / slope };
+                let (fall, pivot) = (slope.abs() * width, slope.abs());
+                kinks.push(Kink { step, fall, pivot, at: KinkAt::Variable(column) });
+            }
+        }
+        let until = |row: usize| {
+            let (low, high) = program.multiplier_bounds(row);
+            let (at, change) = (self.multiplier[row], self.direction[row]);
+            (if change > 0.0 { high - at } else { at - low }).max(0.0) / change.abs()
+        };
+        let ends = |step: f64, pivot: f64, at: KinkAt| Kink { step, fall: f64::INFINITY, pivot, at };
+        for (position, &row) in self.tight.iter().enumerate() {
+            let pivot = self.direction[row].abs();
+            if pivot > 0.0 {
+                kinks.push(ends(until(row), pivot, KinkAt::Tight(position)));
+            }
+        }
+        if let Leaving::Row { row, .. } = leaving {
+            kinks.push(ends(until(row), 1.0, KinkAt::OtherBound));
+        }
+        kinks.sort_unstable_by(|a, b| a.step.total_cmp(&b.step).then(b.fall.total_cmp(&a.fall)));
+        self.kinks = kinks;
+    }
+
+    /// Lets one leave its place and the other take it.
+    fn exchange(&mut self, leaving: Leaving, entering: KinkAt) {
+        let side = |direction: f64| if direction > 0.0 { RowPlace::High } else { RowPlace::Low };
+        match (leaving, entering) {
+            (Leaving::Basic { position, sign }, KinkAt::Variable(column)) => {
+                self.is_basic[self.basic[position]] = false;
+                self.rest[self.basic[position]] = Rest::by(sign);
+                self.is_basic[column] = true;
+                self.basic[position] = column;
+            }
+            (Leaving::Basic { position, sign }, KinkAt::Tight(tight)) => {
+                let column = self.basic.remove(position);
+                self.is_basic[column] = false;
+                self.rest[column] = Rest::by(sign);
+                let row = self.tight.remove(tight);
+                self.place[row] = side(self.direction[row]);
+            }
+            (Leaving::Row { row, .. }, KinkAt::Variable(column)) => {
+                self.place[row] = RowPlace::Tight;
+                self.tight.push(row);
+                self.is_basic[column] = true;
+                self.basic.push(column);
+            }
+            (Leaving::Row { row, .. }, KinkAt::Tight(tight)) => {
+                let other = std::mem::replace(&mut self.tight[tight], row);
+                self.place[other] = side(self.direction[other]);
+                self.place[row] = RowPlace::Tight;
+            }
+            (Leaving::Row { row, sign }, KinkAt::OtherBound) => self.place[row] = side(sign),
+            (Leaving::Basic { .. }, KinkAt::OtherBound) => unreachable!("a basic variable has no multiplier"),
+        }
+    }
+}
+
+impl Rest {
+    /// The bound that a gradient of this sign chooses.
+    fn by(gradient: f64) -> Self {
+        if gradient > 0.0 { Self::Lower } else { Self::Upper }
     }
 }
 

@@ -307,6 +307,7 @@ impl<'a> Search<'a> {
         let program = ElasticProgram {
             matrix: &self.model.jacobian,
             target: &-self.model.rows_of(&self.model.constraints),
+            row_name: &self.model.row_names(),
             equation_count: self.equation_count(),
             cost: self.problem.cost(),
             lower: &lower,

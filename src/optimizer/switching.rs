@@ -35,6 +35,7 @@ pub fn sign_violations(
     let program = ElasticProgram {
         matrix: &model.jacobian,
         target: &-model.rows_of(&model.constraints),
+        row_name: &model.row_names(),
         equation_count: model.constraints.residual.len(),
         cost: problem.cost(),
         lower: &below.zip_map(&scale, |room, scale| room.max(-RADIUS * scale).min(0.0)),
