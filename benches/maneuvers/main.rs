@@ -4,6 +4,7 @@
 
 mod answers;
 mod arguments;
+mod draw;
 mod improve;
 mod measure;
 mod random;

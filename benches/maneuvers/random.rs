@@ -1,49 +1,15 @@
-//! Random maneuvers: fresh ones for each seed, of the same kinds as the suite's.
-//!
-//! Kinds take turns. Lengths are log-uniform (nudges and long drives count alike), angles and speeds uniform:
-//!
-//! | kind | start | goal |
-//! |---|---|---|
-//! | nudge | rest | 2 to 20 cm any way, same heading |
-//! | straight | rest | 0.2 to 20 m ahead or behind |
-//! | turn | rest | 1 deg to 180 deg in place, either way |
-//! | pose | rest | 0.3 to 5 m any way, any heading |
-//! | rolling | up to 1.5 m/s and 2 rad/s, rolling | pose |
-//! | slipping | up to 0.8 m/s each way, 2 rad/s, wheels up to 15 rad/s | pose |
-//! | passing | rest | pose, wheels and yaw of rolling at up to 1 m/s and 1 rad/s |
-//! | free | rest | pose with one freed group of components |
-//! | unequal | rest | pose, each torque limit 0.4 to 1 of the robot's |
-//! | axle | rest | pose of the axle midpoint |
-//!
-//! Passing goals leave the velocity to the wheels. A time step keeps the wheels from sliding sideways at its middle, so a
-//! plan that rolls through a turn ends with a velocity that lags its heading by half a step: asking for the velocity of
-//! exact rolling as well would ask for a slip of that size.
-
-use std::f64::consts::PI;
+//! Random maneuvers of the suite's robots: fresh ones for each seed, as `draw.rs` describes.
 
 use anyhow::Result;
-use rand::{RngExt as _, SeedableRng as _};
+use rand::SeedableRng as _;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use serde_json::{Map, Value, json};
-use slipdrive::robot::RobotParameters;
 
 use crate::arguments::RandomArguments;
-use crate::suite::{Case, RobotEntry, read_cases};
+use crate::draw::{Draw, KINDS};
+use crate::suite::{Case, read_cases};
 
 /// The robots of the acceptance; the others of the suite vary single laws.
 const ROBOTS: [&str; 6] = ["reference", "warehouse", "slippery", "grippy", "offset", "tall"];
-/// Names of the kinds, in the order in which they take turns.
-const KINDS: [&str; 10] =
-    ["nudge", "straight", "turn", "pose", "rolling", "slipping", "passing", "free", "unequal", "axle"];
-/// Groups of goal components that are freed together.
-const FREED: [&[&str]; 6] = [
-    &["heading_rad"],
-    &["x_m"],
-    &["y_m"],
-    &["wheel_rate_left_rad_s", "wheel_rate_right_rad_s"],
-    &["velocity_x_m_s", "velocity_y_m_s"],
-    &["velocity_x_m_s", "velocity_y_m_s", "yaw_rate_rad_s", "wheel_rate_left_rad_s", "wheel_rate_right_rad_s"],
-];
 
 /// The random maneuvers of a seed.
 ///
@@ -57,117 +23,13 @@ pub(crate) fn maneuvers(arguments: &RandomArguments) -> Result<Vec<Case>> {
         let prefix = format!("{name}/");
         let parameters = suite.iter().find(|case| case.name.starts_with(&prefix));
         let parameters = parameters.map(|case| *case.accepted.input.robot.parameters()).unwrap_or_default();
+        let torque_limit = robot.torque_limit();
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(arguments.seed.wrapping_mul(ROBOTS.len() as u64) + number);
         for index in 0..arguments.per_robot {
             let kind = KINDS[index % KINDS.len()];
-            let maneuver = Draw { rng: &mut rng, robot, parameters: &parameters }.maneuver(kind);
+            let maneuver = Draw { rng: &mut rng, parameters: &parameters, torque_limit }.maneuver(kind);
             cases.push(Case::new(format!("{name}/{kind}-{index}"), robot.body(maneuver))?);
         }
     }
     Ok(cases)
-}
-
-/// Draws maneuvers of one robot.
-struct Draw<'a> {
-    rng: &'a mut Xoshiro256PlusPlus,
-    robot: &'a RobotEntry,
-    parameters: &'a RobotParameters,
-}
-
-impl Draw<'_> {
-    fn maneuver(&mut self, kind: &str) -> Map<String, Value> {
-        let mut maneuver = Map::new();
-        let goal = match kind {
-            "nudge" => self.position(0.02..0.2),
-            "straight" => object(&[("y_m", self.sign() * self.log_uniform(0.2..20.0))]),
-            "turn" => object(&[("heading_rad", self.sign() * self.log_uniform(PI / 180.0..PI))]),
-            "passing" => {
-                let mut goal = self.pose();
-                let (speed, yaw_rate) = (self.within(1.0), self.within(1.0));
-                goal.extend(self.rolling(speed, yaw_rate));
-                goal.remove("velocity_y_m_s");
-                goal.insert("free".to_owned(), json!(["velocity_x_m_s", "velocity_y_m_s"]));
-                goal
-            }
-            "free" => {
-                let mut goal = self.pose();
-                let freed = FREED[self.rng.random_range(0..FREED.len())];
-                goal.retain(|field, _| !freed.contains(&field.as_str()));
-                goal.insert("free".to_owned(), json!(freed));
-                goal
-            }
-            _ => self.pose(),
-        };
-        maneuver.insert("goal".to_owned(), Value::Object(goal));
-        match kind {
-            "rolling" => {
-                let (speed, yaw_rate) = (self.within(1.5), self.within(2.0));
-                maneuver.insert("start".to_owned(), Value::Object(self.rolling(speed, yaw_rate)));
-            }
-            "slipping" => {
-                maneuver.insert("start".to_owned(), Value::Object(self.slipping()));
-            }
-            "unequal" => {
-                for field in ["torque_limit_left_n_m", "torque_limit_right_n_m"] {
-                    let limit = self.rng.random_range(0.4..1.0) * self.robot.torque_limit(field);
-                    maneuver.insert(field.to_owned(), json!(limit));
-                }
-            }
-            _ => {}
-        }
-        // Rolling is said of the axle midpoint, which has no lateral velocity then.
-        if ["rolling", "axle"].contains(&kind) {
-            maneuver.insert("reference_point".to_owned(), json!("axle_midpoint"));
-        }
-        maneuver
-    }
-
-    fn pose(&mut self) -> Map<String, Value> {
-        let mut pose = self.position(0.3..5.0);
-        pose.insert("heading_rad".to_owned(), json!(self.within(PI)));
-        pose
-    }
-
-    fn position(&mut self, distance: std::ops::Range<f64>) -> Map<String, Value> {
-        let (distance, bearing) = (self.log_uniform(distance), self.within(PI));
-        object(&[("x_m", distance * bearing.sin()), ("y_m", distance * bearing.cos())])
-    }
-
-    /// Velocities of the axle midpoint at heading 0, and of the wheels that roll along.
-    fn rolling(&self, speed: f64, yaw_rate: f64) -> Map<String, Value> {
-        let RobotParameters { wheel_radius, track_width, .. } = *self.parameters;
-        let swing = yaw_rate * track_width / 2.0;
-        object(&[
-            ("velocity_y_m_s", speed),
-            ("yaw_rate_rad_s", yaw_rate),
-            ("wheel_rate_left_rad_s", (speed - swing) / wheel_radius),
-            ("wheel_rate_right_rad_s", (speed + swing) / wheel_radius),
-        ])
-    }
-
-    fn slipping(&mut self) -> Map<String, Value> {
-        object(&[
-            ("velocity_x_m_s", self.within(0.8)),
-            ("velocity_y_m_s", self.within(0.8)),
-            ("yaw_rate_rad_s", self.within(2.0)),
-            ("wheel_rate_left_rad_s", self.within(15.0)),
-            ("wheel_rate_right_rad_s", self.within(15.0)),
-        ])
-    }
-
-    fn within(&mut self, magnitude: f64) -> f64 {
-        self.rng.random_range(-magnitude..magnitude)
-    }
-
-    fn sign(&mut self) -> f64 {
-        self.within(1.0).signum()
-    }
-
-    fn log_uniform(&mut self, range: std::ops::Range<f64>) -> f64 {
-        self.rng.random_range(range.start.ln()..range.end.ln()).exp()
-    }
-}
-
-fn object(fields: &[(&str, f64)]) -> Map<String, Value> {
-    fields.iter().map(|(field, value)| ((*field).to_owned(), json!(value))).collect()
 }

@@ -13,11 +13,12 @@ use slipdrive::contract::Problem;
 use slipdrive::jobs::simulate::Simulate;
 use slipdrive::jobs::solve::{AcceptedSolve, Solve};
 use slipdrive::jobs::{Kind as _, Limits};
+use slipdrive::robot::PerWheel;
 use slipdrive::simulation::TorqueSchedule;
 use slipdrive::solver::{Simulation, simulate};
 use slipdrive::stop::Stop;
 
-use super::{CONTROL_COUNT, STEP_COUNT, path_of};
+use super::{CONTROL_COUNT, NORMAL_LOAD_SHARE, STEP_COUNT, path_of};
 
 /// The robots of the suite by name.
 pub(super) type Robots = BTreeMap<String, RobotEntry>;
@@ -59,13 +60,16 @@ impl RobotEntry {
     pub(crate) fn body(&self, maneuver: Map<String, Value>) -> Value {
         let mut whole = self.maneuver.clone();
         whole.extend(maneuver);
+        // The best-known plans were found with this share.
+        whole.entry("limits").or_insert_with(|| json!({ "normal_load_share": NORMAL_LOAD_SHARE }));
         let grid = json!({ "steps": STEP_COUNT, "control_intervals": CONTROL_COUNT });
         json!({ "robot": self.robot, "maneuver": whole, "grid": grid })
     }
 
-    /// A torque limit of this robot's maneuvers, N m.
-    pub(crate) fn torque_limit(&self, field: &str) -> f64 {
-        self.maneuver.get(field).and_then(Value::as_f64).unwrap_or(1.0)
+    /// The torque limits of this robot's maneuvers, N m.
+    pub(crate) fn torque_limit(&self) -> PerWheel<f64> {
+        let limit = |field: &str| self.maneuver.get(field).and_then(Value::as_f64).unwrap_or(1.0);
+        PerWheel::new(limit("torque_limit_left_n_m"), limit("torque_limit_right_n_m"))
     }
 }
 
