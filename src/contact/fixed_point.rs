@@ -1,8 +1,7 @@
 //! The paper's contact solver: block Gauss-Seidel sweeps of the prox map (27), one contact after the other, with normal
 //! impulses by projection.
 //!
-//! Slow (tens to thousands of sweeps), simple and robust: the reference that the exact solver is checked against, and
-//! its fallback.
+//! Slow (tens to thousands of sweeps), simple and robust: the reference that the exact solver is checked against.
 
 use nalgebra::{SVector, Vector3};
 
@@ -73,7 +72,7 @@ impl FixedPointSolver {
 
     /// Updates each contact once; returns the largest change of an impulse component, N s.
     #[inline]
-    pub(super) fn sweep<const N: usize>(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> f64 {
+    fn sweep<const N: usize>(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> f64 {
         self.sweeps += 1;
         let mut total = sum_by_direction::<N>(&self.impulse);
         let mut largest_change = 0.0_f64;
@@ -95,7 +94,7 @@ impl FixedPointSolver {
 
     /// The current iterate as a solution; its pattern is the branch of each contact's prox map (inside the disc: stick).
     #[inline]
-    pub(super) fn solution<const N: usize>(
+    fn solution<const N: usize>(
         &self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
@@ -128,12 +127,7 @@ impl FixedPointSolver {
             () if impact_slip[wheel] < 0.0 => SlipSign::Backward,
             () => SlipSign::Forward,
         };
-        let wheels = match (sticks(0), sticks(1)) {
-            (true, true) => WheelPattern::BothStick,
-            (true, false) => WheelPattern::RightSlips(sign(1)),
-            (false, true) => WheelPattern::LeftSlips(sign(0)),
-            (false, false) => WheelPattern::BothSlip,
-        };
+        let wheels = WheelPattern::of_sticking([sticks(0), sticks(1)], sign);
         let front_sticks = contact_count::<N>() == 3 && sticks(2);
         ContactPattern { wheels, front: if front_sticks { ContactMode::Stick } else { ContactMode::Slip } }
     }

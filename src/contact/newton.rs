@@ -108,7 +108,10 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Gaussian elimination with partial pivoting: unrolled for its size it takes a third of the time of nalgebra's inverse.
 #[inline]
-fn by_elimination<const N: usize>(mut rows: [[f64; N]; N], mut value: SVector<f64, N>) -> Option<SVector<f64, N>> {
+pub(super) fn by_elimination<const N: usize>(
+    mut rows: [[f64; N]; N],
+    mut value: SVector<f64, N>,
+) -> Option<SVector<f64, N>> {
     for column in 0..N {
         let mut pivot = column;
         for row in column + 1..N {

@@ -77,6 +77,16 @@ impl WheelPattern {
         Self::LeftSlips(SlipSign::NoNormalForce),
     ];
 
+    /// The pattern of wheels (left, right) of which some stick; `sign` gives the way of one that slips alone.
+    pub(super) fn of_sticking(sticks: [bool; 2], sign: impl Fn(usize) -> SlipSign) -> Self {
+        match sticks {
+            [true, true] => Self::BothStick,
+            [true, false] => Self::RightSlips(sign(1)),
+            [false, true] => Self::LeftSlips(sign(0)),
+            [false, false] => Self::BothSlip,
+        }
+    }
+
     /// The pattern's place in [`WheelPattern::LINEAR`]; none while both wheels slip.
     pub const fn linear_index(self) -> Option<usize> {
         match self {

@@ -67,7 +67,7 @@ impl<const N: usize> SmoothedSolver<N> {
         newton: impl Fn(f64, &SVector<f64, N>) -> Option<SVector<f64, N>>,
     ) -> Option<SVector<f64, N>> {
         let mut impulse = SVector::zeros();
-        for slip_smoothing in falling_smoothings(SMOOTHING_FACTOR, self.slip_smoothing) {
+        for slip_smoothing in falling_smoothings(self.slip_smoothing) {
             impulse = newton(slip_smoothing, &impulse)?;
         }
         newton(self.slip_smoothing, &impulse)
@@ -75,7 +75,7 @@ impl<const N: usize> SmoothedSolver<N> {
 }
 
 /// Slip smoothings of a continuation, m/s: from a nearly linear law down to `last`, which is excluded.
-pub(super) fn falling_smoothings(factor: f64, last: f64) -> impl Iterator<Item = f64> {
-    successors(Some(COARSE_SMOOTHING), move |smoothing| Some(smoothing * factor))
+fn falling_smoothings(last: f64) -> impl Iterator<Item = f64> {
+    successors(Some(COARSE_SMOOTHING), move |smoothing| Some(smoothing * SMOOTHING_FACTOR))
         .take_while(move |smoothing| *smoothing > last)
 }

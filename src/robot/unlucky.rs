@@ -20,7 +20,7 @@ pub(crate) fn short_track() -> RobotParameters {
     }
 }
 
-/// The exact solver falls back to sweeps and smoothing in many of its steps.
+/// The exact solver needs its interior point in many of its steps.
 pub(crate) fn heavy_wheels() -> RobotParameters {
     RobotParameters {
         chassis_mass: 7.413,

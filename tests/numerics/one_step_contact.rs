@@ -89,7 +89,7 @@ struct Tally {
     both_stick: u64,
     one_slips: u64,
     both_slip: u64,
-    by_fixed_point: u64,
+    by_interior_point: u64,
     near_cone_edge: u64,
     sweeps: u64,
 }
@@ -101,14 +101,14 @@ impl Tally {
             WheelPattern::RightSlips(_) | WheelPattern::LeftSlips(_) => self.one_slips += 1,
             WheelPattern::BothSlip => self.both_slip += 1,
         }
-        self.by_fixed_point += u64::from(path == SolvePath::FixedPoint);
+        self.by_interior_point += u64::from(matches!(path, SolvePath::InteriorPoint { .. }));
     }
 }
 
 /// Compares both solvers; from a solution that sticks also moves on to the edge of its friction discs.
 fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, tally: &mut Tally) {
     let mut step = RandomStep::<N>::new(cases, robot);
-    let (solution, path) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default(), &Stop::never());
+    let (solution, path) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default());
     tally.count(&solution, path);
     assert_same_motion(seed, &step, &solution, tally);
     if solution.pattern.wheels == WheelPattern::BothStick && cases.chance(0.5) {
@@ -116,14 +116,13 @@ fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, ta
         let offset = 10.0_f64.powf(cases.between(-5.0, -1.0)) * if cases.chance(0.5) { 1.0 } else { -1.0 };
         let mut near_edge = step.clone();
         near_edge.move_to_cone_edge(&solution, offset);
-        let (at_edge, path) =
-            ExactSolver.solve(&near_edge.operator, &near_edge.problem, &Guess::from(&solution), &Stop::never());
+        let (at_edge, path) = ExactSolver.solve(&near_edge.operator, &near_edge.problem, &Guess::from(&solution));
         tally.count(&at_edge, path);
         tally.near_cone_edge += 1;
         assert_same_motion(seed, &near_edge, &at_edge, tally);
 
         step.move_to_cone_edge(&solution, 0.0);
-        let (on_edge, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::from(&solution), &Stop::never());
+        let (on_edge, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::from(&solution));
         assert!(on_edge.residual <= RESIDUAL_TOLERANCE, "seed {seed}: residual {} on the edge", on_edge.residual);
     }
 }
@@ -162,12 +161,12 @@ fn exact_and_fixed_point_agree_on_random_steps() {
         }
     }
     println!(
-        "both stick {}, one slips {}, both slip {}, near the cone's edge {}, found by sweeps {}, mean sweeps {}",
+        "both stick {}, one slips {}, both slip {}, near the cone's edge {}, found by the interior point {}, mean sweeps {}",
         tally.both_stick,
         tally.one_slips,
         tally.both_slip,
         tally.near_cone_edge,
-        tally.by_fixed_point,
+        tally.by_interior_point,
         tally.sweeps / CASE_COUNT
     );
     assert!(tally.both_stick > 500 && tally.one_slips > 500 && tally.both_slip > 500, "all modes occur");
@@ -180,7 +179,7 @@ fn separated_wheel_carries_no_friction() {
     let mut step = RandomStep::<3>::new(&mut cases, &robot);
     step.problem.free_normal[1] = -10.0 * step.problem.free_normal[0].abs();
     step.problem.free_normal[0] *= 12.0;
-    let (solution, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default(), &Stop::never());
+    let (solution, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default());
     assert!(solution.normal_impulse[1] < 0.0);
     assert_eq!(solution.impulse[1], 0.0);
     assert!(solution.residual <= RESIDUAL_TOLERANCE);
@@ -224,7 +223,7 @@ fn assert_no_other_solution<const N: usize>(seed: u64, cases: &mut RandomCases, 
     let RandomStep { operator, problem, .. } = RandomStep::<N>::new(cases, robot);
     let is_unique = operator.has_unique_solutions();
     if is_unique {
-        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default(), &Stop::never());
+        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
         assert!(!ExactSolver.is_indeterminate(&operator, &problem, &solution), "seed {seed}");
     }
     is_unique
@@ -238,7 +237,7 @@ fn indeterminate_problem_is_flagged() {
     let problem = OneStepProblem { free_slip: SVector::from([0.0, 0.2, 0.0]), free_normal: [1.0, -0.05, 0.0].into() };
     let stick = ContactPattern { wheels: WheelPattern::BothStick, ..ContactPattern::default() };
     let guess = Guess { pattern: stick, impulse: SVector::zeros() };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &guess, &Stop::never());
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &guess);
     assert!(ExactSolver.is_indeterminate(&operator, &problem, &solution));
 }
 
@@ -274,7 +273,7 @@ fn wheels_that_hardly_slip_are_solved() {
         free_slip: SVector::from([-0.07672467857963101, 0.07452807024728687, -5.0950331048765785e-6]),
         free_normal: SVector::from([0.049559034705347324, 0.04955871900566147, 0.02792738487371197]),
     };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default(), &Stop::never());
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
     assert!(solution.residual <= 1e-12, "residual {}", solution.residual);
     assert_eq!(solution.pattern.wheels, WheelPattern::BothSlip);
 }
@@ -301,7 +300,7 @@ fn steps_at_the_very_edge_of_sticking_are_solved() {
     ];
     for (free_slip, free_normal) in met {
         let problem = OneStepProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
-        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default(), &Stop::never());
+        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
         assert!(solution.residual <= RESIDUAL_TOLERANCE, "residual {}", solution.residual);
     }
 }
@@ -330,7 +329,7 @@ fn hardly_any_slip_is_as_accurate_as_any_other() {
         free_slip: SVector::from([-0.02919800149170238, 0.02831499033589286, -5.13575060560531e-9]),
         free_normal: SVector::from([0.018852339879564868, 0.018852339592927328, 0.01063081329466258]),
     };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default(), &Stop::never());
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
     assert!(solution.impact_slip.amax() < 1e-7, "slip {}", solution.impact_slip);
     assert!(solution.residual <= 4e-12, "residual {}", solution.residual);
 }
