@@ -122,11 +122,7 @@ impl FixedPointSolver {
             let radius = friction_radius(operator, contact, normal_impulse);
             radius > 0.0 && a * a + b * b <= radius * radius
         };
-        let sign = |wheel: usize| match () {
-            () if normal_impulse[wheel] <= 0.0 => SlipSign::NoNormalForce,
-            () if impact_slip[wheel] < 0.0 => SlipSign::Backward,
-            () => SlipSign::Forward,
-        };
+        let sign = |wheel: usize| SlipSign::of(impact_slip[wheel], normal_impulse[wheel]);
         let wheels = WheelPattern::of_sticking([sticks(0), sticks(1)], sign);
         let front_sticks = contact_count::<N>() == 3 && sticks(2);
         ContactPattern { wheels, front: if front_sticks { ContactMode::Stick } else { ContactMode::Slip } }

@@ -6,8 +6,10 @@
 use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::delassus::{DelassusOperator, ImpulseDerivative};
+use super::directions::ROWS;
 use super::mode_equations::ModeEquations;
-use super::pattern::{ContactPattern, WheelPattern};
+use super::natural_map::friction_radius;
+use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 use super::uniqueness::solutions_are_unique;
 
 impl<const N: usize> DelassusOperator<N> {
@@ -32,7 +34,11 @@ impl<const N: usize> DelassusOperator<N> {
 
     /// Derivatives of the friction impulse at a solution, by the implicit function theorem in its pattern.
     ///
-    /// None where the pattern's equations are singular.
+    /// A contact that slips in the pattern without any slip has no direction: there the derivatives are those of its sticking,
+    /// which slip ends in. Where the equations are singular otherwise, all contacts with normal force stick.
+    ///
+    /// # Panics
+    /// Never: with sticking contacts, and those without normal force, the equations are regular.
     #[inline]
     pub fn impulse_derivative(
         &self,
@@ -40,11 +46,38 @@ impl<const N: usize> DelassusOperator<N> {
         impact_slip: &SVector<f64, N>,
         normal_impulse: &Vector3<f64>,
         slip_smoothing: f64,
-    ) -> Option<ImpulseDerivative<N>> {
-        if let Some(index) = Self::linear_index(pattern) {
-            return self.linear_mode(index).copied();
+    ) -> ImpulseDerivative<N> {
+        if let Some(derivative) = self.linear_derivative(pattern) {
+            return *derivative;
         }
-        ModeEquations::at(self, pattern, impact_slip, normal_impulse, slip_smoothing)?.impulse_derivative(self)
+        let at = |pattern| {
+            ModeEquations::at(self, pattern, impact_slip, normal_impulse, slip_smoothing)?.impulse_derivative(self)
+        };
+        at(pattern).unwrap_or_else(|| {
+            let [resting, all] = self.sticking_limits(pattern, impact_slip, normal_impulse);
+            at(resting).or_else(|| at(all)).expect("the equations of sticking contacts are regular")
+        })
+    }
+
+    /// A pattern in which contacts without slip stick, and one in which all that have friction do.
+    #[cold]
+    fn sticking_limits(
+        &self,
+        pattern: ContactPattern,
+        impact_slip: &SVector<f64, N>,
+        normal_impulse: &Vector3<f64>,
+    ) -> [ContactPattern; 2] {
+        let has_friction = |contact: usize| friction_radius(self, contact, normal_impulse) > 0.0;
+        let rests = |contact: usize| ROWS[contact].into_iter().all(|row| impact_slip[row] == 0.0);
+        let modes = pattern.modes();
+        let sign = |wheel: usize| SlipSign::of(impact_slip[wheel], normal_impulse[wheel]);
+        [false, true].map(|all| {
+            let sticks = |contact: usize| {
+                modes[contact] == ContactMode::Stick || has_friction(contact) && (all || rests(contact))
+            };
+            let front = if N == 5 && sticks(2) { ContactMode::Stick } else { ContactMode::Slip };
+            ContactPattern { wheels: WheelPattern::of_sticking([sticks(0), sticks(1)], sign), front }
+        })
     }
 
     fn solve_linear_modes(&self) -> Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]> {

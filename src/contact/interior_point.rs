@@ -125,11 +125,7 @@ impl<'a, const N: usize> InteriorPoint<'a, N> {
             let multiplier = self.contacts[contact].multiplier * self.operator.prox_step()[contact];
             at.normal[contact] > 0.0 && multiplier * radius * radius < 2.0 * room
         };
-        let sign = |wheel: usize| match () {
-            () if at.normal[wheel] <= 0.0 => SlipSign::NoNormalForce,
-            () if self.contacts[wheel].impulse[0] > 0.0 => SlipSign::Backward,
-            () => SlipSign::Forward,
-        };
+        let sign = |wheel: usize| SlipSign::of(-self.contacts[wheel].impulse[0], at.normal[wheel]);
         let front = if N == 5 && sticks(2) { ContactMode::Stick } else { ContactMode::Slip };
         ContactPattern { wheels: WheelPattern::of_sticking([sticks(0), sticks(1)], sign), front }
     }

@@ -32,6 +32,15 @@ pub enum SlipSign {
 }
 
 impl SlipSign {
+    /// Of a wheel's longitudinal slip and normal impulse.
+    pub(super) fn of(slip: f64, normal_impulse: f64) -> Self {
+        match () {
+            () if normal_impulse <= 0.0 => Self::NoNormalForce,
+            () if slip < 0.0 => Self::Backward,
+            () => Self::Forward,
+        }
+    }
+
     /// -1, 0 or 1.
     pub const fn value(self) -> f64 {
         match self {

@@ -95,8 +95,5 @@ fn impulse_derivative<const N: usize>(
     slip_smoothing: f64,
 ) -> ImpulseDerivative<N> {
     let impact_slip = entry.impact_slip.fixed_rows::<N>(0).into_owned();
-    model.operator.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse, slip_smoothing).unwrap_or(
-        // Undefined only where a slip is exactly zero in a slipping pattern; the friction is then taken as constant.
-        ImpulseDerivative { by_free_slip: SMatrix::zeros(), by_free_normal: SMatrix::zeros() },
-    )
+    model.operator.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse, slip_smoothing)
 }

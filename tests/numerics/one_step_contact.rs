@@ -2,13 +2,17 @@
 
 use nalgebra::{SMatrix, SVector};
 use slipdrive::contact::{
-    ContactPattern, ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, Guess,
-    OneStepProblem, SolvePath, WheelPattern, natural_map,
+    ContactMode, ContactPattern, ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver,
+    Guess, OneStepProblem, SlipSign, SolvePath, WheelPattern, natural_map,
 };
 use slipdrive::robot::{BodyVector, Robot, RobotParameters};
 use slipdrive::stop::Stop;
 
 use crate::random::RandomCases;
+
+#[path = "../../src/robot/unlucky.rs"]
+#[allow(dead_code, reason = "other tests and benches use the other robots")]
+mod unlucky;
 
 /// Acceptance of the contact law, relative to m g dt.
 const RESIDUAL_TOLERANCE: f64 = 1e-10;
@@ -241,6 +245,69 @@ fn indeterminate_problem_is_flagged() {
     assert!(ExactSolver.is_indeterminate(&operator, &problem, &solution));
 }
 
+/// Derivatives at a solution whose sticking contacts are said to slip, without any slip: against differences of solutions.
+///
+/// Gives how many wheels stick, or none where a difference meets another pattern.
+fn compare_derivatives_without_slip<const N: usize>(
+    seed: u64,
+    cases: &mut RandomCases,
+    robot: &Robot,
+) -> Option<usize> {
+    let RandomStep { operator, problem, .. } = RandomStep::<N>::new(cases, robot);
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+    let sticks = solution.pattern.modes().map(|mode| mode == ContactMode::Stick);
+    let rows = [[0, 2], [1, 2], [3, 4]];
+    let mut slip = solution.impact_slip;
+    for row in rows.iter().zip(sticks).filter(|(_, sticks)| *sticks).flat_map(|(rows, _)| rows) {
+        slip[*row] = 0.0;
+    }
+    let derivative = operator.impulse_derivative(ContactPattern::ALL_SLIP, &slip, &solution.normal_impulse, 0.0);
+    // Small enough to stay in the pattern mostly, large enough against rounding.
+    let normal_step = 1e-6 * problem.weight_impulse();
+    let solved = |change: &dyn Fn(&mut OneStepProblem<N>)| {
+        let mut moved = problem;
+        change(&mut moved);
+        let (moved, _) = ExactSolver.solve(&operator, &moved, &Guess::from(&solution));
+        (moved.pattern == solution.pattern).then_some(moved.impulse)
+    };
+    let agrees = |of: SVector<f64, N>, above: SVector<f64, N>, below: SVector<f64, N>, step: f64| {
+        let difference = (above - below) / (2.0 * step);
+        let gap = (of - difference).amax();
+        // The differences are of the size of the impulses' rounding, 1e-16 of the weight's, over the step, and its square.
+        assert!(gap <= 1e-5 * difference.amax().max(operator.prox_step()[0]), "seed {seed}: {of} {difference}");
+    };
+    for column in 0..N {
+        let step = normal_step / operator.prox_step()[0];
+        let [above, below] = [step, -step].map(|step| solved(&|problem| problem.free_slip[column] += step));
+        agrees(derivative.by_free_slip.column(column).into_owned(), above?, below?, step);
+    }
+    for column in 0..3 {
+        let [above, below] =
+            [normal_step, -normal_step].map(|step| solved(&|problem| problem.free_normal[column] += step));
+        agrees(derivative.by_free_normal.column(column).into_owned(), above?, below?, normal_step);
+    }
+    Some(usize::from(sticks[0]) + usize::from(sticks[1]))
+}
+
+#[test]
+fn derivatives_without_slip_are_those_of_sticking() {
+    let mut compared = [0; 3];
+    for seed in 0..1000 {
+        let mut cases = RandomCases::new(seed);
+        let robot = cases.robot();
+        let sticking = if robot.parameters().front_friction_coefficient > 0.0 {
+            compare_derivatives_without_slip::<5>(seed, &mut cases, &robot)
+        } else {
+            compare_derivatives_without_slip::<3>(seed, &mut cases, &robot)
+        };
+        if let Some(sticking) = sticking {
+            compared[sticking] += 1;
+        }
+    }
+    println!("compared with no, one and two sticking wheels: {compared:?}");
+    assert!(compared.iter().all(|count| *count > 50), "all modes occur: {compared:?}");
+}
+
 /// Met by the search, which likes the edge of the friction cones: the left wheel slips by 2 um/s, and its direction turns
 /// too fast for equations in it, while fixed-point sweeps take millions.
 #[test]
@@ -343,4 +410,53 @@ fn wheels_operator(parameters: RobotParameters) -> DelassusOperator<3> {
         robot.normal_response().fixed_columns::<3>(0).into_owned(),
         [friction, friction, 0.0],
     )
+}
+
+/// Steps of a robot with heavy wheels that have no pattern that is quick to find: (story, pattern, free slip, free normal
+/// impulses).
+#[expect(clippy::unreadable_literal, reason = "figures as they were drawn")]
+const HARD_STEPS: [(&str, WheelPattern, ContactMode, [f64; 5], [f64; 3]); 3] = [
+    (
+        "both wheels slip by 1e-18 m/s beside a sticking front support",
+        WheelPattern::BothSlip,
+        ContactMode::Stick,
+        [-16.41978116227041, -56.37492158173005, -0.0005176437028405801, -4.618254711786021e-7, -2.2116115110278056e-7],
+        [21.369721995578587, 21.216079769394373, -5.18142674617425],
+    ),
+    (
+        "the front support lifts off, and its friction with it",
+        WheelPattern::BothSlip,
+        ContactMode::Slip,
+        [-138.34826330167692, 2929.2158964493315, -36.20398086040508, -92.16568669608374, -33.09013724581974],
+        [427.9222317489758, 518.4872941531642, -879.1149869422792],
+    ),
+    (
+        "the left wheel and the front support slip, the right wheel sticks",
+        WheelPattern::LeftSlips(SlipSign::Forward),
+        ContactMode::Slip,
+        [0.4355837466405942, -0.357739295059666, -2.2794445255405055e-6, -0.08532581418999133, -0.004584056915045092],
+        [0.0006585877510904056, 0.00046545491738445716, 0.04590116463565659],
+    ),
+];
+
+/// Steps of the interior point that a hard step may take: half of what it is given.
+const INTERIOR_STEPS: usize = 30;
+
+#[test]
+fn hard_steps_are_solved_in_few_linear_solves() {
+    let robot = Robot::new(unlucky::heavy_wheels()).unwrap();
+    let parameters = robot.parameters();
+    let friction = parameters.wheel_friction_coefficient;
+    let operator = DelassusOperator::<5>::new(
+        *robot.delassus(),
+        *robot.normal_response(),
+        [friction, friction, parameters.front_friction_coefficient],
+    );
+    for (story, wheels, front, free_slip, free_normal) in HARD_STEPS {
+        let problem = OneStepProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
+        let (solution, path) = ExactSolver.solve(&operator, &problem, &Guess::default());
+        assert!(matches!(path, SolvePath::InteriorPoint { steps } if steps <= INTERIOR_STEPS), "{story}: {path:?}");
+        assert_eq!(solution.pattern, ContactPattern { wheels, front }, "{story}");
+        assert!(solution.residual <= RESIDUAL_TOLERANCE, "{story}: residual {}", solution.residual);
+    }
 }
