@@ -24,8 +24,8 @@ const ACCEPTED_RESIDUAL: f64 = 1e-12;
 const SLIP_ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// Below this update, relative to m g dt, quadratic convergence has arrived at rounding.
 const NEWTON_UPDATE: f64 = 1e-8;
-/// Most steps of the interior point, and after how many of them it is asked for its pattern. Half of the hard steps take 12, and
-/// 99 of 100 of those that are ever solved take 50.
+/// Most steps of the interior point, and after how many of them it is asked for its pattern. Half of the steps that come to it
+/// take 9, and 99 of 100 take 30.
 const INTERIOR_LIMIT: usize = 60;
 const INTERIOR_PERIOD: usize = 3;
 /// Newton steps of the check for further solutions, from each of its starts: where a solution exists, 4 are usual.

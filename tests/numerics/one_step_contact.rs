@@ -412,31 +412,57 @@ fn wheels_operator(parameters: RobotParameters) -> DelassusOperator<3> {
     )
 }
 
-/// Steps of a robot with heavy wheels that have no pattern that is quick to find: (story, pattern, free slip, free normal
-/// impulses).
+/// A step that has no pattern that is quick to find, with the pattern that it has.
+struct HardStep {
+    story: &'static str,
+    wheels: WheelPattern,
+    front: ContactMode,
+    free_slip: [f64; 5],
+    free_normal: [f64; 3],
+}
+
+/// Steps of a robot with heavy wheels.
 #[expect(clippy::unreadable_literal, reason = "figures as they were drawn")]
-const HARD_STEPS: [(&str, WheelPattern, ContactMode, [f64; 5], [f64; 3]); 3] = [
-    (
-        "both wheels slip by 1e-18 m/s beside a sticking front support",
-        WheelPattern::BothSlip,
-        ContactMode::Stick,
-        [-16.41978116227041, -56.37492158173005, -0.0005176437028405801, -4.618254711786021e-7, -2.2116115110278056e-7],
-        [21.369721995578587, 21.216079769394373, -5.18142674617425],
-    ),
-    (
-        "the front support lifts off, and its friction with it",
-        WheelPattern::BothSlip,
-        ContactMode::Slip,
-        [-138.34826330167692, 2929.2158964493315, -36.20398086040508, -92.16568669608374, -33.09013724581974],
-        [427.9222317489758, 518.4872941531642, -879.1149869422792],
-    ),
-    (
-        "the left wheel and the front support slip, the right wheel sticks",
-        WheelPattern::LeftSlips(SlipSign::Forward),
-        ContactMode::Slip,
-        [0.4355837466405942, -0.357739295059666, -2.2794445255405055e-6, -0.08532581418999133, -0.004584056915045092],
-        [0.0006585877510904056, 0.00046545491738445716, 0.04590116463565659],
-    ),
+const HARD_STEPS: [HardStep; 3] = [
+    HardStep {
+        story: "both wheels slip by 1e-18 m/s beside a sticking front support",
+        wheels: WheelPattern::BothSlip,
+        front: ContactMode::Stick,
+        free_slip: [
+            -16.41978116227041,
+            -56.37492158173005,
+            -0.0005176437028405801,
+            -4.618254711786021e-7,
+            -2.2116115110278056e-7,
+        ],
+        free_normal: [21.369721995578587, 21.216079769394373, -5.18142674617425],
+    },
+    HardStep {
+        story: "the front support lifts off, and its friction with it",
+        wheels: WheelPattern::BothSlip,
+        front: ContactMode::Slip,
+        free_slip: [
+            -138.34826330167692,
+            2929.2158964493315,
+            -36.20398086040508,
+            -92.16568669608374,
+            -33.09013724581974,
+        ],
+        free_normal: [427.9222317489758, 518.4872941531642, -879.1149869422792],
+    },
+    HardStep {
+        story: "the left wheel and the front support slip, the right wheel sticks",
+        wheels: WheelPattern::LeftSlips(SlipSign::Forward),
+        front: ContactMode::Slip,
+        free_slip: [
+            0.4355837466405942,
+            -0.357739295059666,
+            -2.2794445255405055e-6,
+            -0.08532581418999133,
+            -0.004584056915045092,
+        ],
+        free_normal: [0.0006585877510904056, 0.00046545491738445716, 0.04590116463565659],
+    },
 ];
 
 /// Steps of the interior point that a hard step may take: half of what it is given.
@@ -452,7 +478,7 @@ fn hard_steps_are_solved_in_few_linear_solves() {
         *robot.normal_response(),
         [friction, friction, parameters.front_friction_coefficient],
     );
-    for (story, wheels, front, free_slip, free_normal) in HARD_STEPS {
+    for HardStep { story, wheels, front, free_slip, free_normal } in HARD_STEPS {
         let problem = OneStepProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
         let (solution, path) = ExactSolver.solve(&operator, &problem, &Guess::default());
         assert!(matches!(path, SolvePath::InteriorPoint { steps } if steps <= INTERIOR_STEPS), "{story}: {path:?}");
