@@ -1,28 +1,55 @@
-//! One coordinate of a motion, as a double integrator: its speed stays below straight lines over time, which bounds the
-//! distance covered.
+//! One coordinate of a motion, as a double integrator: its speed stays below curves over time, which bounds the distance
+//! covered.
 //!
 //! The speed grows by at most the acceleration from the start, and must fall back by at most as much to the end; the
-//! torques bound it by a line of their own. The distance covered in a time T is then at most the area under the lowest
-//! line, plus what the grid's errors add to the line that is the lowest.
+//! torques bound it by a curve of their own. The distance covered in a time T is then at most the area under the lowest
+//! curve, plus what the grid's errors add to the one that is the lowest.
 
-use super::envelope::{Envelope, Line, Piece};
+use super::curve::{Curve, Level};
+use super::envelope::{Envelope, Piece};
 use super::first_time::first_time;
 use super::grid_error::GridError;
 
 /// Spans on which the grid's errors are bounded by their largest value.
 const ERROR_SPANS: u32 = 4;
 
+/// Largest accelerations by time, where they are smaller near one end of the motion.
+#[derive(Debug, Clone)]
+pub(super) struct Push {
+    /// In the positive direction.
+    pub(super) towards: Vec<Level>,
+    /// In the negative direction.
+    pub(super) against: Vec<Level>,
+}
+
+impl Push {
+    /// The same acceleration at all times.
+    pub(super) fn steady(acceleration: f64) -> Self {
+        let levels = vec![Level { until: f64::INFINITY, rate: acceleration }];
+        Self { towards: levels.clone(), against: levels }
+    }
+
+    fn reversed(&self) -> Self {
+        Self { towards: self.against.clone(), against: self.towards.clone() }
+    }
+}
+
 /// The requirements on a coordinate, in its positive direction.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Axis {
+    /// At all times.
     pub(super) acceleration: f64,
+    /// By the time since the start.
+    pub(super) start_push: Push,
+    /// By the time that is left.
+    pub(super) end_push: Push,
     pub(super) start_speed: f64,
     /// Lowest and highest speed at the end; infinite where it is free.
     pub(super) end_speed: (f64, f64),
     /// Lowest and highest displacement that meets the goal; infinite where it is free.
     pub(super) displacement: (f64, f64),
-    /// Bound on the magnitude of the speed by the torques.
-    pub(super) drive: Option<Line>,
+    /// Speed per unit of the drive norm, at most; none where the torques are not asked.
+    pub(super) drive_scale: Option<f64>,
 }
 
 /// Which part of a goal takes the time.
@@ -32,50 +59,42 @@ pub(super) enum Demand {
     Velocity,
 }
 
-/// How the grid's errors enter the lines.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// How the grid's errors enter the curves; that of the torques has its errors in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum GridLaw {
-    /// The scheme keeps acceleration and displacement exactly; the drive line is off by this multiple of its error.
-    Exact { drive_scale: f64 },
+    /// The scheme keeps acceleration and displacement exactly.
+    Exact,
     /// The coordinate is one of the whole robot's centre of mass.
     CenterOfMass,
 }
 
 impl GridLaw {
-    /// Whether no line of the axis is in error.
-    fn is_exact(self, axis: &Axis) -> bool {
-        matches!(self, Self::Exact { .. }) && axis.drive.is_none()
-    }
-
-    fn error_of_line(self, line: usize, (from, to): (f64, f64), error: &GridError) -> f64 {
-        match (self, line) {
-            (Self::Exact { .. }, FORWARD | BACKWARD) => 0.0,
-            (Self::Exact { drive_scale }, _) => drive_scale * error.of_drive(to),
+    fn error_of_curve(self, curve: usize, (from, to): (f64, f64), error: &GridError) -> f64 {
+        match (self, curve) {
             (Self::CenterOfMass, FORWARD) => error.since_start(to),
             (Self::CenterOfMass, BACKWARD) => error.until_end(from),
-            (Self::CenterOfMass, _) => error.of_drive(to),
+            (Self::Exact | Self::CenterOfMass, _) => 0.0,
         }
     }
 
     fn error_of_displacement(self, error: &GridError) -> f64 {
         match self {
-            Self::Exact { drive_scale } => drive_scale * error.dt() * error.of_drive(f64::INFINITY),
+            Self::Exact => 0.0,
             Self::CenterOfMass => error.of_displacement(),
         }
     }
 
     fn error_of_velocity(self, error: &GridError) -> f64 {
         match self {
-            Self::Exact { .. } => 0.0,
+            Self::Exact => 0.0,
             Self::CenterOfMass => error.since_start(f64::INFINITY),
         }
     }
 }
 
-/// Order of the lines.
+/// Order of the curves, before that of the torques.
 const FORWARD: usize = 0;
 const BACKWARD: usize = 1;
-const DRIVE: usize = 2;
 
 impl Axis {
     /// The same coordinate with the opposite sign.
@@ -84,13 +103,15 @@ impl Axis {
             start_speed: -self.start_speed,
             end_speed: (-self.end_speed.1, -self.end_speed.0),
             displacement: (-self.displacement.1, -self.displacement.0),
+            start_push: self.start_push.reversed(),
+            end_push: self.end_push.reversed(),
             ..*self
         }
     }
 
     /// The same coordinate without the torques' bound.
     pub(super) fn without_drive(&self) -> Self {
-        Self { drive: None, ..*self }
+        Self { drive_scale: None, ..self.clone() }
     }
 
     /// A time before which the coordinate cannot meet its goal, s; infinite where it never can.
@@ -111,7 +132,7 @@ impl Axis {
     fn least_time_of_velocity(&self, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
         let change = (self.end_speed.0 - self.start_speed).max(self.start_speed - self.end_speed.1);
         first_time(0.0, change, |_, duration| {
-            let is_exact = duration <= 0.0 || law.is_exact(self);
+            let is_exact = duration <= 0.0 || law == GridLaw::Exact;
             self.acceleration * duration + if is_exact { 0.0 } else { law.error_of_velocity(&error(duration)) }
         })
     }
@@ -130,25 +151,18 @@ impl Axis {
         if to <= 0.0 {
             return 0.0;
         }
-        let envelope = Envelope::new(&self.lines(to), to);
-        let area = largest_area(envelope.pieces(), from);
-        if law.is_exact(self) {
-            return area;
-        }
         let error = error(to);
+        let forward = Curve::by_time(&self.start_push.towards, self.start_speed, error.dt(), to);
+        let backward = match self.end_speed.1 {
+            speed if speed.is_finite() => Curve::by_time(&self.end_push.against, speed, error.dt(), to).reversed(),
+            _ => Curve::above_all(to),
+        };
+        let drive = self.drive_scale.and_then(|scale| Some(error.drive()?.scaled(scale)));
+        let drive = drive.unwrap_or_else(|| Curve::above_all(to));
+        let envelope = Envelope::new([&forward, &backward, &drive]);
+        let convexity = error.of_convexity([&forward, &backward, &drive]);
         let error_area: f64 = envelope.pieces().iter().map(|piece| law.error_area(piece, &error)).sum();
-        area + error_area + law.error_of_displacement(&error)
-    }
-
-    fn lines(&self, duration: f64) -> [Line; 3] {
-        let mut lines = [Line::ABOVE_ALL; 3];
-        lines[FORWARD] = Line { start: self.start_speed, slope: self.acceleration };
-        if self.end_speed.1.is_finite() {
-            lines[BACKWARD] =
-                Line { start: self.end_speed.1 + self.acceleration * duration, slope: -self.acceleration };
-        }
-        lines[DRIVE] = self.drive.unwrap_or(Line::ABOVE_ALL);
-        lines
+        largest_area(envelope.pieces(), from) + error_area + convexity + law.error_of_displacement(&error)
     }
 }
 
@@ -178,7 +192,7 @@ impl GridLaw {
     fn error_area(self, piece: &Piece, error: &GridError) -> f64 {
         let span = (piece.to - piece.from) / f64::from(ERROR_SPANS);
         let start = |index: u32| piece.from + span * f64::from(index);
-        let largest = |index: u32| self.error_of_line(piece.line, (start(index), start(index + 1)), error);
+        let largest = |index: u32| self.error_of_curve(piece.curve, (start(index), start(index + 1)), error);
         span * (0..ERROR_SPANS).map(largest).sum::<f64>()
     }
 }

@@ -1,22 +1,6 @@
-//! The lowest of three straight lines over a span of time, and integrals of it.
+//! The lowest of three curves of straight pieces over a span of time, and integrals of it.
 
-/// A line over time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Line {
-    /// Value at time 0.
-    pub(super) start: f64,
-    /// Change per second.
-    pub(super) slope: f64,
-}
-
-impl Line {
-    /// A line far above all others; finite, so that areas stay numbers.
-    pub(super) const ABOVE_ALL: Self = Self { start: 1e150, slope: 0.0 };
-
-    fn at(&self, time: f64) -> f64 {
-        self.start + self.slope * time
-    }
-}
+use super::curve::{Curve, Line};
 
 /// A span on which one line is the lowest.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -25,8 +9,8 @@ pub(super) struct Piece {
     pub(super) to: f64,
     pub(super) value_from: f64,
     pub(super) value_to: f64,
-    /// Index of the line.
-    pub(super) line: usize,
+    /// Index of the curve.
+    pub(super) curve: usize,
 }
 
 impl Piece {
@@ -53,37 +37,50 @@ impl Piece {
     }
 }
 
-/// The lowest of three lines, piece by piece.
-#[derive(Debug, Clone, Copy)]
+/// The lowest one, piece by piece.
+#[derive(Debug, Clone)]
 pub(super) struct Envelope {
-    pieces: [Piece; 3],
-    count: usize,
+    pieces: Vec<Piece>,
 }
 
 impl Envelope {
-    /// From time 0 to `duration` > 0.
-    pub(super) fn new(lines: &[Line; 3], duration: f64) -> Self {
-        let mut envelope = Self { pieces: [Piece::default(); 3], count: 0 };
-        let lower_then_flatter = |a: usize, b: usize| {
-            let order = lines[b].start.total_cmp(&lines[a].start).then(lines[b].slope.total_cmp(&lines[a].slope));
-            if order.is_lt() { b } else { a }
-        };
-        let mut line = lower_then_flatter(lower_then_flatter(0, 1), 2);
+    /// Over the span of the curves, which are equally long.
+    pub(super) fn new(curves: [&Curve; 3]) -> Self {
+        let mut envelope = Self { pieces: Vec::new() };
+        let segments = curves.map(Curve::segments);
+        let mut next = [0; 3];
         let mut from = 0.0;
-        // Slopes fall from piece to piece, so three pieces are the most.
-        while envelope.count < envelope.pieces.len() {
-            let (to, next) = next_crossing(lines, line, from, duration);
-            let (value_from, value_to) = (lines[line].at(from), lines[line].at(to));
-            envelope.pieces[envelope.count] = Piece { from, to, value_from, value_to, line };
-            envelope.count += 1;
-            let Some(next) = next else { break };
-            (from, line) = (to, next);
+        while (0..3).all(|curve| next[curve] < segments[curve].len()) {
+            let current = [0, 1, 2].map(|curve| segments[curve][next[curve]]);
+            let to = current.iter().fold(f64::INFINITY, |least, segment| segment.to.min(least));
+            envelope.extend(&current.map(|segment| segment.line), from, to);
+            for (index, segment) in current.iter().enumerate() {
+                next[index] += usize::from(segment.to <= to);
+            }
+            from = to;
         }
         envelope
     }
 
+    /// Adds the lowest of three lines over a span.
+    fn extend(&mut self, lines: &[Line; 3], mut from: f64, end: f64) {
+        let lower_then_flatter = |a: usize, b: usize| {
+            let order = lines[b].at(from).total_cmp(&lines[a].at(from)).then(lines[b].slope.total_cmp(&lines[a].slope));
+            if order.is_lt() { b } else { a }
+        };
+        let mut line = lower_then_flatter(lower_then_flatter(0, 1), 2);
+        // Slopes fall from piece to piece, so three pieces are the most.
+        for _ in 0..lines.len() {
+            let (to, next) = next_crossing(lines, line, from, end);
+            let (value_from, value_to) = (lines[line].at(from), lines[line].at(to));
+            self.pieces.push(Piece { from, to, value_from, value_to, curve: line });
+            let Some(next) = next else { break };
+            (from, line) = (to, next);
+        }
+    }
+
     pub(super) fn pieces(&self) -> &[Piece] {
-        &self.pieces[..self.count]
+        &self.pieces
     }
 
     /// Integral of the `power`-th power from 0 to `time`.
@@ -99,8 +96,8 @@ impl Envelope {
 }
 
 /// Where a flatter line undercuts `line`, and which; the end of the span where none does.
-fn next_crossing(lines: &[Line; 3], line: usize, from: f64, duration: f64) -> (f64, Option<usize>) {
-    let mut crossing = (duration, None);
+fn next_crossing(lines: &[Line; 3], line: usize, from: f64, end: f64) -> (f64, Option<usize>) {
+    let mut crossing = (end, None);
     for (index, other) in lines.iter().enumerate() {
         let closing = lines[line].slope - other.slope;
         if closing > 0.0 {
@@ -117,11 +114,12 @@ fn next_crossing(lines: &[Line; 3], line: usize, from: f64, duration: f64) -> (f
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solver::lower_bound::curve::Level;
 
     #[test]
     fn triangle_has_its_area_and_moments() {
-        let envelope =
-            Envelope::new(&[Line { start: 0.0, slope: 2.0 }, Line { start: 4.0, slope: -2.0 }, Line::ABOVE_ALL], 2.0);
+        let [rising, falling] = triangle(2.0, 2.0);
+        let envelope = Envelope::new([&rising, &falling, &Curve::above_all(2.0)]);
         assert_eq!(envelope.pieces().len(), 2);
         assert_eq!(envelope.pieces().iter().map(Piece::area).sum::<f64>(), 2.0);
         // Twice the integral of (2 t)^3 from 0 to 1.
@@ -131,11 +129,29 @@ mod tests {
     }
 
     #[test]
-    fn three_lines_cut_a_trapezoid() {
-        let lines =
-            [Line { start: 0.0, slope: 1.0 }, Line { start: 1.0, slope: 0.0 }, Line { start: 4.0, slope: -1.0 }];
-        let envelope = Envelope::new(&lines, 4.0);
-        let order: Vec<_> = envelope.pieces().iter().map(|piece| (piece.line, piece.to)).collect();
-        assert_eq!(order, [(0, 1.0), (1, 3.0), (2, 4.0)]);
+    fn a_level_cuts_a_trapezoid() {
+        let [rising, falling] = triangle(1.0, 4.0);
+        let envelope = Envelope::new([&rising, &falling, &Curve::straight(1.0, 0.0, 4.0)]);
+        assert_eq!(order(&envelope), [(0, 1.0), (2, 3.0), (1, 4.0)]);
+    }
+
+    #[test]
+    fn a_curve_that_steepens_is_cut_piece_by_piece() {
+        let rising = Curve::straight(0.0, 2.0, 4.0);
+        let falling = Curve::straight(0.0, 1.0, 4.0).reversed();
+        let levels = [Level { until: 1.0, rate: 1.0 }, Level { until: f64::INFINITY, rate: 3.0 }];
+        let envelope = Envelope::new([&rising, &falling, &Curve::by_value(&levels, 0.0, |_| 0.0, 4.0)]);
+        assert_eq!(order(&envelope), [(2, 1.0), (2, 1.5), (1, 4.0)]);
+    }
+
+    /// From rest to rest.
+    fn triangle(slope: f64, duration: f64) -> [Curve; 2] {
+        let rising = Curve::straight(0.0, slope, duration);
+        let falling = rising.reversed();
+        [rising, falling]
+    }
+
+    fn order(envelope: &Envelope) -> Vec<(usize, f64)> {
+        envelope.pieces().iter().map(|piece| (piece.curve, piece.to)).collect()
     }
 }

@@ -4,8 +4,11 @@
 //! mass G it keeps only to first order where G lies off the chassis centre of mass (by `lever`) and the robot yaws; the
 //! errors are derived in `docs/bounds.md`. They grow with the yaw rate, which friction and torque bound over time.
 
+use std::f64::consts::PI;
+
 use super::capacity::Capacity;
-use super::envelope::{Envelope, Line};
+use super::curve::Curve;
+use super::envelope::Envelope;
 
 /// The motions for which a bound holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,8 +19,8 @@ pub(in crate::solver) enum Grid {
     Continuous,
 }
 
-/// Each round of bounding the yaw rate tightens the error that the next one uses; later ones gain little.
-const YAW_RATE_ROUNDS: usize = 4;
+/// Largest value of `sin^3 x cos x`: yaw that takes a share of the drive norm leaves the rest for translation.
+const YAW_BESIDE_TRANSLATION: f64 = 0.324_76;
 
 /// Known speeds of a motion.
 #[derive(Debug, Clone, Copy)]
@@ -30,17 +33,19 @@ pub(super) struct KnownRates {
     pub(super) start_norm: f64,
 }
 
-/// Errors of one motion of known duration.
-#[derive(Debug, Clone, Copy)]
+/// Errors of one motion of known duration, and the bounds on its speeds that hold with them.
+#[derive(Debug, Clone)]
 pub(super) struct GridError {
     lever: f64,
     dt: f64,
     yaw_acceleration: f64,
-    start_yaw: f64,
     peak: f64,
+    end_yaw: f64,
+    mass: f64,
     duration: f64,
     /// Bound on the magnitude of the yaw rate over time.
     yaw_rate: Envelope,
+    drive: Option<Curve>,
 }
 
 impl GridError {
@@ -50,31 +55,33 @@ impl GridError {
             Grid::Continuous => (0.0, 0.0),
         };
         let slope = capacity.yaw_acceleration;
-        let backward = |end: f64| Line { start: end + slope * duration, slope: -slope };
-        let mut lines =
-            [Line { start: rates.start_yaw, slope }, rates.end_yaw.map_or(Line::ABOVE_ALL, backward), Line::ABOVE_ALL];
-        let yaw_rate = Envelope::new(&lines, duration);
-        let mut error = Self {
+        let nothing = Curve::above_all(duration);
+        let forward = Curve::straight(rates.start_yaw, slope, duration);
+        let backward = rates.end_yaw.map_or(nothing.clone(), |end| Curve::straight(end, slope, duration).reversed());
+        let by_friction = Envelope::new([&forward, &backward, &nothing]);
+        let turning = Turning { lever, dt, peak: by_friction.peak() };
+        let drive = turning.drive_curve(capacity, rates, duration);
+        let yaw_rate = match &drive {
+            Some(drive) => Envelope::new([&forward, &backward, &drive.scaled(capacity.norm.yaw_scale())]),
+            None => by_friction,
+        };
+        let peak = yaw_rate.peak();
+        Self {
             lever,
             dt,
             yaw_acceleration: slope,
-            start_yaw: rates.start_yaw,
-            peak: yaw_rate.peak(),
+            peak,
+            end_yaw: rates.end_yaw.map_or(peak, |end| end.min(peak)),
+            mass: capacity.mass,
             duration,
             yaw_rate,
-        };
-        if let Some(rate) = capacity.drive_rate {
-            let mass = capacity.mass.sqrt();
-            let scale = 1.0 / capacity.yaw_inertia.sqrt();
-            // The drive norm bounds the yaw rate too, up to an error that the bound so far bounds.
-            for _ in 0..YAW_RATE_ROUNDS {
-                let start = scale * (rates.start_norm + mass * error.of_drive(duration));
-                lines[2] = Line { start, slope: scale * rate };
-                error.yaw_rate = Envelope::new(&lines, duration);
-                error.peak = error.yaw_rate.peak();
-            }
+            drive,
         }
-        error
+    }
+
+    /// Bound on the drive norm over time, errors included.
+    pub(super) fn drive(&self) -> Option<&Curve> {
+        self.drive.as_ref()
     }
 
     /// Error of G's velocity that builds up from the start until `time`, m/s.
@@ -82,9 +89,7 @@ impl GridError {
         if self.lever == 0.0 {
             return 0.0;
         }
-        let (first, fourth) = self.weights();
-        let integral = first * self.yaw_rate.power_integral(1, time) + fourth * self.yaw_rate.power_integral(4, time);
-        self.lever * (integral + self.peak_steps())
+        self.lever * (self.per_yaw_rate() * self.yaw_rate.power_integral(1, time) + self.at_nodes())
     }
 
     /// Error of G's velocity that builds up from `time` to the end, m/s.
@@ -92,18 +97,13 @@ impl GridError {
         if self.lever == 0.0 {
             return 0.0;
         }
-        self.since_start(self.duration) - self.since_start(time) + self.lever * self.peak_steps()
+        let integral = self.yaw_rate.power_integral(1, self.duration) - self.yaw_rate.power_integral(1, time);
+        self.lever * (self.per_yaw_rate() * integral + self.at_nodes())
     }
 
-    /// Error of the drive norm per square root of the mass, m/s.
-    pub(super) fn of_drive(&self, time: f64) -> f64 {
-        if self.lever == 0.0 {
-            return 0.0;
-        }
-        let (half, turn) = (0.5 * self.dt, self.dt * self.peak);
-        let steps = self.yaw_rate.power_integral(3, time) + self.dt * self.peak.powi(3);
-        let ends = 3.0 * self.start_yaw * self.start_yaw + self.peak * self.peak;
-        self.lever * half * (ends + (1.0 + turn * turn / 9.0).sqrt() * steps)
+    /// How much the drive norm at the end may exceed its bound, which holds within the steps.
+    pub(super) fn of_end_norm(&self) -> f64 {
+        0.5 * self.dt * self.mass.sqrt() * self.lever * self.end_yaw * self.end_yaw
     }
 
     /// Error of G's displacement against the sum of its velocities, m.
@@ -115,7 +115,12 @@ impl GridError {
         let jerk = integral(3) + 3.0 * self.yaw_acceleration * integral(1);
         let peak_jerk = self.peak.powi(3) + 3.0 * self.yaw_acceleration * self.peak;
         let quadrature = self.dt * self.dt / 12.0 * (jerk + 2.0 * self.dt * peak_jerk);
-        self.lever * quadrature + self.dt * (self.since_start(self.duration) + self.of_drive(self.duration))
+        self.lever * quadrature + self.dt * self.since_start(self.duration)
+    }
+
+    /// What the sum of node values may exceed the area under convex curves by.
+    pub(super) fn of_convexity(&self, curves: [&Curve; 3]) -> f64 {
+        self.dt * self.dt / 8.0 * curves.into_iter().map(Curve::slope_rise).sum::<f64>()
     }
 
     /// Length of a step, s.
@@ -123,16 +128,74 @@ impl GridError {
         self.dt
     }
 
-    /// Acceleration error per yaw rate and per its fourth power.
-    fn weights(&self) -> (f64, f64) {
-        let half = 0.5 * self.dt;
-        let turn = half * self.peak;
-        (2.0 * half * self.yaw_acceleration * (1.0 + 0.5625 * turn * turn).sqrt(), half * half / 6.0)
+    /// Acceleration error per lever and yaw rate.
+    fn per_yaw_rate(&self) -> f64 {
+        self.dt * self.yaw_acceleration * bend(self.half_turn())
     }
 
-    /// What the largest rate in each step may add to the integrals.
-    fn peak_steps(&self) -> f64 {
-        let (first, fourth) = self.weights();
-        2.0 * self.dt * (first * self.peak + fourth * self.peak.powi(4))
+    /// Per lever: how far the velocity that the scheme keeps is from that of G at both ends, and what the largest yaw rate
+    /// of a step may add to the integral at both of its ends.
+    fn at_nodes(&self) -> f64 {
+        let half_turn = self.half_turn();
+        let shift = if half_turn == 0.0 {
+            0.0
+        } else if half_turn < PI {
+            half_turn / half_turn.sin() - 1.0
+        } else {
+            f64::INFINITY
+        };
+        2.0 * self.peak * shift + 2.0 * self.dt * self.per_yaw_rate() * self.peak
+    }
+
+    /// Largest turn in half a step, rad.
+    fn half_turn(&self) -> f64 {
+        0.5 * self.dt * self.peak
+    }
+}
+
+/// `|dzeta/domega| / (2 h omega)` at x = h omega, which grows with x (`docs/bounds.md`); infinite from a half turn on.
+fn bend(x: f64) -> f64 {
+    if x == 0.0 {
+        return 1.0;
+    }
+    if x >= PI {
+        return f64::INFINITY;
+    }
+    let imaginary = 1.0 - 2.0 * x / x.tan() + (x / x.sin()).powi(2);
+    1.0_f64.hypot(imaginary / (2.0 * x))
+}
+
+/// The error that the turning frame causes in the drive norm.
+#[derive(Debug, Clone, Copy)]
+struct Turning {
+    lever: f64,
+    dt: f64,
+    /// Largest yaw rate, rad/s.
+    peak: f64,
+}
+
+impl Turning {
+    fn drive_curve(&self, capacity: &Capacity, rates: &KnownRates, duration: f64) -> Option<Curve> {
+        let levels = capacity.drive_rates.as_ref()?;
+        let curve_from = |start| Curve::by_value(levels, start, |norm| self.rate(capacity, norm), duration);
+        let half_step = 0.5 * self.dt * self.lever * capacity.mass.sqrt();
+        let start = rates.start_norm
+            + 3.0 * half_step * rates.start_yaw * rates.start_yaw
+            + capacity.direction_error * (self.dt * duration).sqrt();
+        let curve = curve_from(start);
+        // The norm in the frame of a step bounds the speed at its ends too, as long as a half step's turn is small.
+        let bend = 0.5 * self.dt * self.lever * curve.end() * capacity.mass.sqrt() / capacity.yaw_inertia;
+        if bend <= 0.5 { Some(curve) } else { Some(curve_from(start + half_step * self.peak * self.peak)) }
+    }
+
+    /// Growth of the drive norm per second at a norm.
+    fn rate(&self, capacity: &Capacity, norm: f64) -> f64 {
+        if self.lever == 0.0 {
+            return 0.0;
+        }
+        let beside_translation = YAW_BESIDE_TRANSLATION * (norm * capacity.norm.yaw_scale()).powi(3);
+        let turn = self.dt * self.peak;
+        let cube = beside_translation.min(self.peak.powi(3));
+        0.5 * self.dt * self.lever * capacity.mass.sqrt() * (1.0 + turn * turn / 9.0).sqrt() * cube
     }
 }

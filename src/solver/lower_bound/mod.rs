@@ -6,16 +6,19 @@
 
 mod axis;
 mod capacity;
+mod curve;
+mod drive_norm;
+mod drive_rate;
 mod envelope;
 mod first_time;
 mod grid_error;
+mod loads;
 mod targets;
 
 use nalgebra::Vector2;
 
-use self::axis::{Axis, Demand, GridLaw};
+use self::axis::{Axis, Demand, GridLaw, Push};
 use self::capacity::Capacity;
-use self::envelope::Line;
 use self::first_time::first_time;
 pub(super) use self::grid_error::Grid;
 use self::grid_error::{GridError, KnownRates};
@@ -24,6 +27,9 @@ use super::settings::SolveInput;
 use super::solution::LowerBoundAssumption;
 use crate::robot::PerWheel;
 use crate::shooting::StateComponent;
+
+/// Share of the weight that each contact has to carry: contacts close at any normal force.
+const NORMAL_LOAD_SHARE: f64 = 0.0;
 
 /// A bound with what it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,13 +62,13 @@ struct Bounds<'a> {
 
 impl<'a> Bounds<'a> {
     fn new(input: &'a SolveInput, grid: Grid) -> Self {
-        let capacity = Capacity::new(&input.robot, input.maneuver.torque_limit);
+        let capacity = Capacity::new(&input.robot, input.maneuver.torque_limit, NORMAL_LOAD_SHARE, grid);
         let targets = Targets::new(input, &capacity, grid);
         let (low, high) = targets.component(StateComponent::YawRate);
         let rates = KnownRates {
             start_yaw: targets.start.velocity.yaw_rate.abs(),
             end_yaw: targets.value(StateComponent::YawRate).map(|_| high.max(-low)),
-            start_norm: capacity.drive_norm_at_most(&targets.start_speeds()),
+            start_norm: capacity.norm.at_most(&targets.start_speeds()),
         };
         Self { input, capacity, targets, rates, grid }
     }
@@ -113,7 +119,7 @@ impl<'a> Bounds<'a> {
     fn of_center(&self) -> Vec<LowerBound> {
         let promise = |direction: &Vector2<f64>| {
             let axis = self.axis_along(*direction).without_drive();
-            axis.least_time(GridLaw::Exact { drive_scale: 0.0 }, &|duration| self.error(duration)).0
+            axis.least_time(GridLaw::Exact, &|duration| self.error(duration)).0
         };
         let promises = self.directions().into_iter().map(|direction| (promise(&direction), direction));
         let Some((_, direction)) = promises.reduce(|best, next| if next.0 > best.0 { next } else { best }) else {
@@ -126,52 +132,78 @@ impl<'a> Bounds<'a> {
             (Demand::Velocity, false) => StateComponent::VelocityY,
         };
         let axis = self.axis_along(direction);
-        self.of_axis(&axis, [GridLaw::CenterOfMass; 2], LowerBoundAssumption::Friction, name)
+        self.of_axis(&axis, GridLaw::CenterOfMass, LowerBoundAssumption::Friction, name)
     }
 
     /// The whole robot's centre of mass along a direction.
     fn axis_along(&self, direction: Vector2<f64>) -> Axis {
         Axis {
             acceleration: self.capacity.acceleration,
+            start_push: self.start_push(direction),
+            end_push: self.end_push(direction),
             start_speed: direction.dot(&self.targets.start_velocity()),
             end_speed: self.targets.end_velocity(direction),
             displacement: self.targets.displacement(direction),
-            drive: self.drive_line(1.0 / self.capacity.mass.sqrt()),
+            drive_scale: self.drive_scale(self.capacity.norm.translation_scale()),
         }
+    }
+
+    /// Accelerations near the start, where the heading is known.
+    fn start_push(&self, direction: Vector2<f64>) -> Push {
+        let heading = self.targets.start.configuration.heading;
+        self.push(direction, heading, 0.0, self.rates.start_yaw)
+    }
+
+    /// Accelerations near the end, where the heading is known if the goal asks for it.
+    fn end_push(&self, direction: Vector2<f64>) -> Push {
+        match (self.targets.value(StateComponent::Heading), self.rates.end_yaw) {
+            (Some(heading), Some(yaw_rate)) => {
+                let (low, high) = self.targets.component(StateComponent::Heading);
+                self.push(direction, heading, (high - heading).max(heading - low), yaw_rate)
+            }
+            (None, _) | (_, None) => Push::steady(self.capacity.acceleration),
+        }
+    }
+
+    /// Accelerations while the heading is near a known one.
+    fn push(&self, direction: Vector2<f64>, heading: f64, slack: f64, yaw_rate: f64) -> Push {
+        let (sin, cos) = heading.sin_cos();
+        let of_body = Vector2::new(cos * direction.y - sin * direction.x, cos * direction.x + sin * direction.y);
+        let along = |of_body| self.capacity.accelerations_along(of_body, slack, yaw_rate);
+        Push { towards: along(of_body), against: along(-of_body) }
     }
 
     /// Bounds by the yaw about the whole robot's centre of mass.
     fn of_yaw(&self) -> Vec<LowerBound> {
-        let scale = 1.0 / self.capacity.yaw_inertia.sqrt();
         let mut axis = Axis {
             acceleration: self.capacity.yaw_acceleration,
+            start_push: Push::steady(self.capacity.yaw_acceleration),
+            end_push: Push::steady(self.capacity.yaw_acceleration),
             start_speed: self.targets.start.velocity.yaw_rate,
             end_speed: self.targets.component(StateComponent::YawRate),
             displacement: (f64::NEG_INFINITY, f64::INFINITY),
-            drive: self.drive_line(scale),
+            drive_scale: self.drive_scale(self.capacity.norm.yaw_scale()),
         };
         let name = |demand| match demand {
             Demand::Displacement => StateComponent::Heading,
             Demand::Velocity => StateComponent::YawRate,
         };
-        let laws =
-            [GridLaw::Exact { drive_scale: 0.0 }, GridLaw::Exact { drive_scale: self.capacity.mass.sqrt() * scale }];
         // The goal's windings on both sides of the change that takes no time beyond that of the speed.
         let changes = self.targets.heading_changes(axis.displacement_of_fastest_change());
         let windings = changes.into_iter().map(|change| {
             axis.displacement = change;
-            let bounds = self.of_axis(&axis.without_drive(), laws, LowerBoundAssumption::YawFriction, name);
+            let bounds = self.of_axis(&axis.without_drive(), GridLaw::Exact, LowerBoundAssumption::YawFriction, name);
             bounds.into_iter().next()
         });
         let fastest = |a: LowerBound, b: LowerBound| if b.time < a.time { b } else { a };
         let by_friction = windings.flatten().reduce(fastest);
-        by_friction.into_iter().chain(self.of_driven_yaw(&axis, laws[1])).collect()
+        by_friction.into_iter().chain(self.of_driven_yaw(&axis)).collect()
     }
 
     /// Bound by the smallest change of heading: the drive line does not depend on the direction, so that one is the
     /// fastest.
-    fn of_driven_yaw(&self, axis: &Axis, law: GridLaw) -> Option<LowerBound> {
-        axis.drive?;
+    fn of_driven_yaw(&self, axis: &Axis) -> Option<LowerBound> {
+        axis.drive_scale?;
         let start_speed = axis.start_speed.abs();
         let end_speed = axis.end_speed.1.max(-axis.end_speed.0);
         let least = |(low, high): (f64, f64)| low.max(-high);
@@ -181,9 +213,9 @@ impl<'a> Bounds<'a> {
             start_speed,
             end_speed: (f64::NEG_INFINITY, end_speed),
             displacement: (change, f64::INFINITY),
-            ..*axis
+            ..axis.clone()
         };
-        let (time, _) = magnitude.least_time(law, &|duration| self.error(duration));
+        let (time, _) = magnitude.least_time(GridLaw::Exact, &|duration| self.error(duration));
         Some(LowerBound { time, assumption: LowerBoundAssumption::DriveTorque, component: StateComponent::Heading })
     }
 
@@ -191,39 +223,41 @@ impl<'a> Bounds<'a> {
     fn of_axis(
         &self,
         axis: &Axis,
-        [friction_law, drive_law]: [GridLaw; 2],
+        law: GridLaw,
         assumption: LowerBoundAssumption,
         name: impl Fn(Demand) -> StateComponent,
     ) -> Vec<LowerBound> {
         let error = |duration| self.error(duration);
-        let bound = |axis: &Axis, law, assumption| {
+        let bound = |axis: &Axis, assumption| {
             let (time, demand) = axis.least_time(law, &error);
             LowerBound { time, assumption, component: name(demand) }
         };
-        let by_friction = bound(&axis.without_drive(), friction_law, assumption);
+        let by_friction = bound(&axis.without_drive(), assumption);
         let mut bounds = vec![by_friction];
-        if axis.drive.is_some() && by_friction.time.is_finite() {
-            bounds.push(bound(axis, drive_law, LowerBoundAssumption::DriveTorque));
+        if axis.drive_scale.is_some() && by_friction.time.is_finite() {
+            bounds.push(bound(axis, LowerBoundAssumption::DriveTorque));
         }
         bounds
     }
 
-    /// The drive norm over time, times `scale`.
-    fn drive_line(&self, scale: f64) -> Option<Line> {
-        let rate = self.capacity.drive_rate?;
-        Some(Line { start: scale * self.rates.start_norm, slope: scale * rate })
+    /// `scale`, unless torques bound nothing.
+    fn drive_scale(&self, scale: f64) -> Option<f64> {
+        self.capacity.drive_rates.as_ref().map(|_| scale)
     }
 
     /// Bound by the speeds of the goal, which the torques must build up.
     fn of_drive_norm(&self) -> Option<LowerBound> {
-        let rate = self.capacity.drive_rate?;
+        self.capacity.drive_rates.as_ref()?;
         let speeds = self.targets.least_end_speeds();
-        let rise = self.capacity.drive_norm_at_least(&speeds) - self.rates.start_norm;
+        let rise = self.capacity.norm.at_least(&speeds) - self.rates.start_norm;
         // The norms of start and goal round to a few units in the last place.
         let required = rise - 1e-12 * self.rates.start_norm;
         let time = first_time(0.0, required, |_, duration| {
-            let error = if duration > 0.0 { self.error(duration).of_drive(duration) } else { 0.0 };
-            rate * duration + self.capacity.mass.sqrt() * error
+            if duration <= 0.0 {
+                return 0.0;
+            }
+            let error = self.error(duration);
+            error.drive().map_or(f64::INFINITY, |drive| drive.end() - self.rates.start_norm + error.of_end_norm())
         });
         let weights = [
             (StateComponent::VelocityX, self.capacity.mass),
@@ -251,12 +285,14 @@ impl<'a> Bounds<'a> {
             let (low, high) = self.targets.component(angle_component);
             let axis = Axis {
                 acceleration,
+                start_push: Push::steady(acceleration),
+                end_push: Push::steady(acceleration),
                 start_speed: rate,
                 end_speed: self.targets.component(rate_component),
                 displacement: (low - angle, high - angle),
-                drive: None,
+                drive_scale: None,
             };
-            let (time, demand) = axis.least_time(GridLaw::Exact { drive_scale: 0.0 }, &|duration| self.error(duration));
+            let (time, demand) = axis.least_time(GridLaw::Exact, &|duration| self.error(duration));
             let component = if demand == Demand::Displacement { angle_component } else { rate_component };
             LowerBound { time, assumption: LowerBoundAssumption::WheelDrive, component }
         };

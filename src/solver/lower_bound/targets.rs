@@ -6,7 +6,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 
-use super::capacity::{Capacity, Speeds};
+use super::capacity::Capacity;
+use super::drive_norm::Speeds;
 use super::grid_error::Grid;
 use crate::robot::{PerWheel, State};
 use crate::shooting::{Maneuver, StateComponent};
