@@ -2,7 +2,7 @@
 
 #[allow(dead_code, unused_imports, reason = "the runner uses more of the suite")]
 #[path = "../../benches/maneuvers/suite/mod.rs"]
-mod suite;
+pub(crate) mod suite;
 
 use std::fs;
 use std::path::Path;

@@ -6,6 +6,8 @@ use slipdrive::robot::{PerWheel, RobotParameters};
 use slipdrive::shooting::{Goal, Maneuver, StateComponent};
 use slipdrive::solver::{RunControl, SolveInput, SolveParameters, SolverSettings, Status, solve};
 
+use super::best_known::suite::{Witness, read_cases};
+
 /// Heavy wheels put the whole robot's centre of mass far from the chassis's: the scheme errs the most.
 fn random_robot(random: &mut impl Rng) -> RobotParameters {
     RobotParameters {
@@ -59,4 +61,25 @@ fn optimised_coarse_plans_stay_above_the_bound() {
         plans += 1;
     }
     assert!(plans >= 20, "{plans} plans met their goal");
+}
+
+/// Prints the share of each best known time that the bound proves, and the median share.
+#[test]
+#[ignore = "slow: a figure for the docs, of all cases of the suite"]
+fn shares_of_best_known_times() {
+    let mut shares = Vec::new();
+    for case in read_cases().unwrap().1 {
+        let witness = Witness::read(&case.name).unwrap().unwrap();
+        let mut input = case.accepted.input.clone();
+        // The bound depends on the maneuver alone: one rollout is enough to be told it.
+        (input.settings.start_count, input.settings.rollout_limit) = (1, 1);
+        let report = solve(&input, &RunControl::unattended()).unwrap().report;
+        let (bound, assumption) = (report.lower_bound.unwrap(), report.lower_bound_assumption.unwrap());
+        let share = bound / witness.final_time_s;
+        println!("{:<42} {bound:.4} {:.4} {share:.4} {}", case.name, witness.final_time_s, assumption.as_str());
+        shares.push(share);
+    }
+    shares.sort_by(f64::total_cmp);
+    println!("median {:.4} of {}", shares[shares.len() / 2], shares.len());
+    assert!(shares[shares.len() - 1] < 1.0);
 }
