@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 
 use crate::contact::ContactName;
 use crate::robot::{PerWheel, Robot};
+use crate::shooting::NORMAL_LOAD_TOLERANCE;
 
 /// Balances that are tried between weight alone and weight with pitch, each of which gives a bound: twice as many gain nothing
 /// in the median over the suite.
@@ -196,7 +197,7 @@ impl Loads {
 
 /// The normal force that a contact has to keep, N.
 fn least_normal_force(share: f64, weight: f64, static_force: f64) -> f64 {
-    (share * weight).min(0.5 * static_force)
+    ((share * weight).min(0.5 * static_force) - NORMAL_LOAD_TOLERANCE * weight).max(0.0)
 }
 
 /// Largest `weight . F` over all F with `cost |F| + response . F <= 1`, where `cost > |response|`: the root of
@@ -243,7 +244,7 @@ mod tests {
         assert!((loads.largest_sum() - friction * on_wheels / (1.0 - shift)).abs() < 2e-3);
         let share = 0.01;
         let least = Loads::new(&Robot::new(parameters).unwrap(), PerWheel::new(1.0, 1.0), share, 0.0);
-        assert!((least.least_of_wheel(0) - share * least.weight()).abs() < 1e-12);
+        assert!((least.least_of_wheel(0) - (share - NORMAL_LOAD_TOLERANCE) * least.weight()).abs() < 1e-12);
     }
 
     /// Friction forces and torques with normal forces that keep all contacts closed; none where they do not.

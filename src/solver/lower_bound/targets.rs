@@ -31,6 +31,12 @@ pub(super) struct Targets<'a> {
     can_turn: bool,
     /// Start at the centre of mass.
     pub(super) start: State,
+    /// Distance of the reference point from the chassis centre of mass, m.
+    lever: f64,
+    /// By how much the velocity of the chassis centre of mass is turned at most before the goal judges it, as a chord, rad.
+    end_turn: f64,
+    /// Largest speed of the chassis centre of mass at the end, where the goal leaves it free, m/s.
+    free_speed: f64,
 }
 
 impl<'a> Targets<'a> {
@@ -52,7 +58,16 @@ impl<'a> Targets<'a> {
             offset,
             can_turn: capacity.yaw_acceleration > 0.0,
             start: maneuver.start.moved_by(offset),
+            lever: maneuver.reference_point.offset(input.robot.parameters()).norm(),
+            end_turn: 0.0,
+            free_speed: f64::INFINITY,
         }
+    }
+
+    /// Allows for the frame in which the goal judges velocities, in plans whose end has turned by at most `end_turn` rad within
+    /// half a step, and whose chassis centre of mass is no faster than `free_speed`, m/s.
+    pub(super) fn turn_end(&mut self, end_turn: f64, free_speed: f64) {
+        (self.end_turn, self.free_speed) = (end_turn.min(2.0), free_speed);
     }
 
     pub(super) fn value(&self, component: StateComponent) -> Option<f64> {
@@ -92,11 +107,23 @@ impl<'a> Targets<'a> {
                 around(direction.dot(&velocity), slack)
             }
         };
-        (reference.0 + turning.0, reference.1 + turning.1)
+        let turned = if self.end_turn == 0.0 { 0.0 } else { self.end_turn * self.largest_end_speed() };
+        (reference.0 + turning.0 - turned, reference.1 + turning.1 + turned)
+    }
+
+    /// The largest speed of the chassis centre of mass that the goal allows, m/s.
+    fn largest_end_speed(&self) -> f64 {
+        let largest = |component| {
+            let (low, high) = self.component(component);
+            high.max(-low)
+        };
+        let swing = if self.lever == 0.0 { 0.0 } else { self.lever * largest(StateComponent::YawRate) };
+        let asked = largest(StateComponent::VelocityX).hypot(largest(StateComponent::VelocityY)) + swing;
+        asked.min(self.free_speed)
     }
 
     /// The yaw rate at the end where it is known: asked for, or unchangeable.
-    fn end_yaw_rate(&self) -> Option<f64> {
+    pub(super) fn end_yaw_rate(&self) -> Option<f64> {
         let unchanged = (!self.can_turn).then_some(self.start.velocity.yaw_rate);
         self.value(StateComponent::YawRate).or(unchanged)
     }

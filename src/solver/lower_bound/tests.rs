@@ -18,7 +18,7 @@ fn bound(maneuver: &Maneuver) -> LowerBound {
 }
 
 fn by_friction(maneuver: &Maneuver, parameters: RobotParameters, step_count: usize) -> f64 {
-    Bounds::new(&input(maneuver, parameters), Grid::Steps(step_count)).all()[0].time
+    Bounds::new(&input(maneuver, parameters), Grid::Steps(step_count), 0.0).all()[0].time
 }
 
 /// Hollow wheels on the chassis centre of mass: the scheme keeps every law exactly. The front support rubs like the wheels,
@@ -258,7 +258,9 @@ impl Case {
         if !trajectory.separations().is_empty() || trajectory.worst_contact_residual > 1e-10 {
             return None;
         }
-        let end = trajectory.state.last()?.moved_by(self.input.maneuver.reference_point.offset(&parameters));
+        let end = trajectory.end_state.moved_by(self.input.maneuver.reference_point.offset(&parameters));
+        // These plans keep no loads but positive ones.
+        self.input.maneuver.limits.normal_load_share = 0.0;
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(!self.seed);
         let free = if rng.random_bool(0.5) { 0.0 } else { 0.4 };
         for component in StateComponent::ALL {
