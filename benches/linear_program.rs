@@ -58,7 +58,7 @@ fn by_elastic_simplex(solver: &mut ElasticSolver, data: &Data) -> f64 {
     let program = ElasticProgram {
         matrix: &data.matrix,
         target: &data.target,
-        row_name: &Vec::from_iter(0..ROWS),
+        row_name: &(0..ROWS).collect::<Vec<_>>(),
         equation_count: ROWS,
         cost: &data.cost,
         lower: &data.lower,

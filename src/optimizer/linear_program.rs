@@ -19,7 +19,10 @@
 //! it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
 //! Method", 2003). Rows that stay slack cost no more than a scalar product.
 
+mod ratio_test;
+
 use nalgebra::{DMatrix, DVector};
+use ratio_test::{Kink, KinkAt};
 
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
 use crate::stop::{Stop, Stopped};
@@ -32,13 +35,8 @@ const ROUNDING: f64 = 1e-13;
 const VIOLATION_TOLERANCE: f64 = 1e-10;
 /// Multipliers may pass their box by this share of the penalty parameter.
 const MULTIPLIER_TOLERANCE: f64 = 1e-9;
-/// Pivots below this share of what the rows can change at all would make the basis singular to rounding: rows are dependent
-/// when a plan ends sticking.
-const PIVOT_TOLERANCE: f64 = 1e-9;
 /// Rows of a warm start whose pivot falls below this share of the largest entry are dependent.
 const DEPENDENT: f64 = 1e-7;
-/// Kinks this close together, as a share of the step, are one: the largest pivot of them is taken (Harris 1973).
-const SAME_STEP: f64 = 1e-9;
 /// Iterations without progress after which the first violation is taken instead of the largest (Bland 1977), against cycling.
 const STALL_LIMIT: usize = 50;
 /// Iterations per variable and row after which the simplex gives up.
@@ -95,26 +93,6 @@ enum Leaving {
     Basic { position: usize, sign: f64 },
     /// A row at a bound of its multiplier, and the sign in which that moves.
     Row { row: usize, sign: f64 },
-}
-
-/// A kink of D along the edge.
-#[derive(Debug, Clone, Copy)]
-struct Kink {
-    step: f64,
-    /// By how much the slope of D falls; infinite where the edge ends.
-    fall: f64,
-    pivot: f64,
-    at: KinkAt,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum KinkAt {
-    /// The gradient of a variable passes zero.
-    Variable(usize),
-    /// The multiplier of the tight row at this position reaches a bound.
-    Tight(usize),
-    /// The multiplier of the leaving row reaches its other bound.
-    OtherBound,
 }
 
 impl ElasticSolver {
@@ -254,7 +232,7 @@ impl ElasticSolver {
             self.update_gradient(program);
             self.update_point(program);
             let Some(leaving) = self.leaving(program, stalled >= STALL_LIMIT) else {
-                self.x.iter_mut().enumerate().for_each(|(j, x)| *x = x.clamp(program.lower[j], program.upper[j]));
+                self.x.iter_mut().enumerate().for_each(|(j, x)| *x = x.max(program.lower[j]).min(program.upper[j]));
                 return Ok(true);
             };
             self.update_direction(program, leaving);
@@ -397,72 +375,6 @@ impl ElasticSolver {
                 self.slope.axpy(*change, &coefficients, 1.0);
             }
         }
-    }
-
-    /// The kink at which D stops to rise; none where no pivot is large enough.
-    fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
-        self.list_kinks(program, leaving);
-        let mut rise = match leaving {
-            Leaving::Basic { position, sign } => {
-                let column = self.basic[position];
-                if sign > 0.0 { program.lower[column] - self.x[column] } else { self.x[column] - program.upper[column] }
-            }
-            Leaving::Row { row, sign } => sign * self.value[row],
-        };
-        let stop = self.kinks.iter().position(|kink| {
-            rise -= kink.fall;
-            rise <= 0.0
-        })?;
-        for kink in &self.kinks[..stop] {
-            if let KinkAt::Variable(column) = kink.at {
-                self.rest[column] = Rest::by(self.slope[column]);
-            }
-        }
-        let last = self.kinks[stop];
-        let same = |kink: &&Kink| (kink.step - last.step).abs() <= SAME_STEP * last.step;
-        let near = self.kinks.iter().filter(same);
-        near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
-    }
-
-    fn list_kinks(&mut self, program: &ElasticProgram, leaving: Leaving) {
-        let mut kinks = std::mem::take(&mut self.kinks);
-        kinks.clear();
-        let total: f64 = self.direction.iter().zip(self.range.iter()).map(|(change, range)| change.abs() * range).sum();
-        let smallest = PIVOT_TOLERANCE * total;
-        for (column, (&gradient, &slope)) in self.gradient.iter().zip(self.slope.iter()).enumerate() {
-            if self.is_basic[column] || slope.abs() * program.width(column) <= smallest {
-                continue;
-            }
-            let (rest, next) = (self.rest[column], Rest::by(slope));
-            if rest != next {
-                let width = match rest {
-                    Rest::Lower | Rest::Upper => program.width(column),
-                    Rest::Zero if next == Rest::Lower => -program.lower[column],
-                    Rest::Zero => program.upper[column],
-                };
-                let is_zero = gradient.abs() <= GRADIENT_TOLERANCE;
-                let step = if is_zero { 0.0 } else { -gradient / slope };
-                let (fall, pivot) = (slope.abs() * width, slope.abs());
-                kinks.push(Kink { step, fall, pivot, at: KinkAt::Variable(column) });
-            }
-        }
-        let until = |row: usize| {
-            let (low, high) = program.multiplier_bounds(row);
-            let (at, change) = (self.multiplier[row], self.direction[row]);
-            (if change > 0.0 { high - at } else { at - low }).max(0.0) / change.abs()
-        };
-        let ends = |step: f64, pivot: f64, at: KinkAt| Kink { step, fall: f64::INFINITY, pivot, at };
-        for (position, &row) in self.tight.iter().enumerate() {
-            let pivot = self.direction[row].abs();
-            if pivot > 0.0 {
-                kinks.push(ends(until(row), pivot, KinkAt::Tight(position)));
-            }
-        }
-        if let Leaving::Row { row, .. } = leaving {
-            kinks.push(ends(until(row), 1.0, KinkAt::OtherBound));
-        }
-        kinks.sort_unstable_by(|a, b| a.step.total_cmp(&b.step).then(b.fall.total_cmp(&a.fall)));
-        self.kinks = kinks;
     }
 
     /// Lets one leave its place and the other take it.

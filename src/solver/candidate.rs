@@ -22,6 +22,8 @@ pub(super) struct Candidate {
     pub(super) breaks_limits: bool,
     /// The winding of the goal heading that it meets.
     pub(super) goal_heading: Option<f64>,
+    /// Its merit under a smoothed law, where it is no plan yet, s.
+    pub(super) smoothed_merit: Option<f64>,
     /// Its criticality measure, where the search has computed it.
     pub(super) stationarity: Option<Arc<Stationarity>>,
 }
@@ -52,7 +54,7 @@ impl Stationarity {
 
 impl Candidate {
     pub(super) fn new(decision: DVector<f64>, goal_error: f64, breaks_limits: bool, goal_heading: Option<f64>) -> Self {
-        Self { decision, goal_error, breaks_limits, goal_heading, stationarity: None }
+        Self { decision, goal_error, breaks_limits, goal_heading, smoothed_merit: None, stationarity: None }
     }
 
     pub(super) fn final_time(&self) -> f64 {

@@ -88,18 +88,22 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         penalty_parameter: f64,
         radius: f64,
     ) -> Result<Candidate, Interruption> {
-        self.descend_until(guess, (penalty_parameter, radius), SequentialLinearSettings::default().smallest_prediction)
+        let smallest_prediction = SequentialLinearSettings::default().smallest_prediction;
+        self.descend_until(guess, (penalty_parameter, radius), (smallest_prediction, f64::INFINITY))
     }
 
-    /// As [`Self::descend`], as long as the linear model promises more than `smallest_prediction`, s.
+    /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, s, and a final time below
+    /// the one to beat.
     pub(super) fn descend_until(
         &mut self,
         guess: &DVector<f64>,
         (penalty_parameter, radius): (f64, f64),
-        smallest_prediction: f64,
+        (smallest_prediction, time_to_beat): (f64, f64),
     ) -> Result<Candidate, Interruption> {
-        let result = self.descend_with_penalty(guess, (penalty_parameter, radius), smallest_prediction)?;
-        if result.unrestored <= PENALTY_TOO_SMALL || penalty_parameter >= self.penalty_parameters[1] {
+        let until = (smallest_prediction, time_to_beat);
+        let result = self.descend_with_penalty(guess, (penalty_parameter, radius), until)?;
+        let is_last = penalty_parameter >= self.penalty_parameters[1] || result.ending == Ending::Hopeless;
+        if result.unrestored <= PENALTY_TOO_SMALL || is_last {
             return Ok(self.candidate(&result));
         }
         let from = if has_collapsed(&result.x, guess) {
@@ -109,7 +113,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         } else {
             &result.x
         };
-        let stricter = self.descend_with_penalty(from, (self.penalty_parameters[1], radius), smallest_prediction)?;
+        let stricter = self.descend_with_penalty(from, (self.penalty_parameters[1], radius), until)?;
         let (mut best, next) = (self.candidate(&result), self.candidate(&stricter));
         keep_better(&mut best, next, self.settings.goal_tolerance);
         Ok(best)
@@ -119,7 +123,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         &mut self,
         guess: &DVector<f64>,
         (penalty_parameter, radius): (f64, f64),
-        smallest_prediction: f64,
+        (smallest_prediction, merit_to_beat): (f64, f64),
     ) -> Result<SequentialLinearResult, Interruption> {
         let settings = SequentialLinearSettings {
             penalty_parameter,
@@ -127,6 +131,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
             inequality_tolerance: NORMAL_LOAD_TOLERANCE,
             smallest_prediction,
+            merit_to_beat,
             ..SequentialLinearSettings::default()
         };
         let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
@@ -153,7 +158,11 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         }
         match result.ending {
             Ending::Interrupted(interruption) => Err(interruption),
-            Ending::Stationary | Ending::SmallGains | Ending::SmallRadius | Ending::IterationLimit => Ok(result),
+            Ending::Stationary
+            | Ending::SmallGains
+            | Ending::SmallRadius
+            | Ending::Hopeless
+            | Ending::IterationLimit => Ok(result),
         }
     }
 

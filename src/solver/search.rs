@@ -7,8 +7,8 @@ use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::solution::{DistinctOptimum, RefinementOutcome, Replay, StopReason};
-use super::starts::{Strategy, starts};
-use super::strategies::HopBudget;
+use super::starts::{Start, Strategy, starts};
+use super::strategies::Effort;
 use crate::optimizer::Interruption;
 use crate::shooting::ShootingProblem;
 
@@ -18,8 +18,31 @@ const DISTINCT_FINAL_TIME: f64 = 1e-3;
 /// Where fewer than half of the starts lead to a plan, more are tried: up to this multiple of the requested number.
 const MORE_STARTS: usize = 2;
 
-/// Rounds of polishing: how many distinct local optima, fastest first, and how thoroughly each.
-const POLISH_ROUNDS: [(usize, HopBudget); 2] = [(8, HopBudget::SHORT), (3, HopBudget::LONG)];
+/// A start whose smoothed merit is this multiple of the best one has lost its goal: its penalty exceeds its final time.
+const LOST_MERIT: f64 = 2.0;
+
+/// The race: in each round the fastest of the last one go on, this share of the starts. The merits under smoothing tell early
+/// which starts lead to the fastest plans (of 15 searches the best plan was among the fastest third before the exact law in all).
+const HEATS: [Round; 3] = [
+    Round { divisor: 1, effort: Effort::Smooth(&[0.1, 0.03]) },
+    Round { divisor: 1, effort: Effort::Smooth(&[0.01]) },
+    Round { divisor: 2, effort: Effort::Descend },
+];
+/// The rounds between local optima: half as many, twice as thoroughly.
+const FINALS: [Round; 4] = [
+    Round { divisor: 3, effort: Effort::Polish { hops: 0 } },
+    Round { divisor: 6, effort: Effort::Polish { hops: 24 } },
+    Round { divisor: 12, effort: Effort::Polish { hops: 48 } },
+    Round { divisor: 24, effort: Effort::Polish { hops: 96 } },
+];
+
+/// One round of the race.
+#[derive(Debug, Clone, Copy)]
+struct Round {
+    /// The starts over this number is how many take part.
+    divisor: usize,
+    effort: Effort,
+}
 
 /// The result of the search, and its cost.
 #[derive(Debug)]
@@ -68,54 +91,27 @@ pub(super) fn search(
 ) -> SearchResult {
     let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
     let progress = BestProgress::new(control, settings.goal_tolerance);
-    let parts_of = |rollout_limit: u64, count: usize, run: &RunPart| {
-        Parts::new((control, &progress), settings.goal_tolerance, rollout_limit, (count, run)).total()
-    };
-
-    let mut found = Total::default();
+    let mut race = Race { input, problem, rollout_limit, control, progress: &progress, found: Total::default() };
     let mut optima: Vec<Candidate> = Vec::new();
     for block in starts.chunks(settings.start_count) {
-        let tried = found.tried;
-        let left = rollout_limit - found.rollouts;
-        let more = parts_of(left, block.len(), &|index, control, rollout_limit| {
-            let number = (tried + index + 1, tried + block.len());
-            part(input, problem, (control, rollout_limit), |search| search.run_from(&block[index], number))
-        });
-        let locals = more.locals.iter().map(|(_, local)| local);
-        optima.extend(locals.filter(|local| local.is_feasible(settings.goal_tolerance)).cloned());
-        found.tried += more.tried;
-        found.follow(more, settings.goal_tolerance);
-        if found.interruption.is_some() || 2 * optima.len() >= found.tried {
+        let arrived = race.heats(block, &mut optima);
+        if race.found.interruption.is_some() || 2 * arrived >= block.len() && !optima.is_empty() {
             break;
         }
     }
-
-    optima = fastest_first(optima);
-    let is_polished = starts[..found.tried].iter().any(|start| start.strategy == Strategy::Smoothed);
-    for (count, hop_budget) in POLISH_ROUNDS.into_iter().filter(|_| is_polished) {
-        if found.interruption.is_some() {
-            break;
-        }
-        let mut chosen = distinct(&optima);
-        chosen.truncate(count);
-        let left = rollout_limit - found.rollouts;
-        let polished = parts_of(left, chosen.len(), &|index, control, rollout_limit| {
-            let optimum = optima[chosen[index]].clone();
-            part(input, problem, (control, rollout_limit), |search| search.polish(optimum, hop_budget))
-        });
-        for (index, local) in &polished.locals {
-            optima[chosen[*index]] = local.clone();
-        }
-        found.follow(polished, settings.goal_tolerance);
-        optima = fastest_first(optima);
+    let found_from = race.found.tried;
+    if starts[..found_from].iter().any(|start| start.strategy == Strategy::Smoothed) {
+        race.finals(&mut optima);
     }
+    let found = race.found;
+    let optima = fastest_first(optima);
     SearchResult {
         best: found.best,
         stop_reason: found.interruption.map_or(StopReason::Finished, StopReason::from),
         step_count,
         iterations: found.iterations,
         rollouts: found.rollouts,
-        starts_tried: found.tried,
+        starts_tried: found_from,
         distinct_optima: grouped(optima.iter().map(Candidate::final_time).collect()),
         optima,
         refinement: RefinementOutcome::Fixed,
@@ -123,18 +119,102 @@ pub(super) fn search(
     }
 }
 
-/// One part of the search, with a problem and a budget of its own.
-fn part(
-    input: &SolveInput,
-    problem: &ShootingProblem,
-    (control, rollout_limit): (&RunControl, u64),
-    run: impl FnOnce(&mut LocalSearch) -> Result<Candidate, Interruption>,
-) -> PartOutcome {
-    let mut problem = problem.clone();
-    let mut local_search = LocalSearch::new(&mut problem, &input.settings, control, rollout_limit);
-    let local = run(&mut local_search);
-    let (best, iterations, rollouts) = local_search.into_parts();
-    PartOutcome { local, best, iterations, rollouts }
+/// A search in rounds, each of which is over before the next one begins: so the answer does not depend on who runs which part.
+struct Race<'a> {
+    input: &'a SolveInput,
+    problem: &'a ShootingProblem<'a>,
+    rollout_limit: u64,
+    control: &'a RunControl<'a>,
+    progress: &'a BestProgress<'a>,
+    found: Total,
+}
+
+impl Race<'_> {
+    /// From starts to local optima, which join the others; returns how many starts seem to lead to a plan.
+    fn heats(&mut self, starts: &[Start], optima: &mut Vec<Candidate>) -> usize {
+        let first = self.found.tried;
+        let number = |index: usize| (first + index + 1, first + starts.len());
+        let (mut arrived, mut smooth) = (0, Vec::new());
+        let locals = self.round(starts.len(), &|index, search| match starts[index].strategy {
+            Strategy::Smoothed => search.smooth(&starts[index], HEATS[0].effort, number(index)),
+            Strategy::Warm | Strategy::Direct => search.run_from(&starts[index], number(index)),
+        });
+        self.found.tried = first + locals.len();
+        for (index, local) in locals {
+            if local.smoothed_merit.is_some() {
+                smooth.push((index, local));
+            } else {
+                let plan = Some(local).filter(|local| local.is_feasible(self.input.settings.goal_tolerance));
+                arrived += usize::from(plan.is_some());
+                optima.extend(plan);
+            }
+        }
+        for round in &HEATS[1..] {
+            if self.found.interruption.is_some() {
+                return arrived;
+            }
+            smooth.sort_by(|(_, a), (_, b)| merit(a).total_cmp(&merit(b)));
+            if let (Effort::Descend, Some((_, best))) = (round.effort, smooth.first()) {
+                let lost = LOST_MERIT * merit(best);
+                arrived += smooth.iter().filter(|(_, local)| merit(local) < lost).count();
+            }
+            smooth.truncate(starts.len().div_ceil(round.divisor));
+            let locals = self.round(smooth.len(), &|index, search| {
+                let (start, local) = &smooth[index];
+                search.go_on(&starts[*start], local, round.effort, number(*start))
+            });
+            smooth = locals.into_iter().map(|(index, local)| (smooth[index].0, local)).collect();
+        }
+        let feasible = |local: &Candidate| local.is_feasible(self.input.settings.goal_tolerance);
+        optima.extend(smooth.into_iter().map(|(_, local)| local).filter(feasible));
+        arrived
+    }
+
+    /// Improves the fastest distinct optima, ever fewer of them.
+    fn finals(&mut self, optima: &mut Vec<Candidate>) {
+        for (number, round) in (0..).zip(FINALS) {
+            if self.found.interruption.is_some() {
+                return;
+            }
+            *optima = fastest_first(std::mem::take(optima));
+            let mut chosen = distinct(optima);
+            chosen.truncate(self.input.settings.start_count.div_ceil(round.divisor));
+            let locals = self.round(chosen.len(), &|index, search| {
+                search.polish(optima[chosen[index]].clone(), round.effort, number)
+            });
+            for (index, local) in locals {
+                optima[chosen[index]] = local;
+            }
+        }
+    }
+
+    /// Runs the parts of one round; the local optima with the numbers of their parts.
+    fn round(
+        &mut self,
+        count: usize,
+        run: &(dyn Fn(usize, &mut LocalSearch) -> RoundResult + Sync),
+    ) -> Vec<(usize, Candidate)> {
+        let run_part: &RunPart = &|index, control, rollout_limit| {
+            let mut problem = self.problem.clone();
+            let mut local_search = LocalSearch::new(&mut problem, &self.input.settings, control, rollout_limit);
+            let local = run(index, &mut local_search);
+            let (best, iterations, rollouts) = local_search.into_parts();
+            PartOutcome { local, best, iterations, rollouts }
+        };
+        let tolerance = self.input.settings.goal_tolerance;
+        let left = self.rollout_limit - self.found.rollouts;
+        let mut total = Parts::new((self.control, self.progress), tolerance, left, (count, run_part)).total();
+        let locals = std::mem::take(&mut total.locals);
+        self.found.follow(total, tolerance);
+        locals
+    }
+}
+
+type RoundResult = Result<Candidate, Interruption>;
+
+/// The merit under a smoothed law.
+fn merit(candidate: &Candidate) -> f64 {
+    candidate.smoothed_merit.unwrap_or(f64::INFINITY)
 }
 
 pub(super) fn fastest_first(mut optima: Vec<Candidate>) -> Vec<Candidate> {

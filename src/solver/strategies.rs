@@ -12,6 +12,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::candidate::{Candidate, Stationarity, keep_better};
 use super::local_search::LocalSearch;
 use super::run_control::Phase;
+use super::search::is_distinct;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
@@ -43,13 +44,11 @@ const RADIUS: f64 = 0.1;
 /// rollouts would gain little.
 const ROUGH_PREDICTION: f64 = 1e-5;
 /// The perturbations of local optima, used in turn.
-const PERTURBATIONS: [Perturbation; 6] = [
+const PERTURBATIONS: [Perturbation; 4] = [
     Perturbation::Shift,
     Perturbation::Noise { share: 0.03, everywhere: true },
     Perturbation::Noise { share: 0.05, everywhere: false },
     Perturbation::Noise { share: 0.2, everywhere: false },
-    Perturbation::Noise { share: 0.5, everywhere: false },
-    Perturbation::Noise { share: 1.0, everywhere: false },
 ];
 /// Factor of a perturbed copy's final time.
 const PERTURBED_FINAL_TIME: f64 = 1.003;
@@ -60,31 +59,24 @@ const FINISH_SHRINK_FACTOR: f64 = 0.1;
 const HOP_ROLLOUTS: u64 = 5000;
 /// A hop that gains less than this share of the final time counts as idle.
 const HOP_GAIN: f64 = 1e-4;
-const POLISH_LIMIT: usize = 4;
-/// A round of polishing that gains less than this share of the final time is the last one.
-const POLISH_GAIN: f64 = 3e-6;
 /// A plan that loses more than this share of its final time on another grid has left its local optimum.
 const ADAPTION_LOSS: f64 = 5e-3;
 
-/// How many hops to try from a local optimum.
+/// What a round of the search does for one start or local optimum.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct HopBudget {
-    /// Most hops.
-    hops: usize,
-    /// Idle hops in a row that end the search.
-    idle_hops: usize,
-    /// Added to the seed, so that a second round tries other perturbations.
-    stream: u64,
+pub(super) enum Effort {
+    /// Descends under these smoothed laws, m/s.
+    Smooth(&'static [f64]),
+    /// Descends under the exact law.
+    Descend,
+    /// Leaves the kink through smoothing, then hops at most this often.
+    Polish { hops: usize },
 }
 
-impl HopBudget {
-    /// For one of many starts.
-    const LEAST: Self = Self { hops: 3, idle_hops: 3, stream: 0 };
-    /// Each perturbation once or twice.
-    pub(super) const SHORT: Self = Self { hops: 12, idle_hops: 6, stream: 0 };
-    /// As long as hops gain.
-    pub(super) const LONG: Self = Self { hops: 80, idle_hops: 15, stream: 1 };
-}
+/// Idle hops in a row that end the hops of a round.
+const IDLE_HOPS: usize = 12;
+/// Hops of a direct start.
+const FIRST_HOPS: usize = 3;
 
 /// A perturbation of the torques.
 enum Perturbation {
@@ -142,11 +134,62 @@ impl LocalSearch<'_, '_, '_> {
         Ok(best)
     }
 
-    /// Improves a local optimum until a whole round of descents gains nothing more.
+    /// The first round of a start: under smoothed laws, to a merit by which starts are compared.
+    ///
+    /// # Errors
+    /// When the budget ended the search.
+    pub(super) fn smooth(
+        &mut self,
+        start: &Start,
+        effort: Effort,
+        number: (usize, usize),
+    ) -> Result<Candidate, Interruption> {
+        let guess = Candidate::new(decision_from_schedule(&start.schedule), f64::INFINITY, true, start.goal_heading);
+        self.go_on(start, &guess, effort, number)
+    }
+
+    /// A further round of a start, from where the last one ended.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn polish(&mut self, candidate: Candidate, hop_budget: HopBudget) -> Result<Candidate, Interruption> {
+    pub(super) fn go_on(
+        &mut self,
+        start: &Start,
+        from: &Candidate,
+        effort: Effort,
+        number: (usize, usize),
+    ) -> Result<Candidate, Interruption> {
+        let _phase = self.control.enter(Phase::Start { number: number.0 });
+        self.start = number;
+        self.aim(start.goal_heading, start.schedule.final_time);
+        let (penalty_parameter, tolerance) = (self.penalty_parameters[0], self.settings.goal_tolerance);
+        if let Effort::Smooth(smoothings) = effort {
+            let radius = if from.smoothed_merit.is_none() { START_RADIUS } else { RADIUS };
+            let limits = (radius, SMOOTHED_ITERATION_LIMIT);
+            let (decision, merit) = self.through_smoothing(&from.decision, smoothings, penalty_parameter, limits)?;
+            let candidate = Candidate::new(decision, f64::INFINITY, true, start.goal_heading);
+            return Ok(Candidate { smoothed_merit: Some(merit), ..candidate });
+        }
+        let until = (ROUGH_PREDICTION * from.final_time(), f64::INFINITY);
+        let mut best = self.descend_until(&from.decision, (penalty_parameter, RADIUS), until)?;
+        if !best.is_feasible(tolerance) {
+            let guess = decision_from_schedule(&start.schedule);
+            keep_better(&mut best, self.smoothly_with_penalty(&guess, self.penalty_parameters[1])?, tolerance);
+        }
+        Ok(best)
+    }
+
+    /// Improves a local optimum: directly and through smoothing as long as that leads to another optimum, then by hops.
+    ///
+    /// # Errors
+    /// When the budget ended the search; the best point so far is kept.
+    pub(super) fn polish(
+        &mut self,
+        candidate: Candidate,
+        effort: Effort,
+        stream: u64,
+    ) -> Result<Candidate, Interruption> {
+        let Effort::Polish { hops } = effort else { return Ok(candidate) };
         if self.settings.method == Method::NelderMead {
             return Ok(candidate);
         }
@@ -154,22 +197,22 @@ impl LocalSearch<'_, '_, '_> {
         self.aim(candidate.goal_heading, candidate.final_time());
         let tolerance = self.settings.goal_tolerance;
         let mut best = candidate;
-        for _ in 0..POLISH_LIMIT {
+        loop {
             let before = best.final_time();
-            for (penalty_parameter, radius) in
-                [(self.penalty_parameters[0], START_RADIUS), (self.penalty_parameters[1], RADIUS)]
-            {
+            let [usual, large] = self.penalty_parameters;
+            for (penalty_parameter, radius) in [(usual, START_RADIUS), (large, RADIUS)] {
                 let next = self.descend(&best.decision, penalty_parameter, radius)?;
                 keep_better(&mut best, next, tolerance);
             }
             let smoothed = self.around(&best.decision)?;
-            let next = self.descend(&smoothed, self.penalty_parameters[0], RADIUS)?;
+            let until = (SequentialLinearSettings::default().smallest_prediction, before);
+            let next = self.descend_until(&smoothed, (usual, RADIUS), until)?;
             keep_better(&mut best, next, tolerance);
-            if before - best.final_time() < POLISH_GAIN * before {
+            if !is_distinct(best.final_time(), before) {
                 break;
             }
         }
-        self.hop(&mut best, hop_budget)?;
+        self.hop(&mut best, hops, stream)?;
         self.finish(&mut best)?;
         Ok(best)
     }
@@ -186,7 +229,7 @@ impl LocalSearch<'_, '_, '_> {
         if !best.is_feasible(tolerance) {
             keep_better(&mut best, self.smoothly(guess)?, tolerance);
         }
-        self.hop(&mut best, HopBudget::LEAST)?;
+        self.hop(&mut best, FIRST_HOPS, 0)?;
         self.finish(&mut best)?;
         Ok(best)
     }
@@ -195,10 +238,10 @@ impl LocalSearch<'_, '_, '_> {
     /// goal or much time, and the direct strategy where neither meets the goal.
     fn warmly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let (tolerance, guessed) = (self.settings.goal_tolerance, guess[guess.len() - 1]);
-        let smallest_prediction = ROUGH_PREDICTION * guessed;
-        let mut warm = self.descend_until(guess, (self.penalty_parameters[0], WARM_RADIUS), smallest_prediction)?;
+        let until = (ROUGH_PREDICTION * guessed, f64::INFINITY);
+        let mut warm = self.descend_until(guess, (self.penalty_parameters[0], WARM_RADIUS), until)?;
         if !warm.is_feasible(tolerance) || warm.final_time() > (1.0 + WARM_LOSS) * guessed {
-            let next = self.descend_until(guess, (self.penalty_parameters[0], START_RADIUS), smallest_prediction)?;
+            let next = self.descend_until(guess, (self.penalty_parameters[0], START_RADIUS), until)?;
             keep_better(&mut warm, next, tolerance);
         }
         if warm.is_feasible(tolerance) {
@@ -210,19 +253,21 @@ impl LocalSearch<'_, '_, '_> {
 
     /// Basin hopping: descends again from slightly slower, perturbed copies of a local optimum. Local optima lie on kinks,
     /// and another one nearby is often better.
-    fn hop(&mut self, best: &mut Candidate, hop_budget: HopBudget) -> Result<(), Interruption> {
+    fn hop(&mut self, best: &mut Candidate, hops: usize, stream: u64) -> Result<(), Interruption> {
         let tolerance = self.settings.goal_tolerance;
-        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(hop_budget.stream));
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(stream));
         let mut idle_hops = 0;
-        for perturbation in PERTURBATIONS.iter().cycle().take(hop_budget.hops) {
+        for perturbation in PERTURBATIONS.iter().cycle().take(hops) {
             let perturbed = self.perturbed(&best.decision, perturbation, &mut rng);
             let (was_feasible, before) = (best.is_feasible(tolerance), best.final_time());
             let penalty_parameter = if was_feasible { self.penalty_parameters[0] } else { self.penalty_parameters[1] };
-            let next = self.descend_until(&perturbed, (penalty_parameter, RADIUS), ROUGH_PREDICTION * before)?;
+            let time_to_beat = if was_feasible { before } else { f64::INFINITY };
+            let until = (ROUGH_PREDICTION * before, time_to_beat);
+            let next = self.descend_until(&perturbed, (penalty_parameter, RADIUS), until)?;
             keep_better(best, next, tolerance);
             let gained = best.is_feasible(tolerance) && !was_feasible || before - best.final_time() > HOP_GAIN * before;
             idle_hops = if gained { 0 } else { idle_hops + 1 };
-            if idle_hops == hop_budget.idle_hops || self.budget.spent() > HOP_ROLLOUTS {
+            if idle_hops == IDLE_HOPS || self.budget.spent() > HOP_ROLLOUTS {
                 break;
             }
         }
@@ -301,30 +346,29 @@ impl LocalSearch<'_, '_, '_> {
         guess: &DVector<f64>,
         penalty_parameter: f64,
     ) -> Result<Candidate, Interruption> {
-        let smoothed =
-            self.through_smoothing(guess, &SMOOTHING, penalty_parameter, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
+        let limits = (START_RADIUS, SMOOTHED_ITERATION_LIMIT);
+        let (smoothed, _) = self.through_smoothing(guess, &SMOOTHING, penalty_parameter, limits)?;
         let smallest_prediction = ROUGH_PREDICTION * smoothed[smoothed.len() - 1];
-        self.descend_until(&smoothed, (penalty_parameter, RADIUS), smallest_prediction)
+        self.descend_until(&smoothed, (penalty_parameter, RADIUS), (smallest_prediction, f64::INFINITY))
     }
 
     /// From a local optimum back through the smoothed laws, to leave the kink on which it lies.
     fn around(&mut self, decision: &DVector<f64>) -> Result<DVector<f64>, Interruption> {
-        self.through_smoothing(
-            decision,
-            &POLISH_SMOOTHING,
-            self.penalty_parameters[0],
-            (RADIUS, POLISH_ITERATION_LIMIT),
-        )
+        let limits = (RADIUS, POLISH_ITERATION_LIMIT);
+        let (smoothed, _) = self.through_smoothing(decision, &POLISH_SMOOTHING, self.penalty_parameters[0], limits)?;
+        Ok(smoothed)
     }
 
+    /// The decision and its merit under the last smoothed law.
     fn through_smoothing(
         &mut self,
         guess: &DVector<f64>,
         smoothings: &[f64],
         penalty_parameter: f64,
         (first_radius, iteration_limit): (f64, usize),
-    ) -> Result<DVector<f64>, Interruption> {
+    ) -> Result<(DVector<f64>, f64), Interruption> {
         let mut decision = guess.clone();
+        let mut merit = f64::INFINITY;
         let mut radius = first_radius;
         for &smoothing in smoothings {
             let settings = SequentialLinearSettings {
@@ -343,9 +387,10 @@ impl LocalSearch<'_, '_, '_> {
                 return Err(interruption);
             }
             decision = result.x;
+            merit = decision[decision.len() - 1] + penalty_parameter * result.constraints.violation_sum();
             radius = RADIUS;
         }
-        Ok(decision)
+        Ok((decision, merit))
     }
 }
 

@@ -6,7 +6,7 @@ fn solve(matrix: &DMatrix<f64>, target: &[f64], cost: &[f64], bound: f64, penalt
     let program = ElasticProgram {
         matrix,
         target: &DVector::from_column_slice(target),
-        row_name: &Vec::from_iter(0..target.len()),
+        row_name: &(0..target.len()).collect::<Vec<_>>(),
         equation_count: target.len(),
         cost: &DVector::from_column_slice(cost),
         lower: &DVector::repeat(n, -bound),
@@ -54,7 +54,7 @@ fn each_iteration_asks_whether_it_is_stopped() {
     let program = ElasticProgram {
         matrix: &matrix,
         target: &target,
-        row_name: &Vec::from_iter(0..rows),
+        row_name: &(0..rows).collect::<Vec<_>>(),
         equation_count: rows,
         cost: &cost,
         lower: &-&bound,

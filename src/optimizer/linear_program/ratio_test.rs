@@ -1,0 +1,98 @@
+//! The bound flipping ratio test: how far the multipliers move along an edge of the dual, and what stops them.
+
+use super::{ElasticSolver, GRADIENT_TOLERANCE, Leaving, Rest};
+use crate::optimizer::elastic_program::ElasticProgram;
+
+/// Pivots below this share of what the rows can change at all would make the basis singular to rounding: rows are dependent
+/// when a plan ends sticking.
+const PIVOT_TOLERANCE: f64 = 1e-9;
+/// Kinks this close together, as a share of the step, are one: the largest pivot of them is taken (Harris 1973).
+const SAME_STEP: f64 = 1e-9;
+
+/// A kink of D along the edge.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Kink {
+    pub(super) step: f64,
+    /// By how much the slope of D falls; infinite where the edge ends.
+    fall: f64,
+    pivot: f64,
+    pub(super) at: KinkAt,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum KinkAt {
+    /// The gradient of a variable passes zero.
+    Variable(usize),
+    /// The multiplier of the tight row at this position reaches a bound.
+    Tight(usize),
+    /// The multiplier of the leaving row reaches its other bound.
+    OtherBound,
+}
+
+impl ElasticSolver {
+    /// The kink at which D stops to rise; none where no pivot is large enough.
+    pub(super) fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
+        self.list_kinks(program, leaving);
+        let mut rise = match leaving {
+            Leaving::Basic { position, sign } => {
+                let column = self.basic[position];
+                if sign > 0.0 { program.lower[column] - self.x[column] } else { self.x[column] - program.upper[column] }
+            }
+            Leaving::Row { row, sign } => sign * self.value[row],
+        };
+        let stop = self.kinks.iter().position(|kink| {
+            rise -= kink.fall;
+            rise <= 0.0
+        })?;
+        for kink in &self.kinks[..stop] {
+            if let KinkAt::Variable(column) = kink.at {
+                self.rest[column] = Rest::by(self.slope[column]);
+            }
+        }
+        let last = self.kinks[stop];
+        let same = |kink: &&Kink| (kink.step - last.step).abs() <= SAME_STEP * last.step;
+        let near = self.kinks.iter().filter(same);
+        near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
+    }
+
+    fn list_kinks(&mut self, program: &ElasticProgram, leaving: Leaving) {
+        let mut kinks = std::mem::take(&mut self.kinks);
+        kinks.clear();
+        let total: f64 = self.direction.iter().zip(self.range.iter()).map(|(change, range)| change.abs() * range).sum();
+        let smallest = PIVOT_TOLERANCE * total;
+        for (column, (&gradient, &slope)) in self.gradient.iter().zip(self.slope.iter()).enumerate() {
+            if self.is_basic[column] || slope.abs() * program.width(column) <= smallest {
+                continue;
+            }
+            let (rest, next) = (self.rest[column], Rest::by(slope));
+            if rest != next {
+                let width = match rest {
+                    Rest::Lower | Rest::Upper => program.width(column),
+                    Rest::Zero if next == Rest::Lower => -program.lower[column],
+                    Rest::Zero => program.upper[column],
+                };
+                let is_zero = gradient.abs() <= GRADIENT_TOLERANCE;
+                let step = if is_zero { 0.0 } else { -gradient / slope };
+                let (fall, pivot) = (slope.abs() * width, slope.abs());
+                kinks.push(Kink { step, fall, pivot, at: KinkAt::Variable(column) });
+            }
+        }
+        let until = |row: usize| {
+            let (low, high) = program.multiplier_bounds(row);
+            let (at, change) = (self.multiplier[row], self.direction[row]);
+            (if change > 0.0 { high - at } else { at - low }).max(0.0) / change.abs()
+        };
+        let ends = |step: f64, pivot: f64, at: KinkAt| Kink { step, fall: f64::INFINITY, pivot, at };
+        for (position, &row) in self.tight.iter().enumerate() {
+            let pivot = self.direction[row].abs();
+            if pivot > 0.0 {
+                kinks.push(ends(until(row), pivot, KinkAt::Tight(position)));
+            }
+        }
+        if let Leaving::Row { row, .. } = leaving {
+            kinks.push(ends(until(row), 1.0, KinkAt::OtherBound));
+        }
+        kinks.sort_unstable_by(|a, b| a.step.total_cmp(&b.step).then(b.fall.total_cmp(&a.fall)));
+        self.kinks = kinks;
+    }
+}

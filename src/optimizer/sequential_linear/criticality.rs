@@ -1,0 +1,88 @@
+//! How far a point is from a local optimum: the decrease that its linear model promises and the merit confirms.
+
+use nalgebra::DVector;
+
+use super::{CORRECTION_RATIO, SHRINK_FACTOR, SMALLEST_PREDICTION, SMALLEST_RADIUS, Search, SequentialLinearSettings};
+use crate::optimizer::evaluation::{Budget, Interruption, Linearisation, Problem};
+use crate::optimizer::shifted_constraints::ShiftedConstraints;
+
+/// Radius with which the criticality measure starts: variables may change by a tenth of their scale.
+const LARGEST_CRITICALITY_RADIUS: f64 = 0.1;
+/// A predicted decrease is confirmed when the merit falls by at least this share of it.
+const CONFIRMED_SHARE: f64 = 0.1;
+
+/// Parameters of [`criticality_measure`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CriticalitySettings {
+    /// Penalty parameter of the merit.
+    pub penalty_parameter: f64,
+    /// A predicted decrease of at most this much needs no confirmation.
+    pub negligible_decrease: f64,
+    /// Residuals of at most this magnitude count as met: removing violations that a search accepts is no decrease.
+    pub residual_tolerance: f64,
+    /// Inequalities violated by at most this much count as met.
+    pub inequality_tolerance: f64,
+}
+
+/// The result of [`criticality_measure`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct CriticalityMeasure {
+    /// The measure: the predicted decrease.
+    pub prediction: f64,
+    /// The better point that confirms it, if there is one.
+    pub better: Option<DVector<f64>>,
+    /// Why the measure is only a bound, if it is.
+    pub interruption: Option<Interruption>,
+    /// The linear model at the point.
+    pub model: Linearisation,
+}
+
+/// Criticality measure of a point: the decrease that the linear model predicts within the largest trust region in which
+/// the merit confirms a tenth of it. (The usual measure, as in Conn, Gould & Toint, "Trust-Region Methods", 2000, has a
+/// fixed radius and no confirmation.)
+///
+/// Zero at a smooth stationary point. At a kink between contact modes the linear model describes one side only, and the
+/// merit does not confirm its decrease; there the trust region, and with it the measure, shrinks to zero. Along a true
+/// descent direction the region stays large, and the measure estimates the attainable decrease. Takes about ten rollouts;
+/// with fewer the answer is an upper bound of the measure.
+///
+/// # Errors
+/// When the budget ends before the first linear program is solved.
+pub fn criticality_measure(
+    problem: &mut dyn Problem,
+    x: &DVector<f64>,
+    criticality: &CriticalitySettings,
+    budget: &mut Budget,
+) -> Result<CriticalityMeasure, Interruption> {
+    let &CriticalitySettings { penalty_parameter, negligible_decrease, residual_tolerance, inequality_tolerance } =
+        criticality;
+    let settings = SequentialLinearSettings {
+        penalty_parameter,
+        first_radius: LARGEST_CRITICALITY_RADIUS,
+        ..SequentialLinearSettings::default()
+    };
+    let mut model = Linearisation::new(problem.constraints(), x.len());
+    let stop = budget.spend()?;
+    problem.linearise(x, &mut model, stop)?;
+    let mut shifted = ShiftedConstraints::at(problem, &model.constraints, (residual_tolerance, inequality_tolerance));
+    shifted.shift(&mut model.constraints);
+    let mut search = Search { model, model_is_current: true, ..Search::new(&mut shifted, x, &settings) };
+    let merit = search.merit(&search.x, &search.model.constraints);
+    let (prediction, better, interruption) = loop {
+        let step = search.linear_step(budget)?;
+        let prediction = merit - search.modelled_merit(&step);
+        if prediction <= negligible_decrease.max(SMALLEST_PREDICTION) || search.radius <= SMALLEST_RADIUS {
+            break (prediction, None, None);
+        }
+        // The prediction falls with the radius, so this one is an upper bound of the measure.
+        let trial = match search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget) {
+            Ok(trial) => trial,
+            Err(end) => break (prediction, None, Some(end)),
+        };
+        if merit - trial.merit >= CONFIRMED_SHARE * prediction {
+            break (prediction, Some(trial.x), None);
+        }
+        search.radius *= SHRINK_FACTOR;
+    };
+    Ok(CriticalityMeasure { prediction, better, interruption, model: search.model })
+}
