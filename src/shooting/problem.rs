@@ -15,6 +15,9 @@ use crate::stop::{Stop, Stopped};
 
 /// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): a time constant of 0.3 s.
 const SPEED_SCALE: f64 = 0.3;
+/// Wheel rates count this many times as much as the speeds of their rims: their errors are judged in rad/s, which are smaller,
+/// so what cannot be met (rates of a goal that are rounded) goes into the velocity.
+const WHEEL_SHARE: f64 = 4.0;
 /// The variable scale of a torque is its limit, that of the final time this fraction of itself.
 const FINAL_TIME_SCALE: f64 = 0.5;
 /// Shortest final time that is searched, s: the fastest nudge by the tightest tolerance takes longer. Without a floor the
@@ -297,7 +300,7 @@ fn residual_scale(component: StateComponent, wheel_radius: f64) -> f64 {
         StateComponent::X | StateComponent::Y | StateComponent::Heading => 1.0,
         StateComponent::WheelAngleLeft | StateComponent::WheelAngleRight => wheel_radius,
         StateComponent::VelocityX | StateComponent::VelocityY | StateComponent::YawRate => SPEED_SCALE,
-        StateComponent::WheelRateLeft | StateComponent::WheelRateRight => SPEED_SCALE * wheel_radius,
+        StateComponent::WheelRateLeft | StateComponent::WheelRateRight => WHEEL_SHARE * SPEED_SCALE * wheel_radius,
     }
 }
 
