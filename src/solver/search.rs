@@ -22,7 +22,7 @@ const MORE_STARTS: usize = 2;
 const LOST_MERIT: f64 = 2.0;
 
 /// The race: in each round the fastest of the last one go on, this share of the starts. The merits under smoothing tell early
-/// which starts lead to the fastest plans (of 15 searches the best plan was among the fastest third before the exact law in all).
+/// which starts lead to the fastest plans: in all of 15 searches the best one was among the better half before the exact law.
 const HEATS: [Round; 3] = [
     Round { divisor: 1, effort: Effort::Smooth(&[0.1, 0.03]) },
     Round { divisor: 1, effort: Effort::Smooth(&[0.01]) },
