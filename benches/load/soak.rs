@@ -33,7 +33,7 @@ pub struct Arguments {
     #[arg(long = "row", value_parser = clap::value_parser!(u8).range(1..=8))]
     rows: Vec<u8>,
     /// How long all of it lasts; each minute has its attack.
-    #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..))]
     minutes: u32,
 }
 
@@ -78,7 +78,8 @@ pub async fn run(arguments: &Arguments) -> Verdict {
     verdict
 }
 
-/// The attacks, one number after the other; those of the same number take turns.
+/// The attacks, one number after the other. Those of the same number take turns in pairs, each pair twice, so that the quarters of
+/// 32 minutes that are compared have the same attacks.
 struct Attacks(Vec<Vec<Row>>);
 
 impl Attacks {
@@ -97,7 +98,8 @@ impl Attacks {
 
     fn of_cycle(&self, cycle: usize) -> &Row {
         let variants = &self.0[cycle % self.0.len()];
-        &variants[cycle / self.0.len() % variants.len()]
+        let rotation = cycle / self.0.len();
+        &variants[(2 * (rotation / 4) + rotation % 2) % variants.len()]
     }
 }
 

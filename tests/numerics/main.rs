@@ -4,6 +4,7 @@
 
 mod best_known;
 mod derivatives;
+mod end_frame;
 mod extreme_input;
 mod forward_drive;
 mod helped_search;
