@@ -92,7 +92,8 @@ fn run_job<K: Kind>(kind: &Arc<K>, arguments: &JobArguments) -> anyhow::Result<E
     // Nobody else is in the queue: all workers help with the one job.
     let workers = arguments.threads.unwrap_or_else(cores);
     let service = Service::start(ServiceSettings { workers, queue_length: 0, ..ServiceSettings::default() })?;
-    let made = |input: &K::Input, done: &_| Made::of::<K>(input, done);
+    let page = if arguments.plot.is_some() { K::PAGE } else { None };
+    let made = move |input: &K::Input, done: &_| Made::of::<K>(input, done, page);
     let made = service.reserve()?.submit(Arc::clone(kind), input, None, made)?.blocking_outcome()?;
     if let (Some(path), Some(page)) = (&arguments.plot, &made.page) {
         write_file(path, page.as_bytes())?;
@@ -110,12 +111,15 @@ struct Made {
 }
 
 impl Made {
-    fn of<K: Kind>(input: &K::Input, done: &slipdrive::service::Done<K::Output>) -> Self {
-        let page = K::PAGE.map(|page| page(&done.output));
+    fn of<K: Kind>(
+        input: &K::Input,
+        done: &slipdrive::service::Done<K::Output>,
+        page: Option<fn(&K::Output) -> String>,
+    ) -> Self {
         Self {
             answer: json::write(&K::answer(input, done)),
             table: K::table(input, done),
-            page,
+            page: page.map(|page| page(&done.output)),
             is_success: K::is_success(&done.output),
         }
     }
