@@ -6,6 +6,8 @@ use std::time::Instant;
 
 #[path = "contact_steps/draw.rs"]
 mod draw;
+#[path = "contact_steps/robots.rs"]
+mod robots;
 #[path = "../src/robot/unlucky.rs"]
 mod unlucky;
 

@@ -4,41 +4,21 @@ use nalgebra::{SMatrix, SVector};
 use rand::RngExt;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::contact::{DelassusOperator, OneStepProblem};
-use slipdrive::robot::{BodyVector, Robot, RobotParameters};
+use slipdrive::robot::{BodyVector, Robot};
+
+use crate::robots;
 
 /// Steps between two draws of the torques.
 const CONTROL_STEPS: usize = 5;
 
 /// A robot that is accepted: log-uniform over decades about the reference robot, or within a factor of about two.
 pub(crate) fn robot(random: &mut Xoshiro256PlusPlus, is_far: bool) -> Robot {
-    let reference = RobotParameters::default();
-    loop {
-        let reach = if is_far { 1.0 } else { 0.2 };
-        let mut spread =
-            |value: f64, decades: f64| value * 10.0_f64.powf(reach * random.random_range(-decades..decades));
-        let parameters = RobotParameters {
-            chassis_mass: spread(reference.chassis_mass, 1.5),
-            wheel_mass: spread(reference.wheel_mass, 1.5),
-            chassis_yaw_inertia: spread(reference.chassis_yaw_inertia, 1.5),
-            wheel_diametral_inertia: spread(0.05, 2.0),
-            wheel_spin_inertia: spread(reference.wheel_spin_inertia, 1.5),
-            wheel_radius: spread(reference.wheel_radius, 1.0),
-            track_width: spread(reference.track_width, 1.0),
-            axle_to_front_support: spread(reference.axle_to_front_support, 1.0),
-            center_of_mass_height: spread(0.02, 1.5),
-            wheel_friction_coefficient: spread(reference.wheel_friction_coefficient, 1.0),
-            front_friction_coefficient: if random.random_bool(0.4) {
-                0.0
-            } else {
-                random.random_range(0.0..2.0) * reach
-            },
-            tangential_restitution: if random.random_bool(0.7) { 0.0 } else { random.random_range(0.0..0.8) },
-            ..reference
-        };
-        if let Ok(robot) = Robot::new(parameters) {
-            return robot;
-        }
-    }
+    let reach = if is_far { 1.0 } else { 0.2 };
+    robots::accepted(|| {
+        let mut parameters = robots::spread(random, reach, 0.4);
+        parameters.tangential_restitution = if random.random_bool(0.7) { 0.0 } else { random.random_range(0.0..0.8) };
+        parameters
+    })
 }
 
 /// The matrices of a robot in `N` friction directions.

@@ -6,6 +6,8 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
+#[path = "../contact_steps/robots.rs"]
+mod robots;
 #[path = "../../src/robot/unlucky.rs"]
 mod unlucky;
 
@@ -37,10 +39,13 @@ pub(crate) fn run(count: u64, seed: u64) {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
     let known = [("heavy_wheels", unlucky::heavy_wheels()), ("short_track", unlucky::short_track())];
     let accepted = |parameters| Robot::new(parameters).expect("an accepted robot");
-    let mut robots = known.map(|(name, parameters)| (name.to_owned(), accepted(parameters))).to_vec();
-    robots.extend((0..count).map(|number| (format!("random {number}"), random_robot(&mut random))));
+    let mut chosen = known.map(|(name, parameters)| (name.to_owned(), accepted(parameters))).to_vec();
+    chosen.extend(
+        (0..count)
+            .map(|number| (format!("random {number}"), robots::accepted(|| robots::spread(&mut random, 1.0, 0.3)))),
+    );
     let mut rows = Vec::new();
-    for (name, robot) in &robots {
+    for (name, robot) in &chosen {
         let seed = random.random();
         for moment in [Moment::Simulation, Moment::Search, Moment::Certificate] {
             let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
@@ -161,29 +166,4 @@ fn after_solve(robot: &Robot, moment: Moment, random: &mut Xoshiro256PlusPlus) -
 fn random_schedule(random: &mut Xoshiro256PlusPlus) -> TorqueSchedule {
     let mut torques = || (0..INTERVALS).map(|_| random.random_range(-2.0..2.0)).collect();
     TorqueSchedule { final_time: 9.1, left: torques(), right: torques() }
-}
-
-/// A robot that is accepted, log-uniform about the reference robot.
-fn random_robot(random: &mut Xoshiro256PlusPlus) -> Robot {
-    let reference = RobotParameters::default();
-    loop {
-        let mut spread = |value: f64, decades: f64| value * 10.0_f64.powf(random.random_range(-decades..decades));
-        let parameters = RobotParameters {
-            chassis_mass: spread(reference.chassis_mass, 1.5),
-            wheel_mass: spread(reference.wheel_mass, 1.5),
-            chassis_yaw_inertia: spread(reference.chassis_yaw_inertia, 1.5),
-            wheel_diametral_inertia: spread(0.05, 2.0),
-            wheel_spin_inertia: spread(reference.wheel_spin_inertia, 1.5),
-            wheel_radius: spread(reference.wheel_radius, 1.0),
-            track_width: spread(reference.track_width, 1.0),
-            axle_to_front_support: spread(reference.axle_to_front_support, 1.0),
-            center_of_mass_height: spread(0.02, 1.5),
-            wheel_friction_coefficient: spread(reference.wheel_friction_coefficient, 1.0),
-            front_friction_coefficient: if random.random_bool(0.3) { 0.0 } else { random.random_range(0.0..2.0) },
-            ..reference
-        };
-        if let Ok(robot) = Robot::new(parameters) {
-            return robot;
-        }
-    }
 }
