@@ -39,7 +39,12 @@ pub struct NormalLoad {
 }
 
 /// Negative normal forces of at most this fraction of the weight are rounding, not separation.
-pub(super) const SEPARATION_TOLERANCE: f64 = 1e-12;
+const SEPARATION_TOLERANCE: f64 = 1e-12;
+
+/// Whether a contact with this normal force, or impulse, would have to pull; the weight in the same unit.
+pub(super) fn separates(normal: f64, weight: f64) -> bool {
+    normal < -SEPARATION_TOLERANCE * weight
+}
 
 impl Trajectory {
     /// Merges equal modes of neighbouring steps.
@@ -65,7 +70,7 @@ impl Trajectory {
         for (step, contacts) in self.contact.iter().enumerate() {
             let weight = contacts.sum(|sample| sample.normal_force);
             for (contact, sample) in contacts.iter() {
-                if sample.normal_force < -SEPARATION_TOLERANCE * weight {
+                if separates(sample.normal_force, weight) {
                     separations.push(Separation { time: self.time[step], contact, normal_force: sample.normal_force });
                 }
             }

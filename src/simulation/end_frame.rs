@@ -34,11 +34,15 @@ impl Simulator {
 impl EndFrame {
     /// The end state at the reference point, from that of the scheme at the chassis centre of mass.
     pub fn state(&self, end: &State) -> State {
-        let (sin, cos) = (self.turn_time * end.velocity.yaw_rate).sin_cos();
         let mut turned = *end;
-        turned.velocity.x = cos * end.velocity.x - sin * end.velocity.y;
-        turned.velocity.y = sin * end.velocity.x + cos * end.velocity.y;
+        (turned.velocity.x, turned.velocity.y) = self.turned((end.velocity.x, end.velocity.y), end);
         turned.moved_by(self.offset)
+    }
+
+    /// A world vector, turned as the velocity of this end state.
+    fn turned(&self, (x, y): (f64, f64), end: &State) -> (f64, f64) {
+        let (sin, cos) = (self.turn_time * end.velocity.yaw_rate).sin_cos();
+        (cos * x - sin * y, sin * x + cos * y)
     }
 
     /// Derivative of [`EndFrame::state`] along a derivative of the scheme's end state.
@@ -54,12 +58,11 @@ impl EndFrame {
 
     /// With the derivative of the turn.
     fn along(&self, derivative: &EndDerivative, end: &State, by_turn: f64) -> EndDerivative {
-        let (sin, cos) = (self.turn_time * end.velocity.yaw_rate).sin_cos();
-        let turned_x = cos * end.velocity.x - sin * end.velocity.y;
-        let turned_y = sin * end.velocity.x + cos * end.velocity.y;
+        let velocity = self.turned((end.velocity.x, end.velocity.y), end);
+        let change = self.turned((derivative[5], derivative[6]), end);
         let mut moved = *derivative;
-        moved[5] = cos * derivative[5] - sin * derivative[6] - turned_y * by_turn;
-        moved[6] = sin * derivative[5] + cos * derivative[6] + turned_x * by_turn;
+        moved[5] = change.0 - velocity.1 * by_turn;
+        moved[6] = change.1 + velocity.0 * by_turn;
 
         let (sin, cos) = end.configuration.heading.sin_cos();
         let arm = Vector2::new(cos * self.offset.x - sin * self.offset.y, sin * self.offset.x + cos * self.offset.y);

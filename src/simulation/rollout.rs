@@ -2,7 +2,7 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use super::contact_timeline::SEPARATION_TOLERANCE;
+use super::contact_timeline::separates;
 use super::moreau_step::{Step, StepContact, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
@@ -75,10 +75,7 @@ impl Simulator {
     /// # Errors
     /// When it was stopped before the end.
     pub fn end_state(&self, rollout: &Rollout, stop: Stop) -> Result<State, Stopped> {
-        match &self.model {
-            Model::Wheels(model) => integrate(model, rollout, &mut ExactContact::default(), stop, |_, _| {}),
-            Model::WheelsAndFront(model) => integrate(model, rollout, &mut ExactContact::default(), stop, |_, _| {}),
-        }
+        self.end_state_noting(rollout, stop, |_| {})
     }
 
     /// As [`Simulator::end_state`], with the number of times that a contact separates.
@@ -87,21 +84,31 @@ impl Simulator {
     /// When it was stopped before the end.
     pub fn end_state_and_separations(&self, rollout: &Rollout, stop: Stop) -> Result<(State, usize), Stopped> {
         let mut separations = 0;
-        let mut count = |normal_impulse: &Vector3<f64>| {
-            let pulls = -SEPARATION_TOLERANCE * normal_impulse.sum();
-            separations += normal_impulse.iter().filter(|impulse| **impulse < pulls).count();
-        };
-        let end = match &self.model {
+        let end = self.end_state_noting(rollout, stop, |normal_impulse| {
+            let weight = normal_impulse.sum();
+            separations += normal_impulse.iter().filter(|impulse| separates(**impulse, weight)).count();
+        })?;
+        Ok((end, separations))
+    }
+
+    /// Shows `note` the normal impulses of each step.
+    #[inline]
+    fn end_state_noting(
+        &self,
+        rollout: &Rollout,
+        stop: Stop,
+        mut note: impl FnMut(&Vector3<f64>),
+    ) -> Result<State, Stopped> {
+        match &self.model {
             Model::Wheels(model) => {
-                let count = |_, step: &Step<3>| count(&step.contact.normal_impulse);
-                integrate(model, rollout, &mut ExactContact::default(), stop, count)
+                let note = |_, step: &Step<3>| note(&step.contact.normal_impulse);
+                integrate(model, rollout, &mut ExactContact::default(), stop, note)
             }
             Model::WheelsAndFront(model) => {
-                let count = |_, step: &Step<5>| count(&step.contact.normal_impulse);
-                integrate(model, rollout, &mut ExactContact::default(), stop, count)
+                let note = |_, step: &Step<5>| note(&step.contact.normal_impulse);
+                integrate(model, rollout, &mut ExactContact::default(), stop, note)
             }
-        }?;
-        Ok((end, separations))
+        }
     }
 
     /// As [`Simulator::end_state`], by the paper's fixed point: the slow reference.
