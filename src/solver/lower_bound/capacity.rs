@@ -13,6 +13,7 @@ use super::drive_rate::drive_rates;
 use super::grid_error::Grid;
 use super::loads::{Loads, moments};
 use crate::robot::{PerWheel, Robot};
+use crate::shooting::ManeuverLimits;
 
 /// A plan's contact residual is at most this share of the weight: its friction forces may be as far from the friction law.
 const LAW_ERROR: f64 = 1e-10;
@@ -45,8 +46,7 @@ pub(super) struct Capacity {
 }
 
 impl Capacity {
-    /// `load_share` is the share of the weight that a contact has to carry.
-    pub(super) fn new(robot: &Robot, torque_limit: PerWheel<f64>, load_share: f64, grid: Grid) -> Self {
+    pub(super) fn new(robot: &Robot, torque_limit: PerWheel<f64>, limits: ManeuverLimits, grid: Grid) -> Self {
         let parameters = robot.parameters();
         let bodies = bodies(robot);
         let Bodies { mass, yaw_inertia, spin_inertia, wheel_radius, .. } = bodies;
@@ -54,7 +54,7 @@ impl Capacity {
             Grid::Steps(_) => LAW_ERROR,
             Grid::Continuous => 0.0,
         };
-        let loads = Loads::new(robot, torque_limit, load_share, law_error);
+        let loads = Loads::new(robot, torque_limit, limits, law_error);
         let norm = DriveNorm::new(bodies);
         let wheel_acceleration = |torque: f64, wheel: usize| {
             let mut lengthwise = [Vector2::zeros(); 3];

@@ -136,11 +136,13 @@ fn accelerations(norm: &DriveNorm, torque: Vector2<f64>, largest: Vector2<f64>) 
 mod tests {
     use super::*;
     use crate::robot::{Robot, RobotParameters};
+    use crate::shooting::ManeuverLimits;
     use crate::solver::lower_bound::capacity::bodies;
 
     fn rates(parameters: RobotParameters, torque: f64) -> Vec<Level> {
         let robot = Robot::new(parameters).unwrap();
-        let loads = Loads::new(&robot, PerWheel::new(torque, torque), 0.0, 0.0);
+        let limits = ManeuverLimits { normal_load_share: 0.0 };
+        let loads = Loads::new(&robot, PerWheel::new(torque, torque), limits, 0.0);
         drive_rates(&DriveNorm::new(bodies(&robot)), &loads)
     }
 

@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 
 use crate::contact::ContactName;
 use crate::robot::{PerWheel, Robot};
-use crate::shooting::NORMAL_LOAD_TOLERANCE;
+use crate::shooting::{ManeuverLimits, NORMAL_LOAD_TOLERANCE};
 
 /// Balances that are tried between weight alone and weight with pitch, each of which gives a bound: twice as many gain nothing
 /// in the median over the suite.
@@ -53,9 +53,12 @@ pub(super) struct Loads {
 const FRONT: usize = ContactName::Front as usize;
 
 impl Loads {
-    /// `load_share` is the share of the weight that each contact carries at least, or half its static share if that is
-    /// less.
-    pub(super) fn new(robot: &Robot, torque_limit: PerWheel<f64>, load_share: f64, law_error_share: f64) -> Self {
+    pub(super) fn new(
+        robot: &Robot,
+        torque_limit: PerWheel<f64>,
+        limits: ManeuverLimits,
+        law_error_share: f64,
+    ) -> Self {
         let parameters = robot.parameters();
         let projection = robot.normal_force_projection();
         let by_change = &projection.velocity_change_map;
@@ -71,7 +74,9 @@ impl Loads {
         };
         let contacts = ContactName::ALL.map(|contact| contact as usize);
         let static_force = projection.static_force.into();
-        let least = contacts.map(|contact| least_normal_force(load_share, weight, projection.static_force[contact]));
+        // Plans may miss their least loads by the search's tolerance.
+        let least_loads = limits.least_normal_loads(robot);
+        let least = contacts.map(|contact| (least_loads[contact] * weight - NORMAL_LOAD_TOLERANCE * weight).max(0.0));
         let (wheel, front) = (parameters.wheel_friction_coefficient, parameters.front_friction_coefficient);
         Self {
             friction: [wheel, wheel, front],
@@ -195,11 +200,6 @@ impl Loads {
     }
 }
 
-/// The normal force that a contact has to keep, N.
-fn least_normal_force(share: f64, weight: f64, static_force: f64) -> f64 {
-    ((share * weight).min(0.5 * static_force) - NORMAL_LOAD_TOLERANCE * weight).max(0.0)
-}
-
 /// Largest `weight . F` over all F with `cost |F| + response . F <= 1`, where `cost > |response|`: the root of
 /// `|weight - x response| = x cost`.
 fn gain(weight: Vector2<f64>, cost: f64, response: Vector2<f64>) -> f64 {
@@ -222,7 +222,8 @@ mod tests {
     use crate::robot::RobotParameters;
 
     fn loads(parameters: RobotParameters, torque: f64) -> Loads {
-        Loads::new(&Robot::new(parameters).unwrap(), PerWheel::new(torque, torque), 0.0, 0.0)
+        let limits = ManeuverLimits { normal_load_share: 0.0 };
+        Loads::new(&Robot::new(parameters).unwrap(), PerWheel::new(torque, torque), limits, 0.0)
     }
 
     #[test]
@@ -243,7 +244,8 @@ mod tests {
         }
         assert!((loads.largest_sum() - friction * on_wheels / (1.0 - shift)).abs() < 2e-3);
         let share = 0.01;
-        let least = Loads::new(&Robot::new(parameters).unwrap(), PerWheel::new(1.0, 1.0), share, 0.0);
+        let limits = ManeuverLimits { normal_load_share: share };
+        let least = Loads::new(&Robot::new(parameters).unwrap(), PerWheel::new(1.0, 1.0), limits, 0.0);
         assert!((least.least_of_wheel(0) - (share - NORMAL_LOAD_TOLERANCE) * least.weight()).abs() < 1e-12);
     }
 

@@ -40,17 +40,24 @@ pub(super) struct LowerBound {
 
 /// All bounds for motions of a grid.
 pub(super) fn lower_bounds(input: &SolveInput, grid: Grid) -> Vec<LowerBound> {
+    let mut bounds = Bounds::new(input, grid);
+    // With restitution a goal judges the velocity as it is, and the equations of motion have no step.
+    let (Grid::Steps(step_count), 0.0) = (grid, input.robot.parameters().tangential_restitution) else {
+        return bounds.all();
+    };
     let goal = &input.maneuver.goal;
     let rest = [StateComponent::VelocityX, StateComponent::VelocityY, StateComponent::YawRate];
     if rest.iter().all(|component| goal.value(*component) == Some(0.0)) {
         // A turn by rounding: that of the longest plan does not matter either.
-        return Bounds::new(input, grid, LONGEST_FINAL_TIME).all();
+        bounds.turn_end(LONGEST_FINAL_TIME, step_count);
+        return bounds.all();
     }
-    let longest = largest(&Bounds::new(input, grid, 0.0).all()).time;
+    let longest = largest(&bounds.all()).time;
     // The longer the step, the more the frame of the goal's velocity turns: plans up to the first bound turn it at most so
     // much, and longer plans need no second one.
+    bounds.turn_end(longest, step_count);
     let within = |bound: LowerBound| LowerBound { time: bound.time.min(longest), ..bound };
-    Bounds::new(input, grid, longest).all().into_iter().map(within).collect()
+    bounds.all().into_iter().map(within).collect()
 }
 
 /// The largest of the bounds; the first one where several are equal.
@@ -68,28 +75,27 @@ struct Bounds<'a> {
 }
 
 impl<'a> Bounds<'a> {
-    /// For plans of at most this duration, s.
-    fn new(input: &'a SolveInput, grid: Grid, longest: f64) -> Self {
-        let load_share = input.maneuver.limits.normal_load_share;
-        let capacity = Capacity::new(&input.robot, input.maneuver.torque_limit, load_share, grid);
-        let mut targets = Targets::new(input, &capacity, grid);
+    fn new(input: &'a SolveInput, grid: Grid) -> Self {
+        let capacity = Capacity::new(&input.robot, input.maneuver.torque_limit, input.maneuver.limits, grid);
+        let targets = Targets::new(input, &capacity, grid);
         let (low, high) = targets.component(StateComponent::YawRate);
         let rates = KnownRates {
             start_yaw: targets.start.velocity.yaw_rate.abs(),
             end_yaw: targets.value(StateComponent::YawRate).map(|_| high.max(-low)),
             start_norm: capacity.norm.at_most(&targets.start_speeds()),
         };
-        // With restitution a goal judges the velocity as it is.
-        if let Grid::Steps(count) = grid
-            && input.robot.parameters().tangential_restitution == 0.0
-        {
-            let reachable = rates.start_yaw + capacity.yaw_acceleration * longest;
-            let yaw_rate = targets.end_yaw_rate().map_or(reachable, |rate| rate.abs() + input.settings.goal_tolerance);
-            let error = GridError::new(&capacity, &rates, longest, grid).since_start(longest);
-            let speed = targets.start_speeds().translation + capacity.acceleration * longest + error;
-            targets.turn_end(0.5 * longest / count as f64 * yaw_rate, speed + capacity.center.norm() * yaw_rate);
-        }
         Self { input, capacity, targets, rates, grid }
+    }
+
+    /// Allows for the frame in which a goal judges velocities, in plans of at most this duration, s.
+    fn turn_end(&mut self, longest: f64, step_count: usize) {
+        let Self { input, capacity, targets, rates, .. } = self;
+        let reachable = rates.start_yaw + capacity.yaw_acceleration * longest;
+        let yaw_rate = targets.end_yaw_rate().map_or(reachable, |rate| rate.abs() + input.settings.goal_tolerance);
+        let error = GridError::new(capacity, rates, longest, self.grid).since_start(longest);
+        let speed = targets.start_speeds().translation + capacity.acceleration * longest + error;
+        let turn = 0.5 * longest / step_count as f64 * yaw_rate;
+        targets.turn_end(turn, speed + capacity.center.norm() * yaw_rate);
     }
 
     fn all(&self) -> Vec<LowerBound> {

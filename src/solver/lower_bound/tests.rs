@@ -18,7 +18,7 @@ fn bound(maneuver: &Maneuver) -> LowerBound {
 }
 
 fn by_friction(maneuver: &Maneuver, parameters: RobotParameters, step_count: usize) -> f64 {
-    Bounds::new(&input(maneuver, parameters), Grid::Steps(step_count), 0.0).all()[0].time
+    Bounds::new(&input(maneuver, parameters), Grid::Steps(step_count)).all()[0].time
 }
 
 /// Hollow wheels on the chassis centre of mass: the scheme keeps every law exactly. The front support rubs like the wheels,
