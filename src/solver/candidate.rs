@@ -83,6 +83,11 @@ impl Candidate {
     }
 }
 
+/// Whether a candidate is better than the best one known, if there is one.
+pub(super) fn improves(known: Option<&Candidate>, next: &Candidate, goal_tolerance: f64) -> bool {
+    known.is_none_or(|known| next.is_better_than(known, goal_tolerance))
+}
+
 pub(super) fn keep_better(best: &mut Candidate, next: Candidate, goal_tolerance: f64) {
     if next.is_better_than(best, goal_tolerance) {
         *best = next;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::candidate::{Candidate, Stationarity, keep_better};
+use super::candidate::{Candidate, Stationarity, improves, keep_better};
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
@@ -222,7 +222,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     fn note(&mut self, candidate: &Candidate) {
         let tolerance = self.settings.goal_tolerance;
-        if self.best.as_ref().is_none_or(|best| candidate.is_better_than(best, tolerance)) {
+        if improves(self.best.as_ref(), candidate, tolerance) {
             self.best = Some(candidate.clone());
             // A decision that meets the goal beyond the limits is not reported.
             if candidate.goal_error > tolerance || candidate.is_feasible(tolerance) {

@@ -10,7 +10,7 @@ use std::iter;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::candidate::Candidate;
+use super::candidate::{Candidate, improves};
 use super::helpers::SharedWork;
 use super::progress::BestProgress;
 use super::run_control::RunControl;
@@ -83,7 +83,7 @@ impl Total {
     /// Keeps the better of two best decisions, the earlier one of equals.
     pub(super) fn note(&mut self, best: Option<Candidate>, goal_tolerance: f64) {
         if let Some(best) = best
-            && self.best.as_ref().is_none_or(|known| best.is_better_than(known, goal_tolerance))
+            && improves(self.best.as_ref(), &best, goal_tolerance)
         {
             self.best = Some(best);
         }

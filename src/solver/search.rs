@@ -1,6 +1,6 @@
 //! The search: starts, their local optima, and the best of them.
 
-use super::candidate::Candidate;
+use super::candidate::{Candidate, improves};
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
@@ -8,7 +8,7 @@ use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::solution::{DistinctOptimum, RefinementOutcome, Replay, StopReason};
 use super::starts::{Start, Strategy, starts};
-use super::strategies::Effort;
+use super::strategies::{Heat, SMOOTHING};
 use crate::optimizer::Interruption;
 use crate::shooting::ShootingProblem;
 
@@ -23,25 +23,25 @@ const LOST_MERIT: f64 = 2.0;
 
 /// The race: in each round the fastest of the last one go on, this share of the starts. The merits under smoothing tell early
 /// which starts lead to the fastest plans: in all of 15 searches the best one was among the better half before the exact law.
-const HEATS: [Round; 3] = [
-    Round { divisor: 1, effort: Effort::Smooth(&[0.1, 0.03]) },
-    Round { divisor: 1, effort: Effort::Smooth(&[0.01]) },
-    Round { divisor: 2, effort: Effort::Descend },
+const HEATS: [Round<Heat>; 3] = [
+    Round { divisor: 1, effort: Heat::Smooth(&[SMOOTHING[0], SMOOTHING[1]]) },
+    Round { divisor: 1, effort: Heat::Smooth(&[SMOOTHING[2]]) },
+    Round { divisor: 2, effort: Heat::Descend },
 ];
-/// The rounds between local optima: half as many, twice as thoroughly.
-const FINALS: [Round; 4] = [
-    Round { divisor: 3, effort: Effort::Polish { hops: 0 } },
-    Round { divisor: 6, effort: Effort::Polish { hops: 24 } },
-    Round { divisor: 12, effort: Effort::Polish { hops: 48 } },
-    Round { divisor: 24, effort: Effort::Polish { hops: 96 } },
+/// The rounds between local optima, with the most hops of each: half as many, twice as thoroughly.
+const FINALS: [Round<usize>; 4] = [
+    Round { divisor: 3, effort: 0 },
+    Round { divisor: 6, effort: 24 },
+    Round { divisor: 12, effort: 48 },
+    Round { divisor: 24, effort: 96 },
 ];
 
 /// One round of the race.
 #[derive(Debug, Clone, Copy)]
-struct Round {
+struct Round<E> {
     /// The starts over this number is how many take part.
     divisor: usize,
-    effort: Effort,
+    effort: E,
 }
 
 /// The result of the search, and its cost.
@@ -67,10 +67,7 @@ pub(super) struct SearchResult {
 impl SearchResult {
     /// Adds the search of a finer grid, where this one found no plan; the better of both misses is kept.
     pub(super) fn follow(&mut self, finer: Self, goal_tolerance: f64) {
-        let has_better = match (&finer.best, &self.best) {
-            (Some(new), Some(known)) => new.is_better_than(known, goal_tolerance),
-            (new, known) => known.is_none() && new.is_some(),
-        };
+        let has_better = finer.best.as_ref().is_some_and(|next| improves(self.best.as_ref(), next, goal_tolerance));
         let (iterations, rollouts) = (self.iterations + finer.iterations, self.rollouts + finer.rollouts);
         let starts_tried = self.starts_tried + finer.starts_tried;
         if has_better {
@@ -99,8 +96,7 @@ pub(super) fn search(
             break;
         }
     }
-    let found_from = race.found.tried;
-    if starts[..found_from].iter().any(|start| start.strategy == Strategy::Smoothed) {
+    if starts[..race.found.tried].iter().any(|start| start.strategy == Strategy::Smoothed) {
         race.finals(&mut optima);
     }
     let found = race.found;
@@ -111,7 +107,7 @@ pub(super) fn search(
         step_count,
         iterations: found.iterations,
         rollouts: found.rollouts,
-        starts_tried: found_from,
+        starts_tried: found.tried,
         distinct_optima: grouped(optima.iter().map(Candidate::final_time).collect()),
         optima,
         refinement: RefinementOutcome::Fixed,
@@ -136,7 +132,7 @@ impl Race<'_> {
         let number = |index: usize| (first + index + 1, first + starts.len());
         let (mut arrived, mut smooth) = (0, Vec::new());
         let locals = self.round(starts.len(), &|index, search| match starts[index].strategy {
-            Strategy::Smoothed => search.smooth(&starts[index], HEATS[0].effort, number(index)),
+            Strategy::Smoothed => search.begin(&starts[index], HEATS[0].effort, number(index)),
             Strategy::Warm | Strategy::Direct => search.run_from(&starts[index], number(index)),
         });
         self.found.tried = first + locals.len();
@@ -154,7 +150,7 @@ impl Race<'_> {
                 return arrived;
             }
             smooth.sort_by(|(_, a), (_, b)| merit(a).total_cmp(&merit(b)));
-            if let (Effort::Descend, Some((_, best))) = (round.effort, smooth.first()) {
+            if let (Heat::Descend, Some((_, best))) = (round.effort, smooth.first()) {
                 let lost = LOST_MERIT * merit(best);
                 arrived += smooth.iter().filter(|(_, local)| merit(local) < lost).count();
             }

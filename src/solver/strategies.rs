@@ -22,7 +22,7 @@ use crate::shooting::decision_from_schedule;
 
 /// Slip smoothings between a start and the exact law, m/s: they remove the kinks where contacts change their modes. Under
 /// the exact law alone the search stops at such kinks, with final times up to 20 % longer.
-const SMOOTHING: [f64; 3] = [0.1, 0.03, 0.01];
+pub(super) const SMOOTHING: [f64; 3] = [0.1, 0.03, 0.01];
 /// Fewer smoothings between a local optimum and the exact law.
 const POLISH_SMOOTHING: [f64; 2] = [0.03, 0.01];
 /// Most linear programs under one smoothing from a start: the next smoothing moves the optimum anyway, and more starts find
@@ -62,15 +62,13 @@ const HOP_GAIN: f64 = 1e-4;
 /// A plan that loses more than this share of its final time on another grid has left its local optimum.
 const ADAPTION_LOSS: f64 = 5e-3;
 
-/// What a round of the search does for one start or local optimum.
+/// What a round of the race does for one start.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Effort {
+pub(super) enum Heat {
     /// Descends under these smoothed laws, m/s.
     Smooth(&'static [f64]),
     /// Descends under the exact law.
     Descend,
-    /// Leaves the kink through smoothing, then hops at most this often.
-    Polish { hops: usize },
 }
 
 /// Idle hops in a row that end the hops of a round.
@@ -134,21 +132,21 @@ impl LocalSearch<'_, '_, '_> {
         Ok(best)
     }
 
-    /// The first round of a start: under smoothed laws, to a merit by which starts are compared.
+    /// The first heat of a start: under smoothed laws, to a merit by which starts are compared.
     ///
     /// # Errors
     /// When the budget ended the search.
-    pub(super) fn smooth(
+    pub(super) fn begin(
         &mut self,
         start: &Start,
-        effort: Effort,
+        heat: Heat,
         number: (usize, usize),
     ) -> Result<Candidate, Interruption> {
         let guess = Candidate::new(decision_from_schedule(&start.schedule), f64::INFINITY, true, start.goal_heading);
-        self.go_on(start, &guess, effort, number)
+        self.go_on(start, &guess, heat, number)
     }
 
-    /// A further round of a start, from where the last one ended.
+    /// A further heat of a start, from where the last one ended.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
@@ -156,14 +154,14 @@ impl LocalSearch<'_, '_, '_> {
         &mut self,
         start: &Start,
         from: &Candidate,
-        effort: Effort,
+        heat: Heat,
         number: (usize, usize),
     ) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Start { number: number.0 });
         self.start = number;
         self.aim(start.goal_heading, start.schedule.final_time);
         let (penalty_parameter, tolerance) = (self.penalty_parameters[0], self.settings.goal_tolerance);
-        if let Effort::Smooth(smoothings) = effort {
+        if let Heat::Smooth(smoothings) = heat {
             let radius = if from.smoothed_merit.is_none() { START_RADIUS } else { RADIUS };
             let limits = (radius, SMOOTHED_ITERATION_LIMIT);
             let (decision, merit) = self.through_smoothing(&from.decision, smoothings, penalty_parameter, limits)?;
@@ -179,17 +177,12 @@ impl LocalSearch<'_, '_, '_> {
         Ok(best)
     }
 
-    /// Improves a local optimum: directly and through smoothing as long as that leads to another optimum, then by hops.
+    /// Improves a local optimum: directly and through smoothing as long as that leads to another optimum, then by at most so
+    /// many hops.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn polish(
-        &mut self,
-        candidate: Candidate,
-        effort: Effort,
-        stream: u64,
-    ) -> Result<Candidate, Interruption> {
-        let Effort::Polish { hops } = effort else { return Ok(candidate) };
+    pub(super) fn polish(&mut self, candidate: Candidate, hops: usize, stream: u64) -> Result<Candidate, Interruption> {
         if self.settings.method == Method::NelderMead {
             return Ok(candidate);
         }
