@@ -56,7 +56,7 @@ pub(crate) fn run(count: u64, seed: u64) {
             rows.extend(after.map(|after| (moment, after, name.clone())));
         }
     }
-    println!("processor time of a worker from its flag to its return, ms, {} robots, {STEPS} steps", robots.len());
+    println!("processor time of a worker from its flag to its return, ms, {} robots, {STEPS} steps", chosen.len());
     for moment in [Moment::Simulation, Moment::Search, Moment::Certificate] {
         let mut of: Vec<_> = rows.iter().filter(|(at, ..)| *at == moment).collect();
         of.sort_by_key(|(_, after, _)| *after);
