@@ -7,7 +7,7 @@ use nalgebra::{DVector, SVector};
 use super::candidate::{Candidate, Stationarity};
 use super::goal_miss::goal_missed;
 use super::local_search::penalty_parameters;
-use super::lower_bound::{Grid, LowerBound, largest, lower_bounds};
+use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
 use super::search::SearchResult;
 use super::settings::{Refinement, SolveInput, SolverSettings};
 use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
@@ -164,7 +164,7 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
     };
     let certificate = Certificate {
         optimality: Optimality { measure: 0.0, is_stationary: true, sign_violations: 0 },
-        bound: largest(&lower_bounds(input, Grid::Steps(input.settings.step_count))),
+        bound: largest_lower_bound(input, Grid::Steps(input.settings.step_count)),
         replay: replay_of_miss(input, &goal_error, (0, 0)),
     };
     let motion = Motion { schedule: TorqueSchedule::empty(), trajectory, goal_error };

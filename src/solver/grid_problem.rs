@@ -1,6 +1,6 @@
 //! The shooting problem of a maneuver on a grid, without final times that no plan reaches.
 
-use super::lower_bound::{Grid, LowerBound, largest, lower_bounds};
+use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
 use super::settings::SolveInput;
 use crate::shooting::ShootingProblem;
 use crate::simulation::Simulator;
@@ -17,7 +17,7 @@ pub(super) fn problem_on<'a>(
     step_count: usize,
 ) -> (ShootingProblem<'a>, LowerBound) {
     let mut problem = ShootingProblem::new(simulator, &input.maneuver, step_count, input.settings.control_count);
-    let bound = largest(&lower_bounds(input, Grid::Steps(step_count)));
+    let bound = largest_lower_bound(input, Grid::Steps(step_count));
     problem.rule_out_before(SHARE_OF_BOUND * bound.time);
     (problem, bound)
 }

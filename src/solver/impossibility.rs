@@ -4,7 +4,7 @@
 //! are left to the search.
 
 use super::largest_normal_force::{Rates, largest_normal_forces};
-use super::lower_bound::{Grid, LowerBound, lower_bounds};
+use super::lower_bound::{Grid, LowerBound, Wanted, lower_bounds};
 use super::settings::SolveInput;
 use super::solution::{LowerBoundAssumption, Reason};
 use crate::contact::ContactName;
@@ -95,7 +95,7 @@ fn cannot_move(input: &SolveInput) -> Option<Reason> {
 
 /// A lower bound above the longest final time, or one that is infinite.
 fn takes_too_long(input: &SolveInput) -> Option<Reason> {
-    let bounds = lower_bounds(input, Grid::Continuous);
+    let bounds = lower_bounds(input, Grid::Continuous, Wanted::Above(LONGEST_FINAL_TIME));
     let too_long = || bounds.iter().filter(|bound| bound.time > LONGEST_FINAL_TIME);
     // A component that the start misses explains more than one that the start already meets.
     let error = input.maneuver.goal_error(&input.maneuver.start);

@@ -114,11 +114,16 @@ impl Axis {
         Self { drive_scale: None, ..self.clone() }
     }
 
-    /// A time before which the coordinate cannot meet its goal, s; infinite where it never can.
-    pub(super) fn least_time(&self, law: GridLaw, error: &impl Fn(f64) -> GridError) -> (f64, Demand) {
+    /// A time before which the coordinate cannot meet its goal, s; infinite where it never can, and zero where it is no
+    /// later than `floor`.
+    pub(super) fn least_time(&self, law: GridLaw, error: &impl Fn(f64) -> GridError, floor: f64) -> (f64, Demand) {
+        let reversed = self.reversed();
+        if !self.excludes(floor, law, error) && !reversed.excludes(floor, law, error) {
+            return (0.0, Demand::Velocity);
+        }
         let velocity = self.least_time_of_velocity(law, error);
         let one_way = |axis: &Self| axis.least_time_of_displacement(velocity, law, error);
-        let displacement = one_way(self).max(one_way(&self.reversed()));
+        let displacement = one_way(self).max(one_way(&reversed));
         if displacement > velocity { (displacement, Demand::Displacement) } else { (velocity, Demand::Velocity) }
     }
 
@@ -129,16 +134,33 @@ impl Axis {
         if change == 0.0 { 0.0 } else { 0.5 * (self.start_speed + end) * change / self.acceleration }
     }
 
+    /// Whether a plan of a duration, s, cannot meet the goal in the positive direction.
+    fn excludes(&self, duration: f64, law: GridLaw, error: &impl Fn(f64) -> GridError) -> bool {
+        self.largest_change(duration, law, error) < self.change_of_speed()
+            || self.asks_for_displacement() && self.furthest(duration, duration, law, error) < self.displacement.0
+    }
+
     fn least_time_of_velocity(&self, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
-        let change = (self.end_speed.0 - self.start_speed).max(self.start_speed - self.end_speed.1);
-        first_time(0.0, change, |_, duration| {
-            let is_exact = duration <= 0.0 || law == GridLaw::Exact;
-            self.acceleration * duration + if is_exact { 0.0 } else { law.error_of_velocity(&error(duration)) }
-        })
+        first_time(0.0, self.change_of_speed(), |_, duration| self.largest_change(duration, law, error))
+    }
+
+    /// What the goal asks for, in either direction.
+    fn change_of_speed(&self) -> f64 {
+        (self.end_speed.0 - self.start_speed).max(self.start_speed - self.end_speed.1)
+    }
+
+    /// The largest change of speed within a duration.
+    fn largest_change(&self, duration: f64, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
+        let is_exact = duration <= 0.0 || law == GridLaw::Exact;
+        self.acceleration * duration + if is_exact { 0.0 } else { law.error_of_velocity(&error(duration)) }
+    }
+
+    fn asks_for_displacement(&self) -> bool {
+        self.displacement.0 > f64::NEG_INFINITY
     }
 
     fn least_time_of_displacement(&self, not_before: f64, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
-        if self.displacement.0 == f64::NEG_INFINITY {
+        if !self.asks_for_displacement() {
             return not_before;
         }
         first_time(not_before, self.displacement.0, |from, to| self.furthest(from, to, law, error))

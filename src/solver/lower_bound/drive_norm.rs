@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 
 use crate::robot::PerWheel;
 
-/// Steps of the fixed point of [`DriveNorm::kept_rates`], which converges geometrically and is safe after any number.
+/// Most steps of the fixed point of [`DriveNorm::kept_rates`], which converges geometrically and is safe after any number.
 const KEPT_RATE_STEPS: usize = 60;
 
 /// Magnitudes of the velocities that the drive norm weighs: G, m/s; yaw and wheels, rad/s.
@@ -137,8 +137,12 @@ impl DriveNorm {
         let (mut scale, mut kept) = (norm(speeds.wheel), speeds.wheel);
         for _ in 0..KEPT_RATE_STEPS {
             scale = norm(kept);
+            let before = kept;
             kept.left = kept.left.min(self.gain.left * scale);
             kept.right = kept.right.min(self.gain.right * scale);
+            if kept == before {
+                break;
+            }
         }
         (scale, kept, norm(kept))
     }

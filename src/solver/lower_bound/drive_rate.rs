@@ -16,7 +16,7 @@ const LEVELS: u32 = 32;
 /// suite.
 const WEIGHTS: [[f64; 2]; 9] =
     [[1.0, 0.0], [4.0, 1.0], [2.0, 1.0], [1.5, 1.0], [1.0, 1.0], [1.0, 1.5], [1.0, 2.0], [1.0, 4.0], [0.0, 1.0]];
-/// Sweeps over the two wheels' friction forces, which converge geometrically and are safe after any number.
+/// Most sweeps over the two wheels' friction forces, which converge geometrically and are safe after any number.
 const FRICTION_SWEEPS: usize = 30;
 
 /// Rates of growth by level, with rising norms; the last level has no end.
@@ -122,10 +122,14 @@ fn accelerations(norm: &DriveNorm, torque: Vector2<f64>, largest: Vector2<f64>) 
     let (radius, spin) = (norm.wheel_radius(), norm.spin_inertia());
     let mut force = Vector2::<f64>::zeros();
     for _ in 0..FRICTION_SWEEPS {
+        let before = force;
         for (wheel, other) in [(0, 1), (1, 0)] {
             let slip = coupling * force[other] - radius * torque[wheel] / spin;
             let rolling = -slip / (own[wheel] + radius * radius / spin);
             force[wheel] = rolling.clamp(-largest[wheel], largest[wheel]);
+        }
+        if force == before {
+            break;
         }
     }
     let spun = (torque - radius * force) / spin;

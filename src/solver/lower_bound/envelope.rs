@@ -26,14 +26,10 @@ impl Piece {
         Self { to: self.from + share * length, value_to, ..*self }
     }
 
-    /// Integral of the `power`-th power: the length times the mean of a^j b^(power - j).
-    fn power_area(&self, power: u32) -> f64 {
-        let (mut sum, mut from_power) = (1.0, 1.0);
-        for _ in 0..power {
-            from_power *= self.value_from;
-            sum = sum * self.value_to + from_power;
-        }
-        (self.to - self.from) * sum / f64::from(power + 1)
+    /// Integral of the third power: the length times the mean of a^j b^(3 - j).
+    fn cubic_area(&self) -> f64 {
+        let (a, b) = (self.value_from, self.value_to);
+        0.5 * (self.to - self.from) * (a + b) * (0.5 * (a * a + b * b))
     }
 }
 
@@ -41,12 +37,14 @@ impl Piece {
 #[derive(Debug, Clone)]
 pub(super) struct Envelope {
     pieces: Vec<Piece>,
+    /// The area before each piece.
+    areas_before: Vec<f64>,
 }
 
 impl Envelope {
     /// Over the span of the curves, which are equally long.
     pub(super) fn new(curves: [&Curve; 3]) -> Self {
-        let mut envelope = Self { pieces: Vec::new() };
+        let mut envelope = Self { pieces: Vec::new(), areas_before: Vec::new() };
         let segments = curves.map(Curve::segments);
         let mut next = [0; 3];
         let mut from = 0.0;
@@ -59,6 +57,12 @@ impl Envelope {
             }
             from = to;
         }
+        let areas_before = envelope.pieces.iter().scan(0.0, |area, piece| {
+            let before = *area;
+            *area += piece.area();
+            Some(before)
+        });
+        envelope.areas_before = areas_before.collect();
         envelope
     }
 
@@ -83,10 +87,15 @@ impl Envelope {
         &self.pieces
     }
 
-    /// Integral of the `power`-th power from 0 to `time`.
-    pub(super) fn power_integral(&self, power: u32, time: f64) -> f64 {
-        let pieces = self.pieces().iter().take_while(|piece| piece.from < time);
-        pieces.map(|piece| piece.until(time).power_area(power)).sum()
+    /// Area from 0 to `time`.
+    pub(super) fn area(&self, time: f64) -> f64 {
+        let begun = self.pieces.partition_point(|piece| piece.from < time);
+        begun.checked_sub(1).map_or(0.0, |last| self.areas_before[last] + self.pieces[last].until(time).area())
+    }
+
+    /// Integral of the third power.
+    pub(super) fn cubic_area(&self) -> f64 {
+        self.pieces.iter().map(Piece::cubic_area).sum()
     }
 
     /// The highest value.
@@ -123,8 +132,8 @@ mod tests {
         assert_eq!(envelope.pieces().len(), 2);
         assert_eq!(envelope.pieces().iter().map(Piece::area).sum::<f64>(), 2.0);
         // Twice the integral of (2 t)^3 from 0 to 1.
-        assert_eq!(envelope.power_integral(3, 2.0), 4.0);
-        assert_eq!(envelope.power_integral(1, 0.5), 0.25);
+        assert_eq!(envelope.cubic_area(), 4.0);
+        assert_eq!(envelope.area(0.5), 0.25);
         assert_eq!(envelope.peak(), 2.0);
     }
 

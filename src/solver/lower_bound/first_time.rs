@@ -45,6 +45,11 @@ pub(super) fn first_time(not_before: f64, required: f64, cover: impl Fn(f64, f64
     ruled_out
 }
 
+/// Whether nothing covers as much as `required` at a time; if something does, the first time that does is no later.
+pub(super) fn rules_out(time: f64, required: f64, cover: &impl Fn(f64, f64) -> f64) -> bool {
+    cover(time, time) < required
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -45,6 +45,13 @@ pub(super) struct GridError {
     duration: f64,
     /// Bound on the magnitude of the yaw rate over time.
     yaw_rate: Envelope,
+    /// Its area, rad.
+    largest_turn: f64,
+    /// Acceleration error per lever and yaw rate, 1/s.
+    per_yaw_rate: f64,
+    /// Per lever: how far the velocity that the scheme keeps is from that of G at both ends, and what the largest yaw rate
+    /// of a step may add to the integral at both of its ends, rad/s.
+    at_nodes: f64,
     drive: Option<Curve>,
 }
 
@@ -66,6 +73,8 @@ impl GridError {
             None => by_friction,
         };
         let peak = yaw_rate.peak();
+        let half_turn = 0.5 * dt * peak;
+        let per_yaw_rate = dt * slope * bend(half_turn);
         Self {
             lever,
             dt,
@@ -74,6 +83,9 @@ impl GridError {
             end_yaw: rates.end_yaw.map_or(peak, |end| end.min(peak)),
             mass: capacity.mass,
             duration,
+            largest_turn: yaw_rate.area(duration),
+            per_yaw_rate,
+            at_nodes: 2.0 * peak * shift(half_turn) + 2.0 * dt * per_yaw_rate * peak,
             yaw_rate,
             drive,
         }
@@ -89,7 +101,7 @@ impl GridError {
         if self.lever == 0.0 {
             return 0.0;
         }
-        self.lever * (self.per_yaw_rate() * self.yaw_rate.power_integral(1, time) + self.at_nodes())
+        self.lever * (self.per_yaw_rate * self.yaw_rate.area(time) + self.at_nodes)
     }
 
     /// Error of G's velocity that builds up from `time` to the end, m/s.
@@ -97,8 +109,8 @@ impl GridError {
         if self.lever == 0.0 {
             return 0.0;
         }
-        let integral = self.yaw_rate.power_integral(1, self.duration) - self.yaw_rate.power_integral(1, time);
-        self.lever * (self.per_yaw_rate() * integral + self.at_nodes())
+        let integral = self.largest_turn - self.yaw_rate.area(time);
+        self.lever * (self.per_yaw_rate * integral + self.at_nodes)
     }
 
     /// How much the drive norm at the end may exceed its bound, which holds within the steps.
@@ -111,8 +123,7 @@ impl GridError {
         if self.lever == 0.0 {
             return 0.0;
         }
-        let integral = |power| self.yaw_rate.power_integral(power, self.duration);
-        let jerk = integral(3) + 3.0 * self.yaw_acceleration * integral(1);
+        let jerk = self.yaw_rate.cubic_area() + 3.0 * self.yaw_acceleration * self.largest_turn;
         let peak_jerk = self.peak.powi(3) + 3.0 * self.yaw_acceleration * self.peak;
         let quadrature = self.dt * self.dt / 12.0 * (jerk + 2.0 * self.dt * peak_jerk);
         self.lever * quadrature + self.dt * self.since_start(self.duration)
@@ -127,29 +138,16 @@ impl GridError {
     pub(super) fn dt(&self) -> f64 {
         self.dt
     }
+}
 
-    /// Acceleration error per lever and yaw rate.
-    fn per_yaw_rate(&self) -> f64 {
-        self.dt * self.yaw_acceleration * bend(self.half_turn())
-    }
-
-    /// Per lever: how far the velocity that the scheme keeps is from that of G at both ends, and what the largest yaw rate
-    /// of a step may add to the integral at both of its ends.
-    fn at_nodes(&self) -> f64 {
-        let half_turn = self.half_turn();
-        let shift = if half_turn == 0.0 {
-            0.0
-        } else if half_turn < PI {
-            half_turn / half_turn.sin() - 1.0
-        } else {
-            f64::INFINITY
-        };
-        2.0 * self.peak * shift + 2.0 * self.dt * self.per_yaw_rate() * self.peak
-    }
-
-    /// Largest turn in half a step, rad.
-    fn half_turn(&self) -> f64 {
-        0.5 * self.dt * self.peak
+/// `x / sin x - 1`, which grows with x; infinite from a half turn on.
+fn shift(x: f64) -> f64 {
+    if x == 0.0 {
+        0.0
+    } else if x < PI {
+        x / x.sin() - 1.0
+    } else {
+        f64::INFINITY
     }
 }
 

@@ -126,9 +126,12 @@ impl Loads {
     /// most an angle with it, N.
     pub(super) fn largest_sum_along(&self, direction: Vector2<f64>, turn: f64) -> f64 {
         // The gain falls with the response along the direction.
-        let gain = |_: usize, cost: f64, response: Vector2<f64>| {
-            let apart = (direction.angle(&-response) - turn).max(0.0);
-            gain(Vector2::new(apart.cos(), apart.sin()), cost, Vector2::new(-response.norm(), 0.0))
+        let weights = self.by_friction[FRONT].map(|response| {
+            let (sin, cos) = (direction.angle(&-response) - turn).max(0.0).sin_cos();
+            Vector2::new(cos, sin)
+        });
+        let gain = |contact: usize, cost: f64, response: Vector2<f64>| {
+            gain(weights[contact], cost, Vector2::new(-response.norm(), 0.0))
         };
         self.bound(gain).largest(self.torque_limit) + 3.0 * self.law_error
     }

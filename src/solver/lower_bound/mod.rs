@@ -19,7 +19,7 @@ use nalgebra::Vector2;
 
 use self::axis::{Axis, Demand, GridLaw, Push};
 use self::capacity::Capacity;
-use self::first_time::first_time;
+use self::first_time::{first_time, rules_out};
 pub(super) use self::grid_error::Grid;
 use self::grid_error::{GridError, KnownRates};
 use self::targets::Targets;
@@ -38,32 +38,61 @@ pub(super) struct LowerBound {
     pub(super) component: StateComponent,
 }
 
-/// All bounds for motions of a grid.
-pub(super) fn lower_bounds(input: &SolveInput, grid: Grid) -> Vec<LowerBound> {
+/// Which of the bounds are worked out; those that do not matter may come out lower.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Wanted {
+    /// The largest one.
+    Largest,
+    /// All above a time, s.
+    Above(f64),
+}
+
+/// The largest bound for motions of a grid; the first one where several are equal.
+pub(super) fn largest_lower_bound(input: &SolveInput, grid: Grid) -> LowerBound {
+    largest(&lower_bounds(input, grid, Wanted::Largest))
+}
+
+/// The bounds for motions of a grid.
+pub(super) fn lower_bounds(input: &SolveInput, grid: Grid, wanted: Wanted) -> Vec<LowerBound> {
     let mut bounds = Bounds::new(input, grid);
     // With restitution a goal judges the velocity as it is, and the equations of motion have no step.
     let (Grid::Steps(step_count), 0.0) = (grid, input.robot.parameters().tangential_restitution) else {
-        return bounds.all();
+        return bounds.all(wanted);
     };
     let goal = &input.maneuver.goal;
     let rest = [StateComponent::VelocityX, StateComponent::VelocityY, StateComponent::YawRate];
     if rest.iter().all(|component| goal.value(*component) == Some(0.0)) {
         // A turn by rounding: that of the longest plan does not matter either.
         bounds.turn_end(LONGEST_FINAL_TIME, step_count);
-        return bounds.all();
+        return bounds.all(wanted);
     }
-    let longest = largest(&bounds.all()).time;
+    let longest = largest(&bounds.all(Wanted::Largest)).time;
     // The longer the step, the more the frame of the goal's velocity turns: plans up to the first bound turn it at most so
     // much, and longer plans need no second one.
     bounds.turn_end(longest, step_count);
     let within = |bound: LowerBound| LowerBound { time: bound.time.min(longest), ..bound };
-    bounds.all().into_iter().map(within).collect()
+    bounds.all(wanted).into_iter().map(within).collect()
 }
 
-/// The largest of the bounds; the first one where several are equal.
-pub(super) fn largest(bounds: &[LowerBound]) -> LowerBound {
+fn largest(bounds: &[LowerBound]) -> LowerBound {
     let nothing = LowerBound { time: 0.0, assumption: LowerBoundAssumption::Friction, component: StateComponent::X };
     bounds.iter().fold(nothing, |best, bound| if bound.time > best.time { *bound } else { best })
+}
+
+/// The bounds that are known so far.
+struct Found {
+    wanted: Wanted,
+    bounds: Vec<LowerBound>,
+}
+
+impl Found {
+    /// The time up to which further bounds do not matter, s.
+    fn floor(&self) -> f64 {
+        match self.wanted {
+            Wanted::Largest => largest(&self.bounds).time,
+            Wanted::Above(time) => time,
+        }
+    }
 }
 
 struct Bounds<'a> {
@@ -98,13 +127,14 @@ impl<'a> Bounds<'a> {
         targets.turn_end(turn, speed + capacity.center.norm() * yaw_rate);
     }
 
-    fn all(&self) -> Vec<LowerBound> {
-        let mut bounds = Vec::new();
-        bounds.extend(self.of_center());
-        bounds.extend(self.of_yaw());
-        bounds.extend(self.of_drive_norm());
-        bounds.extend(self.of_wheels());
-        bounds
+    fn all(&self, wanted: Wanted) -> Vec<LowerBound> {
+        let mut found = Found { wanted, bounds: Vec::new() };
+        self.of_center(&mut found);
+        self.of_yaw(&mut found);
+        let of_drive_norm = self.of_drive_norm(found.floor());
+        found.bounds.extend(of_drive_norm);
+        self.of_wheels(&mut found);
+        found.bounds
     }
 
     fn error(&self, duration: f64) -> GridError {
@@ -139,25 +169,36 @@ impl<'a> Bounds<'a> {
         directions
     }
 
-    /// Bounds by the motion of the whole robot's centre of mass, along the direction with the largest bound by friction
-    /// alone.
-    fn of_center(&self) -> Vec<LowerBound> {
-        let promise = |direction: &Vector2<f64>| {
-            let axis = self.axis_along(*direction).without_drive();
-            axis.least_time(GridLaw::Exact, &|duration| self.error(duration)).0
-        };
-        let promises = self.directions().into_iter().map(|direction| (promise(&direction), direction));
-        let Some((_, direction)) = promises.reduce(|best, next| if next.0 > best.0 { next } else { best }) else {
-            return Vec::new();
-        };
+    /// Bounds by the motion of the whole robot's centre of mass.
+    fn of_center(&self, found: &mut Found) {
+        let Some((direction, axis)) = self.most_promising_axis() else { return };
         let name = |demand| match (demand, direction.x.abs() > direction.y.abs()) {
             (Demand::Displacement, true) => StateComponent::X,
             (Demand::Displacement, false) => StateComponent::Y,
             (Demand::Velocity, true) => StateComponent::VelocityX,
             (Demand::Velocity, false) => StateComponent::VelocityY,
         };
-        let axis = self.axis_along(direction);
-        self.of_axis(&axis, GridLaw::CenterOfMass, LowerBoundAssumption::Friction, name)
+        self.of_axis(&axis, GridLaw::CenterOfMass, LowerBoundAssumption::Friction, name, found);
+    }
+
+    /// The direction with the largest bound by friction alone, and the whole robot's centre of mass along it.
+    fn most_promising_axis(&self) -> Option<(Vector2<f64>, Axis)> {
+        let mut axes = self.directions().into_iter().map(|direction| (direction, self.axis_along(direction)));
+        let mut best = axes.next()?;
+        let mut largest_promise = None;
+        for next in axes {
+            let promise = |axis: &Axis, floor| self.least_time(&axis.without_drive(), GridLaw::Exact, floor).0;
+            let known = *largest_promise.get_or_insert_with(|| promise(&best.1, 0.0));
+            let promised = promise(&next.1, known);
+            if promised > known {
+                (best, largest_promise) = (next, Some(promised));
+            }
+        }
+        Some(best)
+    }
+
+    fn least_time(&self, axis: &Axis, law: GridLaw, floor: f64) -> (f64, Demand) {
+        axis.least_time(law, &|duration| self.error(duration), floor)
     }
 
     /// The whole robot's centre of mass along a direction.
@@ -199,7 +240,7 @@ impl<'a> Bounds<'a> {
     }
 
     /// Bounds by the yaw about the whole robot's centre of mass.
-    fn of_yaw(&self) -> Vec<LowerBound> {
+    fn of_yaw(&self, found: &mut Found) {
         let mut axis = Axis {
             acceleration: self.capacity.yaw_acceleration,
             start_push: Push::steady(self.capacity.yaw_acceleration),
@@ -217,17 +258,17 @@ impl<'a> Bounds<'a> {
         let changes = self.targets.heading_changes(axis.displacement_of_fastest_change());
         let windings = changes.into_iter().map(|change| {
             axis.displacement = change;
-            let bounds = self.of_axis(&axis.without_drive(), GridLaw::Exact, LowerBoundAssumption::YawFriction, name);
-            bounds.into_iter().next()
+            let (time, demand) = self.least_time(&axis.without_drive(), GridLaw::Exact, found.floor());
+            LowerBound { time, assumption: LowerBoundAssumption::YawFriction, component: name(demand) }
         });
-        let fastest = |a: LowerBound, b: LowerBound| if b.time < a.time { b } else { a };
-        let by_friction = windings.flatten().reduce(fastest);
-        by_friction.into_iter().chain(self.of_driven_yaw(&axis)).collect()
+        let by_friction = windings.reduce(|a, b| if b.time < a.time { b } else { a });
+        found.bounds.extend(by_friction);
+        found.bounds.extend(self.of_driven_yaw(&axis, found.floor()));
     }
 
     /// Bound by the smallest change of heading: the drive line does not depend on the direction, so that one is the
     /// fastest.
-    fn of_driven_yaw(&self, axis: &Axis) -> Option<LowerBound> {
+    fn of_driven_yaw(&self, axis: &Axis, floor: f64) -> Option<LowerBound> {
         axis.drive_scale?;
         let start_speed = axis.start_speed.abs();
         let end_speed = axis.end_speed.1.max(-axis.end_speed.0);
@@ -240,7 +281,7 @@ impl<'a> Bounds<'a> {
             displacement: (change, f64::INFINITY),
             ..axis.clone()
         };
-        let (time, _) = magnitude.least_time(GridLaw::Exact, &|duration| self.error(duration));
+        let (time, _) = self.least_time(&magnitude, GridLaw::Exact, floor);
         Some(LowerBound { time, assumption: LowerBoundAssumption::DriveTorque, component: StateComponent::Heading })
     }
 
@@ -251,18 +292,17 @@ impl<'a> Bounds<'a> {
         law: GridLaw,
         assumption: LowerBoundAssumption,
         name: impl Fn(Demand) -> StateComponent,
-    ) -> Vec<LowerBound> {
-        let error = |duration| self.error(duration);
-        let bound = |axis: &Axis, assumption| {
-            let (time, demand) = axis.least_time(law, &error);
+        found: &mut Found,
+    ) {
+        let bound = |axis: &Axis, assumption, floor| {
+            let (time, demand) = self.least_time(axis, law, floor);
             LowerBound { time, assumption, component: name(demand) }
         };
-        let by_friction = bound(&axis.without_drive(), assumption);
-        let mut bounds = vec![by_friction];
+        let by_friction = bound(&axis.without_drive(), assumption, found.floor());
+        found.bounds.push(by_friction);
         if axis.drive_scale.is_some() && by_friction.time.is_finite() {
-            bounds.push(bound(axis, LowerBoundAssumption::DriveTorque));
+            found.bounds.push(bound(axis, LowerBoundAssumption::DriveTorque, found.floor()));
         }
-        bounds
     }
 
     /// `scale`, unless torques bound nothing.
@@ -271,19 +311,20 @@ impl<'a> Bounds<'a> {
     }
 
     /// Bound by the speeds of the goal, which the torques must build up.
-    fn of_drive_norm(&self) -> Option<LowerBound> {
+    fn of_drive_norm(&self, floor: f64) -> Option<LowerBound> {
         self.capacity.drive_rates.as_ref()?;
         let speeds = self.targets.least_end_speeds();
         let rise = self.capacity.norm.at_least(&speeds) - self.rates.start_norm;
         // The norms of start and goal round to a few units in the last place.
         let required = rise - 1e-12 * self.rates.start_norm;
-        let time = first_time(0.0, required, |_, duration| {
+        let cover = |_, duration| {
             if duration <= 0.0 {
                 return 0.0;
             }
             let error = self.error(duration);
             error.drive().map_or(f64::INFINITY, |drive| drive.end() - self.rates.start_norm + error.of_end_norm())
-        });
+        };
+        let time = if rules_out(floor, required, &cover) { first_time(0.0, required, cover) } else { 0.0 };
         let weights = [
             (StateComponent::VelocityX, self.capacity.mass),
             (StateComponent::VelocityY, self.capacity.mass),
@@ -298,7 +339,7 @@ impl<'a> Bounds<'a> {
     }
 
     /// Bounds by torque and friction at each wheel.
-    fn of_wheels(&self) -> Vec<LowerBound> {
+    fn of_wheels(&self, found: &mut Found) {
         let start = &self.targets.start;
         let PerWheel { left, right } = self.capacity.wheel_acceleration;
         let (angle, rate) = (start.configuration.wheel_angle, start.velocity.wheel_rate);
@@ -306,7 +347,7 @@ impl<'a> Bounds<'a> {
             (left, angle.left, rate.left, StateComponent::WheelAngleLeft, StateComponent::WheelRateLeft),
             (right, angle.right, rate.right, StateComponent::WheelAngleRight, StateComponent::WheelRateRight),
         ];
-        let of_wheel = |(acceleration, angle, rate, angle_component, rate_component)| {
+        for (acceleration, angle, rate, angle_component, rate_component) in wheels {
             let (low, high) = self.targets.component(angle_component);
             let axis = Axis {
                 acceleration,
@@ -317,11 +358,10 @@ impl<'a> Bounds<'a> {
                 displacement: (low - angle, high - angle),
                 drive_scale: None,
             };
-            let (time, demand) = axis.least_time(GridLaw::Exact, &|duration| self.error(duration));
+            let (time, demand) = self.least_time(&axis, GridLaw::Exact, found.floor());
             let component = if demand == Demand::Displacement { angle_component } else { rate_component };
-            LowerBound { time, assumption: LowerBoundAssumption::WheelDrive, component }
-        };
-        wheels.into_iter().map(of_wheel).collect()
+            found.bounds.push(LowerBound { time, assumption: LowerBoundAssumption::WheelDrive, component });
+        }
     }
 }
 

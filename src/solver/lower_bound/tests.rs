@@ -14,11 +14,11 @@ fn input(maneuver: &Maneuver, parameters: RobotParameters) -> SolveInput {
 }
 
 fn bound(maneuver: &Maneuver) -> LowerBound {
-    largest(&lower_bounds(&input(maneuver, RobotParameters::default()), Grid::Steps(200)))
+    largest_lower_bound(&input(maneuver, RobotParameters::default()), Grid::Steps(200))
 }
 
 fn by_friction(maneuver: &Maneuver, parameters: RobotParameters, step_count: usize) -> f64 {
-    Bounds::new(&input(maneuver, parameters), Grid::Steps(step_count)).all()[0].time
+    Bounds::new(&input(maneuver, parameters), Grid::Steps(step_count)).all(Wanted::Largest)[0].time
 }
 
 /// Hollow wheels on the chassis centre of mass: the scheme keeps every law exactly. The front support rubs like the wheels,
@@ -137,7 +137,7 @@ fn goals_that_the_start_meets_take_no_time() {
 fn without_friction_only_coasting_goals_have_a_time() {
     let robot = RobotParameters { wheel_friction_coefficient: 0.0, ..RobotParameters::default() };
     let mut maneuver = Maneuver::forward_drive();
-    let time_on = |maneuver: &Maneuver, grid| largest(&lower_bounds(&input(maneuver, robot), grid)).time;
+    let time_on = |maneuver: &Maneuver, grid| largest_lower_bound(&input(maneuver, robot), grid).time;
     let time = |maneuver: &Maneuver| time_on(maneuver, Grid::Steps(200));
     for speed in [0.0, 2.0] {
         maneuver.start.velocity.y = speed;
@@ -284,7 +284,9 @@ fn no_feasible_rollout_is_faster_than_any_bound() {
             // At the end state a contact may separate in the step that would follow.
             assert_eq!(reason.code, "goal_separates", "seed {seed}: {}", reason.message);
         }
-        for bound in lower_bounds(&case.input, Grid::Steps(case.step_count)) {
+        let bounds = lower_bounds(&case.input, Grid::Steps(case.step_count), Wanted::Above(0.0));
+        assert_eq!(largest_lower_bound(&case.input, Grid::Steps(case.step_count)), largest(&bounds), "seed {seed}");
+        for bound in bounds {
             let ratio = bound.time / case.schedule.final_time;
             assert!(ratio <= 1.0, "seed {seed}: {bound:?} exceeds {} s", case.schedule.final_time);
             near[bound.assumption as usize] += usize::from(ratio > 0.9);
