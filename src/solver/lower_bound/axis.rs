@@ -7,7 +7,7 @@
 
 use super::curve::{Curve, Level};
 use super::envelope::{Envelope, Piece};
-use super::first_time::first_time;
+use super::first_time::{Floor, first_time};
 use super::grid_error::GridError;
 
 /// Spans on which the grid's errors are bounded by their largest value.
@@ -116,13 +116,13 @@ impl Axis {
 
     /// A time before which the coordinate cannot meet its goal, s; infinite where it never can, and zero where it is no
     /// later than `floor`.
-    pub(super) fn least_time(&self, law: GridLaw, error: &impl Fn(f64) -> GridError, floor: f64) -> (f64, Demand) {
+    pub(super) fn least_time(&self, law: GridLaw, error: &impl Fn(f64) -> GridError, floor: Floor) -> (f64, Demand) {
         let reversed = self.reversed();
-        if !self.excludes(floor, law, error) && !reversed.excludes(floor, law, error) {
+        if !self.excludes(floor.time, law, error) && !reversed.excludes(floor.time, law, error) {
             return (0.0, Demand::Velocity);
         }
         let velocity = self.least_time_of_velocity(law, error);
-        let one_way = |axis: &Self| axis.least_time_of_displacement(velocity, law, error);
+        let one_way = |axis: &Self| axis.least_time_of_displacement(velocity, law, error, floor);
         let displacement = one_way(self).max(one_way(&reversed));
         if displacement > velocity { (displacement, Demand::Displacement) } else { (velocity, Demand::Velocity) }
     }
@@ -141,7 +141,7 @@ impl Axis {
     }
 
     fn least_time_of_velocity(&self, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
-        first_time(0.0, self.change_of_speed(), |_, duration| self.largest_change(duration, law, error))
+        first_time(0.0, self.change_of_speed(), Floor::ZERO, |_, duration| self.largest_change(duration, law, error))
     }
 
     /// What the goal asks for, in either direction.
@@ -159,11 +159,17 @@ impl Axis {
         self.displacement.0 > f64::NEG_INFINITY
     }
 
-    fn least_time_of_displacement(&self, not_before: f64, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
+    fn least_time_of_displacement(
+        &self,
+        not_before: f64,
+        law: GridLaw,
+        error: &impl Fn(f64) -> GridError,
+        floor: Floor,
+    ) -> f64 {
         if !self.asks_for_displacement() {
             return not_before;
         }
-        first_time(not_before, self.displacement.0, |from, to| self.furthest(from, to, law, error))
+        first_time(not_before, self.displacement.0, floor, |from, to| self.furthest(from, to, law, error))
     }
 
     /// The furthest displacement in any time between two.

@@ -19,7 +19,7 @@ use nalgebra::Vector2;
 
 use self::axis::{Axis, Demand, GridLaw, Push};
 use self::capacity::Capacity;
-use self::first_time::{first_time, rules_out};
+use self::first_time::{Floor, first_time, rules_out};
 pub(super) use self::grid_error::Grid;
 use self::grid_error::{GridError, KnownRates};
 use self::targets::Targets;
@@ -86,11 +86,11 @@ struct Found {
 }
 
 impl Found {
-    /// The time up to which further bounds do not matter, s.
-    fn floor(&self) -> f64 {
+    /// What further bounds have to exceed.
+    fn floor(&self) -> Floor {
         match self.wanted {
-            Wanted::Largest => largest(&self.bounds).time,
-            Wanted::Above(time) => time,
+            Wanted::Largest => Floor { time: largest(&self.bounds).time, is_proven: true },
+            Wanted::Above(time) => Floor { time, is_proven: false },
         }
     }
 }
@@ -188,8 +188,8 @@ impl<'a> Bounds<'a> {
         let mut largest_promise = None;
         for next in axes {
             let promise = |axis: &Axis, floor| self.least_time(&axis.without_drive(), GridLaw::Exact, floor).0;
-            let known = *largest_promise.get_or_insert_with(|| promise(&best.1, 0.0));
-            let promised = promise(&next.1, known);
+            let known = *largest_promise.get_or_insert_with(|| promise(&best.1, Floor::ZERO));
+            let promised = promise(&next.1, Floor { time: known, is_proven: false });
             if promised > known {
                 (best, largest_promise) = (next, Some(promised));
             }
@@ -197,7 +197,7 @@ impl<'a> Bounds<'a> {
         Some(best)
     }
 
-    fn least_time(&self, axis: &Axis, law: GridLaw, floor: f64) -> (f64, Demand) {
+    fn least_time(&self, axis: &Axis, law: GridLaw, floor: Floor) -> (f64, Demand) {
         axis.least_time(law, &|duration| self.error(duration), floor)
     }
 
@@ -268,7 +268,7 @@ impl<'a> Bounds<'a> {
 
     /// Bound by the smallest change of heading: the drive line does not depend on the direction, so that one is the
     /// fastest.
-    fn of_driven_yaw(&self, axis: &Axis, floor: f64) -> Option<LowerBound> {
+    fn of_driven_yaw(&self, axis: &Axis, floor: Floor) -> Option<LowerBound> {
         axis.drive_scale?;
         let start_speed = axis.start_speed.abs();
         let end_speed = axis.end_speed.1.max(-axis.end_speed.0);
@@ -311,7 +311,7 @@ impl<'a> Bounds<'a> {
     }
 
     /// Bound by the speeds of the goal, which the torques must build up.
-    fn of_drive_norm(&self, floor: f64) -> Option<LowerBound> {
+    fn of_drive_norm(&self, floor: Floor) -> Option<LowerBound> {
         self.capacity.drive_rates.as_ref()?;
         let speeds = self.targets.least_end_speeds();
         let rise = self.capacity.norm.at_least(&speeds) - self.rates.start_norm;
@@ -324,7 +324,8 @@ impl<'a> Bounds<'a> {
             let error = self.error(duration);
             error.drive().map_or(f64::INFINITY, |drive| drive.end() - self.rates.start_norm + error.of_end_norm())
         };
-        let time = if rules_out(floor, required, &cover) { first_time(0.0, required, cover) } else { 0.0 };
+        let matters = rules_out(floor.time, required, &cover);
+        let time = if matters { first_time(0.0, required, floor, cover) } else { 0.0 };
         let weights = [
             (StateComponent::VelocityX, self.capacity.mass),
             (StateComponent::VelocityY, self.capacity.mass),
