@@ -38,21 +38,26 @@ pub struct Constraints {
 }
 
 impl Constraints {
-    /// The largest violation.
+    /// The largest violation; NaN if a value is NaN.
     pub fn violation(&self) -> f64 {
-        self.residual.amax().max(self.largest_inequality_violation())
+        self.residual.iter().map(|value| value.abs()).fold(self.largest_inequality_violation(), larger)
     }
 
-    /// Sum of all violations.
+    /// Sum of all violations; NaN if a value is NaN.
     pub fn violation_sum(&self) -> f64 {
-        let violated: f64 = self.inequality.iter().map(|value| value.max(0.0)).sum();
+        let violated: f64 = self.inequality.iter().map(|value| larger(0.0, *value)).sum();
         self.residual.lp_norm(1) + violated
     }
 
-    /// The largest violation of an inequality, at least 0.
+    /// The largest violation of an inequality, at least 0; NaN if one is NaN.
     pub fn largest_inequality_violation(&self) -> f64 {
-        self.inequality.iter().copied().fold(0.0, f64::max)
+        self.inequality.iter().copied().fold(0.0, larger)
     }
+}
+
+/// The larger of two, or NaN: a point without values meets nothing.
+fn larger(worst: f64, value: f64) -> f64 {
+    if value > worst || value.is_nan() { value } else { worst }
 }
 
 /// A linear model of the constraints.
@@ -144,6 +149,18 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
 
     use super::*;
+
+    #[test]
+    fn values_that_are_not_numbers_are_no_answer() {
+        let met = Constraints { residual: DVector::zeros(2), inequality: DVector::repeat(2, -1.0) };
+        for index in 0..2 {
+            let mut constraints = [met.clone(), met.clone()];
+            constraints[0].residual[index] = f64::NAN;
+            constraints[1].inequality[index] = f64::NAN;
+            assert!(constraints.iter().all(|values| values.violation().is_nan() && values.violation_sum().is_nan()));
+        }
+        assert_eq!((met.violation(), met.violation_sum()), (0.0, 0.0));
+    }
 
     #[test]
     fn budget_ends_with_the_limit() {
