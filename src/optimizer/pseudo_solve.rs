@@ -7,12 +7,13 @@ const RANK_TOLERANCE: f64 = 1e-7;
 /// An 8x8 matrix takes some 20.
 const EIGENVALUE_SWEEPS: usize = 1000;
 
-/// The least-norm solution of `gram w = residual` for a positive semidefinite matrix; none when it is not finite.
+/// The least-norm solution of `gram w = residual` for a positive semidefinite matrix; none when it is empty or not
+/// finite.
 ///
 /// With few rows m the Gram matrix keeps the cost at m^2 n. The eigenvalue iteration has a limit, since nalgebra's
 /// pseudo-inverse does not terminate for a NaN.
 pub(super) fn pseudo_solve(gram: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
-    if !gram.iter().chain(residual.iter()).all(|value| value.is_finite()) {
+    if gram.is_empty() || !gram.iter().chain(residual.iter()).all(|value| value.is_finite()) {
         return None;
     }
     let eigen = SymmetricEigen::try_new(gram.clone(), f64::EPSILON, EIGENVALUE_SWEEPS)?;
@@ -40,5 +41,10 @@ mod tests {
     fn matrices_that_are_not_finite_have_no_solution() {
         let gram = DMatrix::from_row_slice(1, 1, &[f64::NAN]);
         assert_eq!(pseudo_solve(&gram, &DVector::from_vec(vec![1.0])), None);
+    }
+
+    #[test]
+    fn without_rows_there_is_no_solution() {
+        assert_eq!(pseudo_solve(&DMatrix::zeros(0, 0), &DVector::zeros(0)), None);
     }
 }
