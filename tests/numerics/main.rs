@@ -15,4 +15,5 @@ mod one_step_contact;
 mod physics;
 mod random;
 mod reference_rollouts;
+mod shooting_derivatives;
 mod value_digests;
