@@ -29,7 +29,8 @@ impl<const N: usize> Newton<'_, N> {
     /// Iterates from `start`; each impulse whose update was at most `small_update` (N s) is passed to `accept`, which ends
     /// the iteration with `Some`.
     ///
-    /// None when no impulse was accepted or the equations became singular.
+    /// None when the equations became singular, nothing converged, or two impulses were refused: the first may lack digits, the
+    /// second shows that the pattern is wrong.
     #[inline]
     pub(super) fn solve<T>(
         &self,
@@ -40,6 +41,7 @@ impl<const N: usize> Newton<'_, N> {
         let mut impulse = *start;
         let mut equations = self.equations(&impulse)?;
         let mut miss = equations.residual(&impulse);
+        let mut is_refused = false;
         for _ in 0..self.iteration_limit {
             let update = solved(equations.jacobian(self.operator), miss)?;
             let is_small = update.amax() <= small_update;
@@ -59,6 +61,10 @@ impl<const N: usize> Newton<'_, N> {
                 if accepted.is_some() {
                     return accepted;
                 }
+                if is_refused {
+                    return None;
+                }
+                is_refused = true;
             }
         }
         None
