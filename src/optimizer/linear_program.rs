@@ -31,15 +31,13 @@ use crate::stop::{Stop, Stopped};
 const GRADIENT_TOLERANCE: f64 = 1e-11;
 /// The objective may exceed that of staying by this share of the largest penalty, its own rounding.
 const ROUNDING: f64 = 1e-13;
-/// Violations below this share of a variable's or row's range are rounding.
-const VIOLATION_TOLERANCE: f64 = 1e-10;
-/// Multipliers may pass their box by this share of the penalty parameter.
-const MULTIPLIER_TOLERANCE: f64 = 1e-9;
+/// Smaller shares are rounding: of a variable's or row's range that is violated, of the penalty parameter by which a multiplier
+/// passes its box, of a pivot, between steps.
+const TOLERANCE: f64 = 1e-9;
 /// Rows of a warm start whose pivot falls below this share of the largest entry are dependent.
 const DEPENDENT: f64 = 1e-7;
-/// Iterations without progress after which the first violation is taken instead of the largest (Bland 1977), against cycling.
-const STALL_LIMIT: usize = 50;
-/// Iterations per variable and row after which the simplex gives up.
+/// Iterations per variable and row after which the simplex gives up; where one of each brings no progress, the first violation is
+/// taken instead of the largest (Bland 1977), against cycling.
 const ITERATION_FACTOR: usize = 20;
 
 /// Memory of the simplex: the vertex of the last program, from which the next one begins.
@@ -231,7 +229,7 @@ impl ElasticSolver {
             }
             self.update_gradient(program);
             self.update_point(program);
-            let Some(leaving) = self.leaving(program, stalled >= STALL_LIMIT) else {
+            let Some(leaving) = self.leaving(program, stalled > rows + columns) else {
                 self.x.iter_mut().enumerate().for_each(|(j, x)| *x = x.max(program.lower[j]).min(program.upper[j]));
                 return Ok(true);
             };
@@ -273,7 +271,7 @@ impl ElasticSolver {
     /// Puts the tight row whose multiplier is furthest beyond its box at that bound, after a warm start; false when there is
     /// none.
     fn drop_row_beyond_box(&mut self, program: &ElasticProgram) -> bool {
-        let slack = MULTIPLIER_TOLERANCE * program.penalty_parameter;
+        let slack = TOLERANCE * program.penalty_parameter;
         let beyond = |position: &usize| {
             let (low, high) = program.multiplier_bounds(self.tight[*position]);
             let multiplier = self.multiplier[self.tight[*position]];
@@ -330,7 +328,7 @@ impl ElasticSolver {
 
     /// The variable or row that contradicts its place most, as a share of its range, or the first one; none at the optimum.
     fn leaving(&self, program: &ElasticProgram, is_first_enough: bool) -> Option<Leaving> {
-        let mut worst = VIOLATION_TOLERANCE;
+        let mut worst = TOLERANCE;
         let mut leaving = None;
         for (position, &column) in self.basic.iter().enumerate() {
             let below = (program.lower[column] - self.x[column]) / program.width(column);

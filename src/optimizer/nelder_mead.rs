@@ -25,6 +25,15 @@ pub struct NelderMeadSettings {
     pub smallest_gain: f64,
 }
 
+impl NelderMeadSettings {
+    /// Restarts about the best point until those are idle, with a first simplex of this part of each variable's scale.
+    pub fn of_scale(variable_scale: &DVector<f64>) -> Self {
+        Self { edge: variable_scale * EDGE, restart_limit: usize::MAX, value_tolerance: 1e-6, smallest_gain: 1e-5 }
+    }
+}
+
+/// First edge of the simplex, as a fraction of each variable's scale.
+const EDGE: f64 = 0.2;
 /// Later simplices shrink by this factor, so that restarts search ever closer.
 const RESTART_SHRINKAGE: f64 = 0.7;
 /// Smallest edge of a restarted simplex, relative to the first.

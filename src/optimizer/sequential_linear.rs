@@ -23,11 +23,13 @@ use super::evaluation::{Budget, Constraints, Interruption, Linearisation, Proble
 use super::linear_program::ElasticSolver;
 use super::pseudo_solve::pseudo_solve;
 
-/// Parameters of the iteration; the defaults were chosen by measurements on the paper's forward drive.
+/// Parameters of the iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SequentialLinearSettings {
-    /// Penalty parameter of the merit; the penalty is exact when it exceeds every multiplier of the problem.
+    /// First penalty parameter of the merit; the penalty is exact when it exceeds every multiplier of the problem.
     pub penalty_parameter: f64,
+    /// The penalty parameter is never made larger than this.
+    pub largest_penalty_parameter: f64,
     /// First trust radius, as a fraction of each variable's scale.
     pub first_radius: f64,
     /// Residuals of at most this magnitude are met.
@@ -53,41 +55,23 @@ pub enum Restoration {
     Skip,
 }
 
-impl Default for SequentialLinearSettings {
-    fn default() -> Self {
-        Self {
-            penalty_parameter: 5.0,
-            first_radius: 0.3,
-            feasibility_tolerance: 1e-9,
-            inequality_tolerance: 0.0,
-            smallest_prediction: SMALLEST_PREDICTION,
-            merit_to_beat: f64::INFINITY,
-            iteration_limit: 400,
-            restoration: Restoration::Restore,
-        }
-    }
-}
-
 const LARGEST_RADIUS: f64 = 1.0;
 const SMALLEST_RADIUS: f64 = 1e-6;
-/// Predicted decreases up to this are rounding of the merit.
-const SMALLEST_PREDICTION: f64 = 1e-7;
-/// Gains below this, several times in a row near feasibility, end the iteration.
-const SMALL_GAIN: f64 = 1e-5;
-const SMALL_GAIN_LIMIT: usize = 6;
 const GROW_RATIO: f64 = 0.5;
-const GROW_FACTOR: f64 = 2.0;
 const SHRINK_RATIO: f64 = 0.1;
-const SHRINK_FACTOR: f64 = 0.4;
-/// A trial that gains less than this share of the prediction is corrected.
-const CORRECTION_RATIO: f64 = 0.1;
+/// The factor by which the trust radius grows, and shrinks.
+const RADIUS_FACTOR: f64 = 2.0;
 /// Corrections above this share of their step are not tried: of 8,000 in two searches, larger ones helped one time in
 /// fifteen, smaller ones two times in three.
 const LARGEST_CORRECTION: f64 = 0.2;
-/// Residual norm at which small gains start to count as convergence.
-const NEAR_FEASIBLE: f64 = 1e-4;
+/// The penalty parameter grows by this factor where the optimum of the merit violates constraints.
+pub const PENALTY_GROWTH: f64 = 10.0;
+/// Violations up to this are left to the restoration.
+const RESTORABLE: f64 = 1e-4;
+/// Changes of a restoration; a Newton method that converges takes a handful.
 const RESTORATION_LIMIT: usize = 20;
-const SHORTENING_LIMIT: usize = 4;
+/// So often a change is halved in a restoration.
+const HALVINGS: i32 = 3;
 
 /// A merit that would not be beaten by this multiple of the prediction is given up: of 400 hops that gained in a search, those
 /// that this rule ends had a sixteenth of the gain, and it saves two thirds of the rollouts.
@@ -98,8 +82,6 @@ const HOPE: f64 = 2.0;
 pub enum Ending {
     /// The linear model predicts no further decrease.
     Stationary,
-    /// Several steps in a row gained very little.
-    SmallGains,
     /// The trust region shrank to its smallest radius: a kink of the merit.
     SmallRadius,
     /// The merit to beat is out of reach.
@@ -117,9 +99,6 @@ pub struct SequentialLinearResult {
     pub x: DVector<f64>,
     /// Its constraint values.
     pub constraints: Constraints,
-    /// Largest violation before the restoration: not small when the penalty parameter is below the multipliers of the
-    /// problem, so that a violation lowers the merit.
-    pub unrestored: f64,
     /// Linear programs solved.
     pub iterations: u64,
     /// Why it ended.
@@ -138,14 +117,13 @@ pub fn minimise_sequentially(
 ) -> SequentialLinearResult {
     let mut search = Search::new(problem, start, settings);
     let descent = search.descend(budget, on_improvement);
-    let unrestored = search.model.constraints.violation();
     let ending = match descent {
         Ok(ending) if ending == Ending::Hopeless || settings.restoration == Restoration::Skip => ending,
         Ok(ending) => search.restore(budget).map_or_else(Ending::Interrupted, |()| ending),
         Err(interruption) => Ending::Interrupted(interruption),
     };
     let Search { x, model, iterations, .. } = search;
-    SequentialLinearResult { x, constraints: model.constraints, unrestored, iterations, ending }
+    SequentialLinearResult { x, constraints: model.constraints, iterations, ending }
 }
 
 struct Search<'a> {
@@ -157,6 +135,7 @@ struct Search<'a> {
     model: Linearisation,
     model_is_current: bool,
     radius: f64,
+    penalty_parameter: f64,
     iterations: u64,
 }
 
@@ -181,6 +160,7 @@ impl<'a> Search<'a> {
             model,
             model_is_current: false,
             radius: settings.first_radius,
+            penalty_parameter: settings.penalty_parameter,
             iterations: 0,
         }
     }
@@ -190,7 +170,6 @@ impl<'a> Search<'a> {
         budget: &mut Budget,
         on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
     ) -> Result<Ending, Interruption> {
-        let mut small_gains = 0;
         for _ in 0..self.settings.iteration_limit {
             self.linearise(budget)?;
             let merit = self.merit(&self.x, &self.model.constraints);
@@ -198,28 +177,36 @@ impl<'a> Search<'a> {
             self.iterations += 1;
             let prediction = merit - self.modelled_merit(&step);
             if prediction <= self.settings.smallest_prediction {
+                if self.tightens() {
+                    continue;
+                }
                 return Ok(Ending::Stationary);
             }
             if merit - HOPE * prediction > self.settings.merit_to_beat {
                 return Ok(Ending::Hopeless);
             }
-            let trial = self.try_step(&step, merit - CORRECTION_RATIO * prediction, budget)?;
+            let trial = self.try_step(&step, merit - SHRINK_RATIO * prediction, budget)?;
             let gain = merit - trial.merit;
             self.adapt_radius(gain / prediction);
             if gain > 0.0 {
                 self.accept(trial);
                 on_improvement(&self.x, &self.model.constraints);
-                let is_small = gain < SMALL_GAIN && self.model.constraints.violation() < NEAR_FEASIBLE;
-                small_gains = if is_small { small_gains + 1 } else { 0 };
-                if small_gains >= SMALL_GAIN_LIMIT {
-                    return Ok(Ending::SmallGains);
-                }
             }
             if self.radius < SMALLEST_RADIUS {
                 return Ok(Ending::SmallRadius);
             }
         }
         Ok(Ending::IterationLimit)
+    }
+
+    /// At an optimum of the merit that violates constraints the penalty parameter is too small: a larger one, if it may grow.
+    fn tightens(&mut self) -> bool {
+        let is_too_small = self.model.constraints.violation() > RESTORABLE
+            && self.penalty_parameter < self.settings.largest_penalty_parameter;
+        if is_too_small {
+            self.penalty_parameter *= PENALTY_GROWTH;
+        }
+        is_too_small
     }
 
     fn linearise(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
@@ -231,22 +218,27 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// The minimiser of the linear model in the trust region.
+    /// The minimiser of the linear model in the trust region; the program's variables are steps in units of its half widths.
     fn linear_step(&mut self, budget: &Budget) -> Result<DVector<f64>, Interruption> {
         let half_width = self.problem.variable_scale(&self.x) * self.radius;
-        let lower = (self.problem.lower() - &self.x).zip_map(&half_width, |bound, half_width| bound.max(-half_width));
-        let upper = (self.problem.upper() - &self.x).zip_map(&half_width, f64::min);
+        let share = |room: f64, half_width: f64| if half_width > 0.0 { room / half_width } else { 0.0 };
+        let lower = (self.problem.lower() - &self.x).zip_map(&half_width, |room, width| share(room, width).max(-1.0));
+        let upper = (self.problem.upper() - &self.x).zip_map(&half_width, |room, width| share(room, width).min(1.0));
+        let mut matrix = self.model.jacobian.clone();
+        for (mut column, half_width) in matrix.column_iter_mut().zip(half_width.iter()) {
+            column *= *half_width;
+        }
         let program = ElasticProgram {
-            matrix: &self.model.jacobian,
+            matrix: &matrix,
             target: &-self.model.rows_of(&self.model.constraints),
             row_name: &self.model.row_names(),
             equation_count: self.equation_count(),
-            cost: self.problem.cost(),
+            cost: &self.problem.cost().component_mul(&half_width),
             lower: &lower,
             upper: &upper,
-            penalty_parameter: self.settings.penalty_parameter,
+            penalty_parameter: self.penalty_parameter,
         };
-        Ok(self.programs.solve(&program, budget.stop())?.x)
+        Ok(self.programs.solve(&program, budget.stop())?.x.component_mul(&half_width))
     }
 
     fn equation_count(&self) -> usize {
@@ -260,8 +252,11 @@ impl<'a> Search<'a> {
 
     /// The merit's linear model after a step.
     fn modelled_merit(&self, step: &DVector<f64>) -> f64 {
-        let violation = violation_sum(&self.modelled_rows(step), self.equation_count());
-        self.problem.cost().dot(&(&self.x + step)) + self.settings.penalty_parameter * violation
+        self.problem.cost().dot(&(&self.x + step)) + self.penalty_parameter * self.modelled_violation(step)
+    }
+
+    fn modelled_violation(&self, step: &DVector<f64>) -> f64 {
+        violation_sum(&self.modelled_rows(step), self.equation_count())
     }
 
     /// The point after the step; if its merit exceeds `good_merit`, its correction is tried too, and the better one is
@@ -298,26 +293,28 @@ impl<'a> Search<'a> {
 
     fn adapt_radius(&mut self, ratio: f64) {
         if ratio > GROW_RATIO {
-            self.radius = (GROW_FACTOR * self.radius).min(LARGEST_RADIUS);
+            self.radius = (RADIUS_FACTOR * self.radius).min(LARGEST_RADIUS);
         } else if ratio < SHRINK_RATIO || ratio.is_nan() {
-            self.radius *= SHRINK_FACTOR;
+            self.radius /= RADIUS_FACTOR;
         }
     }
 
-    /// Drives the violations of the final point to zero by least changes of the variables that are off their bounds.
+    /// Drives the violations of the final point to zero by least changes of the variables that are off their bounds, as long as
+    /// they fall.
     fn restore(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
         for _ in 0..RESTORATION_LIMIT {
             let constraints = &self.model.constraints;
+            let violation = constraints.violation();
             let is_kept = constraints.largest_inequality_violation() <= self.settings.inequality_tolerance;
             if constraints.residual.amax() <= self.settings.feasibility_tolerance && is_kept {
-                return Ok(());
+                break;
             }
             self.linearise(budget)?;
             let rows = self.violated_rows(&self.model.constraints);
             let missed = self.model.rows_of(&self.model.constraints);
             let Some(change) = self.least_change(&self.x, &rows, &missed) else { return Ok(()) };
-            if !self.shorten_until_better(&change, budget)? {
-                return Ok(());
+            if !self.shorten_until_better(&change, violation, budget)? {
+                break;
             }
         }
         Ok(())
@@ -325,15 +322,18 @@ impl<'a> Search<'a> {
 
     /// Takes the change, or a half, a quarter, ... of it: at a kink only a part may reduce the violation. False when none
     /// does.
-    fn shorten_until_better(&mut self, change: &DVector<f64>, budget: &mut Budget) -> Result<bool, Interruption> {
-        let mut share = 1.0;
-        for _ in 0..SHORTENING_LIMIT {
-            let trial = self.evaluate(&(&self.x - change * share), budget)?;
-            if trial.constraints.violation() < self.model.constraints.violation() {
+    fn shorten_until_better(
+        &mut self,
+        change: &DVector<f64>,
+        violation: f64,
+        budget: &mut Budget,
+    ) -> Result<bool, Interruption> {
+        for halving in 0..=HALVINGS {
+            let trial = self.evaluate(&(&self.x - change * 0.5_f64.powi(halving)), budget)?;
+            if trial.constraints.violation() < violation {
                 self.accept(trial);
                 return Ok(true);
             }
-            share *= 0.5;
         }
         Ok(false)
     }
@@ -364,10 +364,13 @@ impl<'a> Search<'a> {
     }
 
     fn merit(&self, x: &DVector<f64>, constraints: &Constraints) -> f64 {
-        self.problem.cost().dot(x) + self.settings.penalty_parameter * constraints.violation_sum()
+        self.problem.cost().dot(x) + self.penalty_parameter * constraints.violation_sum()
     }
 }
 
 fn clamped(x: &DVector<f64>, lower: &DVector<f64>, upper: &DVector<f64>) -> DVector<f64> {
     x.zip_zip_map(lower, upper, f64::clamp)
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,7 +8,11 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use super::contact_kinematics::{BodyVector, TangentJacobian};
 use super::normal_force::NormalForceProjection;
 use super::parameters::RobotParameters;
+use super::state::PerWheel;
 use crate::rules::Violations;
+
+/// Torques of more than this multiple of the grip are not near it.
+const GRIP_MULTIPLE: f64 = 4.0;
 
 /// A validated robot with all constant matrices of its equations of motion.
 #[derive(Debug, Clone)]
@@ -105,6 +109,17 @@ impl Robot {
         let [right, forward] = self.static_moment;
         let rate_squared = yaw_rate * yaw_rate;
         BodyVector::from([rate_squared * right, rate_squared * forward, 0.0, torque[0], torque[1]])
+    }
+
+    /// The torque limits, capped at a multiple of what a wheel could use if it carried the whole weight, N m: what moves the robot
+    /// by friction, and what speeds up the wheel itself as fast as gravity times the friction coefficient.
+    pub fn torques_near_grip(&self, limit: PerWheel<f64>) -> PerWheel<f64> {
+        let robot = &self.parameters;
+        let acceleration = robot.wheel_friction_coefficient * robot.gravity;
+        let grip =
+            (robot.total_mass() * robot.wheel_radius + robot.wheel_spin_inertia / robot.wheel_radius) * acceleration;
+        let cap = if grip > 0.0 { GRIP_MULTIPLE * grip } else { f64::INFINITY };
+        PerWheel::new(limit.left.min(cap), limit.right.min(cap))
     }
 
     /// Kinetic energy of a body velocity, J.

@@ -2,7 +2,7 @@
 //! violations of the normal forces' lower limits, which do not occur in the paper's case.
 //!
 //! ```text
-//! penalty(y) = t_f + goal_penalty sum (scale_i error_i)^2 + torque_penalty sum (violation_j / limit_j)^2
+//! penalty(y) = t_f + goal_penalty sum (length_unit scale_i error_i)^2 + torque_penalty sum (violation_j / limit_j)^2
 //!            + normal_force_penalty sum max(inequality_k, 0)^2
 //! ```
 //!
@@ -61,7 +61,7 @@ impl<'a, 'b> Penalty<'a, 'b> {
         self.problem.evaluate(&self.clamped, &mut self.constraints, stop)?;
         let final_time = self.clamped[self.clamped.len() - 1];
         let normal_force_violation: f64 = self.constraints.inequality.iter().map(|value| value.max(0.0).powi(2)).sum();
-        let goal = self.constraints.residual.norm_squared();
+        let goal = self.problem.length_unit().powi(2) * self.constraints.residual.norm_squared();
         Ok(final_time
             + GOAL_PENALTY * goal
             + TORQUE_PENALTY * torque_violation

@@ -1,5 +1,9 @@
 //! A maneuver as a direct single-shooting problem: from a decision vector to scaled goal errors, to the distance of the
 //! contacts from separation, and to their Jacobian.
+//!
+//! Cost and constraint values are dimensionless: the cost is the final time over that of a first guess, the residuals are goal
+//! errors over what the start misses, normal forces are shares of the weight. So all tolerances of the search are shares.
+//! Headings become lengths by the track width w, speeds by the time sqrt(w / g).
 
 use nalgebra::{DVector, Vector2};
 
@@ -7,18 +11,16 @@ use super::decision::{decision_len, write_schedule};
 use super::maneuver::{Maneuver, StateComponent};
 use super::normal_force_constraints::NormalForceConstraints;
 use crate::optimizer::{Constraints, Linearisation, Problem};
-use crate::robot::State;
+use crate::robot::{PerWheel, RobotParameters, State};
 use crate::simulation::{
     EndDerivative, EndFrame, EndSensitivity, LeastNormalForces, Rollout, Simulator, TorqueSchedule,
 };
 use crate::stop::{Stop, Stopped};
 
-/// A speed error of 1 m/s (rad/s) counts as much as 0.3 m (rad): a time constant of 0.3 s.
-const SPEED_SCALE: f64 = 0.3;
 /// Wheel rates count this many times as much as the speeds of their rims: their errors are judged in rad/s, which are smaller,
 /// so what cannot be met (rates of a goal that are rounded) goes into the velocity.
 const WHEEL_SHARE: f64 = 4.0;
-/// The variable scale of a torque is its limit, that of the final time this fraction of itself.
+/// The variable scale of a torque is its limit near the grip, that of the final time this fraction of itself.
 const FINAL_TIME_SCALE: f64 = 0.5;
 /// Shortest final time that is searched, s: the fastest nudge by the tightest tolerance takes longer. Without a floor the
 /// linear model could make the final time zero or negative.
@@ -35,7 +37,14 @@ pub struct ShootingProblem<'a> {
     rows: Vec<GoalRow>,
     normal_force_constraints: NormalForceConstraints,
     step_count: usize,
+    /// What the cost counts as 1, s.
+    time_unit: f64,
+    /// What residuals count as 1, m.
+    length_unit: f64,
     cost: DVector<f64>,
+    /// The variable scale of each torque: its limit near the grip.
+    torque_scale: DVector<f64>,
+    torque_limit: PerWheel<f64>,
     lower: DVector<f64>,
     upper: DVector<f64>,
     schedule: TorqueSchedule,
@@ -53,7 +62,7 @@ struct GoalRow {
     scale: f64,
 }
 
-/// Scale of each row: residual = scale * goal error.
+/// Scale of each row: residual = scale * goal error; 1 / m for positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GoalScales(Vec<f64>);
 
@@ -78,33 +87,36 @@ impl GoalScales {
 }
 
 impl<'a> ShootingProblem<'a> {
-    /// Formulates a maneuver on a grid of `step_count` steps and `control_count` torques per wheel.
+    /// Formulates a maneuver on a grid of `step_count` steps and `control_count` torques per wheel, with the final time of a
+    /// first guess, s, as the unit of time.
     ///
     /// The target heading is the one nearest to the start's heading, modulo whole turns.
-    pub fn new(simulator: &'a Simulator, maneuver: &Maneuver, step_count: usize, control_count: usize) -> Self {
+    pub fn new(
+        simulator: &'a Simulator,
+        maneuver: &Maneuver,
+        (step_count, control_count): (usize, usize),
+        time_unit: f64,
+    ) -> Self {
         let parameters = simulator.robot().parameters();
         let final_time_index = decision_len(control_count) - 1;
         let mut cost = DVector::zeros(decision_len(control_count));
-        cost[final_time_index] = 1.0;
-        let limit = maneuver.torque_limit;
-        let mut upper =
-            DVector::from_fn(
-                decision_len(control_count),
-                |index, _| {
-                    if index < control_count { limit.left } else { limit.right }
-                },
-            );
+        cost[final_time_index] = 1.0 / time_unit;
+        let upper = upper_bounds(simulator.robot().torques_near_grip(maneuver.torque_limit), control_count);
         let mut lower = -&upper;
         lower[final_time_index] = SHORTEST_FINAL_TIME;
-        upper[final_time_index] = LONGEST_FINAL_TIME;
+        let (rows, length_unit) = goal_rows(maneuver, parameters);
         Self {
             simulator,
             start: maneuver.start_at_center_of_mass(parameters),
             reference_offset: maneuver.reference_point.offset(parameters),
-            rows: goal_rows(maneuver, parameters.wheel_radius),
+            rows,
             normal_force_constraints: NormalForceConstraints::new(simulator.robot(), maneuver.limits),
             step_count,
+            time_unit,
+            length_unit,
             cost,
+            torque_scale: upper.rows(0, final_time_index).into_owned(),
+            torque_limit: maneuver.torque_limit,
             lower,
             upper,
             schedule: TorqueSchedule {
@@ -116,6 +128,20 @@ impl<'a> ShootingProblem<'a> {
             recorded: None,
             slip_smoothing: 0.0,
         }
+    }
+
+    /// Allows all torques within their limits; before, they stay near the grip. Beyond it more torque gains little, and the search
+    /// should not depend on it.
+    pub fn release_torques(&mut self) {
+        let last = self.cost.len() - 1;
+        self.upper = upper_bounds(self.torque_limit, last / 2);
+        self.lower.rows_mut(0, last).copy_from(&-self.upper.rows(0, last));
+    }
+
+    /// Whether torques may exceed those near the grip.
+    pub fn has_torque_beyond_grip(&self) -> bool {
+        self.torque_scale[0] < self.torque_limit.left
+            || self.torque_scale[self.torque_scale.len() - 1] < self.torque_limit.right
     }
 
     /// Excludes final times below `time`, s.
@@ -131,21 +157,25 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
-    /// Sets the slip smoothing of the friction law, m/s; 0 is the exact law.
-    pub fn set_slip_smoothing(&mut self, slip_smoothing: f64) {
-        self.slip_smoothing = slip_smoothing;
+    /// Sets the slip smoothing of the friction law as a share of the maneuver's speed, unit of length over unit of time; 0 is the
+    /// exact law.
+    pub fn set_slip_smoothing(&mut self, share: f64) {
+        self.slip_smoothing = share * self.length_unit / self.time_unit;
+    }
+
+    /// What the cost counts as 1, s.
+    pub fn time_unit(&self) -> f64 {
+        self.time_unit
+    }
+
+    /// What residuals count as 1, m.
+    pub fn length_unit(&self) -> f64 {
+        self.length_unit
     }
 
     /// The scales between residuals and goal errors.
     pub fn goal_scales(&self) -> GoalScales {
         GoalScales(self.rows.iter().map(|row| row.scale).collect())
-    }
-
-    /// Sum of the scaled goal errors of the start.
-    pub fn violation_at_start(&self) -> f64 {
-        let mut residual = DVector::zeros(self.rows.len());
-        self.write_residual(&self.start.moved_by(self.reference_offset), &mut residual);
-        residual.lp_norm(1)
     }
 
     /// Whether a point with these constraint values breaks the limits of the maneuver, beyond their tolerance.
@@ -246,10 +276,8 @@ impl Problem for ShootingProblem<'_> {
     }
 
     fn variable_scale(&self, decision: &DVector<f64>) -> DVector<f64> {
-        let mut scale = self.upper.clone();
-        let last = scale.len() - 1;
-        scale[last] = FINAL_TIME_SCALE * decision[last];
-        scale
+        let last = self.torque_scale.len();
+        self.torque_scale.push(FINAL_TIME_SCALE * decision[last])
     }
 
     fn constraints(&self) -> Constraints {
@@ -284,37 +312,62 @@ impl Problem for ShootingProblem<'_> {
     }
 }
 
-fn goal_rows(maneuver: &Maneuver, wheel_radius: f64) -> Vec<GoalRow> {
+fn upper_bounds(torque: PerWheel<f64>, control_count: usize) -> DVector<f64> {
+    let mut upper =
+        DVector::from_fn(
+            decision_len(control_count),
+            |index, _| {
+                if index < control_count { torque.left } else { torque.right }
+            },
+        );
+    upper[decision_len(control_count) - 1] = LONGEST_FINAL_TIME;
+    upper
+}
+
+/// The rows of a goal, and the unit of length: the sum of the goal errors of the start, m.
+fn goal_rows(maneuver: &Maneuver, robot: &RobotParameters) -> (Vec<GoalRow>, f64) {
     let nearest_heading = maneuver.nearest_goal_heading();
+    let start = maneuver.start.to_vector();
     let row = |(component, value): (StateComponent, f64)| GoalRow {
         component: component.index(),
         target: nearest_heading.filter(|_| component == StateComponent::Heading).unwrap_or(value),
-        scale: residual_scale(component, wheel_radius),
+        scale: residual_scale(component, robot),
     };
-    maneuver.goal.constrained().map(row).collect()
+    let mut rows: Vec<GoalRow> = maneuver.goal.constrained().map(row).collect();
+    let missed: f64 = rows.iter().map(|row| row.scale * (start[row.component] - row.target).abs()).sum();
+    // A start that meets its goal is no maneuver, but has a problem all the same.
+    let length_unit = if missed > 0.0 { missed } else { robot.track_width };
+    for row in &mut rows {
+        row.scale /= length_unit;
+    }
+    (rows, length_unit)
 }
 
-/// Scales turn every residual into metres or radians.
-fn residual_scale(component: StateComponent, wheel_radius: f64) -> f64 {
+/// Scales turn every residual into metres.
+fn residual_scale(component: StateComponent, robot: &RobotParameters) -> f64 {
+    let (length, radius) = (robot.track_width, robot.wheel_radius);
+    let time = (length / robot.gravity).sqrt();
     match component {
-        StateComponent::X | StateComponent::Y | StateComponent::Heading => 1.0,
-        StateComponent::WheelAngleLeft | StateComponent::WheelAngleRight => wheel_radius,
-        StateComponent::VelocityX | StateComponent::VelocityY | StateComponent::YawRate => SPEED_SCALE,
-        StateComponent::WheelRateLeft | StateComponent::WheelRateRight => WHEEL_SHARE * SPEED_SCALE * wheel_radius,
+        StateComponent::X | StateComponent::Y => 1.0,
+        StateComponent::Heading => length,
+        StateComponent::WheelAngleLeft | StateComponent::WheelAngleRight => radius,
+        StateComponent::VelocityX | StateComponent::VelocityY => time,
+        StateComponent::YawRate => time * length,
+        StateComponent::WheelRateLeft | StateComponent::WheelRateRight => WHEEL_SHARE * time * radius,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::{Robot, RobotParameters};
+    use crate::robot::Robot;
     use crate::shooting::ReferencePoint;
 
     #[test]
     fn jacobian_agrees_with_differences_at_the_axle_midpoint() {
         let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
         let maneuver = Maneuver { reference_point: ReferencePoint::AxleMidpoint, ..Maneuver::forward_drive() };
-        let mut problem = ShootingProblem::new(&simulator, &maneuver, 50, 5);
+        let mut problem = ShootingProblem::new(&simulator, &maneuver, (50, 5), 1.0);
         let decision = DVector::from_vec(vec![0.9, 0.3, -0.2, 0.7, -0.6, 0.5, 0.8, 0.1, -0.4, 0.2, 1.7]);
         let mut model = Linearisation::new(problem.constraints(), decision.len());
         problem.linearise(&decision, &mut model, Stop::never()).unwrap();

@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
+use super::local_search::STRICT_PENALTY;
 use super::progress::is_nearer;
 use crate::optimizer::{CriticalityMeasure, CriticalitySettings};
 use crate::shooting::{NORMAL_LOAD_TOLERANCE, ShootingProblem};
 
-/// Predicted decreases of at most this share of the final time are negligible: a third of what `converged` asks for.
-const STATIONARY_SHARE: f64 = 3e-5;
+/// Largest accepted criticality measure, as a share of the final time.
+pub(super) const CRITICALITY_TOLERANCE: f64 = 1e-4;
 
 /// A decision with what the search needs to rank it.
 #[derive(Debug, Clone)]
@@ -22,7 +23,7 @@ pub(super) struct Candidate {
     pub(super) breaks_limits: bool,
     /// The winding of the goal heading that it meets.
     pub(super) goal_heading: Option<f64>,
-    /// Its merit under a smoothed law, where it is no plan yet, s.
+    /// Its merit under a smoothed law, where it is no plan yet.
     pub(super) smoothed_merit: Option<f64>,
     /// Its criticality measure, where the search has computed it.
     pub(super) stationarity: Option<Arc<Stationarity>>,
@@ -31,21 +32,17 @@ pub(super) struct Candidate {
 /// The criticality measure of a decision.
 #[derive(Debug)]
 pub(super) struct Stationarity {
-    /// Penalty parameter of the goal errors in the merit, s/m.
+    /// Penalty parameter of the goal errors in the merit.
     pub(super) penalty_parameter: f64,
     pub(super) measure: CriticalityMeasure,
 }
 
 impl Stationarity {
-    /// The settings for a plan of this final time.
-    pub(super) fn settings(
-        problem: &ShootingProblem,
-        (penalty_parameter, final_time): (f64, f64),
-        goal_tolerance: f64,
-    ) -> CriticalitySettings {
+    /// The settings for a plan of this final time: the search goes on until half of what counts is predicted.
+    pub(super) fn settings(problem: &ShootingProblem, final_time: f64, goal_tolerance: f64) -> CriticalitySettings {
         CriticalitySettings {
-            penalty_parameter,
-            negligible_decrease: STATIONARY_SHARE * final_time,
+            penalty_parameter: STRICT_PENALTY,
+            negligible_decrease: 0.5 * CRITICALITY_TOLERANCE * final_time / problem.time_unit(),
             residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
             inequality_tolerance: NORMAL_LOAD_TOLERANCE,
         }

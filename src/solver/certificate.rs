@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use nalgebra::{DVector, SVector};
 
-use super::candidate::{Candidate, Stationarity};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
 use super::goal_miss::goal_missed;
-use super::local_search::penalty_parameters;
 use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
 use super::search::SearchResult;
 use super::settings::{Refinement, SolveInput, SolverSettings};
@@ -26,8 +25,6 @@ const REPLAY_REFINEMENT: usize = 16;
 const REPLAY_DRIFT_TIME: f64 = 1.0;
 /// Largest accepted residual of the contact law, relative to m g dt.
 const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
-/// Largest accepted criticality measure, as a share of the final time.
-const CRITICALITY_TOLERANCE: f64 = 1e-4;
 /// Rollouts that the criticality measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
 
@@ -94,7 +91,8 @@ impl Optimality {
         let Some(known) = known else { return Ok(unknown) };
         let Stationarity { penalty_parameter, measure } = &*known;
         let sign_violations = sign_violations(problem, &best.decision, &measure.model, *penalty_parameter, cut)?;
-        let measure = if measure.prediction.is_finite() { measure.prediction } else { unknown.measure };
+        let decrease = problem.time_unit() * measure.prediction;
+        let measure = if decrease.is_finite() { decrease } else { unknown.measure };
         // At the shortest final time no faster plan was looked for.
         let is_faster_excluded = best.final_time() <= SHORTEST_FINAL_TIME;
         let is_stationary = measure <= CRITICALITY_TOLERANCE * best.final_time() && !is_faster_excluded;
@@ -118,8 +116,8 @@ fn measured(
     (is_urgent, cut): (bool, Stop),
 ) -> Result<Option<Stationarity>, Stopped> {
     let mut budget = Budget::new(cut, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
-    let [_, penalty_parameter] = penalty_parameters(problem, best.final_time());
-    let settings = Stationarity::settings(problem, (penalty_parameter, best.final_time()), goal_tolerance);
+    let settings = Stationarity::settings(problem, best.final_time(), goal_tolerance);
+    let penalty_parameter = settings.penalty_parameter;
     match criticality_measure(problem, &best.decision, &settings, &mut budget) {
         Ok(CriticalityMeasure { interruption: Some(Interruption::Stopped), .. }) | Err(Interruption::Stopped) => {
             Err(Stopped)

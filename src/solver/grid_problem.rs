@@ -2,6 +2,7 @@
 
 use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
 use super::settings::SolveInput;
+use super::starts::starts;
 use crate::shooting::ShootingProblem;
 use crate::simulation::Simulator;
 
@@ -16,8 +17,10 @@ pub(super) fn problem_on<'a>(
     simulator: &'a Simulator,
     step_count: usize,
 ) -> (ShootingProblem<'a>, LowerBound) {
-    let mut problem = ShootingProblem::new(simulator, &input.maneuver, step_count, input.settings.control_count);
     let bound = largest_lower_bound(input, Grid::Steps(step_count));
+    let time_unit = starts(input, 1)[0].schedule.final_time.max(bound.time);
+    let grid = (step_count, input.settings.control_count);
+    let mut problem = ShootingProblem::new(simulator, &input.maneuver, grid, time_unit);
     problem.rule_out_before(SHARE_OF_BOUND * bound.time);
     (problem, bound)
 }

@@ -8,6 +8,7 @@ use super::lower_bound::{Grid, LowerBound, Wanted, lower_bounds};
 use super::settings::SolveInput;
 use super::solution::{LowerBoundAssumption, Reason};
 use crate::contact::ContactName;
+use crate::robot::Velocity;
 use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
 
 /// A normal force further below zero than this share of the weight is not rounding.
@@ -84,7 +85,7 @@ fn unloaded(
 /// Without torque a robot at rest stays where it is.
 fn cannot_move(input: &SolveInput) -> Option<Reason> {
     let maneuver = &input.maneuver;
-    let rests = maneuver.start.to_vector().fixed_rows::<5>(5).iter().all(|&speed| speed == 0.0);
+    let rests = maneuver.start.velocity == Velocity::default();
     let has_torque = maneuver.torque_limit.left > 0.0 || maneuver.torque_limit.right > 0.0;
     (rests && !has_torque).then(|| {
         let error = maneuver.goal_error(&maneuver.start);

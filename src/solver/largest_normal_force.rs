@@ -32,7 +32,8 @@ fn largest_normal_force(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rate
     let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
     let centrifugal = projection.centrifugal[contact] + (by_change * unit_rate)[0];
     let inertia = robot.parameters().wheel_spin_inertia;
-    let by_torque = by_change[3].abs() * torque_limit.left + by_change[4].abs() * torque_limit.right;
+    let [.., by_left, by_right] = by_change.transpose().data.0[0];
+    let by_torque = by_left.abs() * torque_limit.left + by_right.abs() * torque_limit.right;
     projection.static_force[contact]
         + largest_by_rates(centrifugal, projection.gyroscopic[contact], rates)
         + by_torque / inertia
@@ -56,8 +57,9 @@ fn largest_by_friction(robot: &Robot, contact: usize) -> f64 {
     let parameters = robot.parameters();
     let response = robot.normal_response().row(contact);
     let (wheel, front) = (parameters.wheel_friction_coefficient, parameters.front_friction_coefficient);
-    let of_wheels = response[0].abs().max(response[1].abs()).hypot(response[2]);
-    let of_front = response[3].hypot(response[4]);
+    let [left, right, lateral, front_x, front_y] = response.transpose().data.0[0];
+    let of_wheels = left.abs().max(right.abs()).hypot(lateral);
+    let of_front = front_x.hypot(front_y);
     (wheel * of_wheels).max(front * of_front) * parameters.total_mass() * parameters.gravity
 }
 

@@ -5,38 +5,25 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::candidate::{Candidate, Stationarity, improves, keep_better};
+use super::candidate::{Candidate, Stationarity, improves};
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
-    Budget, Constraints, Ending, Interruption, NelderMeadSettings, Problem, SequentialLinearResult,
-    SequentialLinearSettings, minimise_by_nelder_mead, minimise_sequentially,
+    Budget, Constraints, Ending, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem, Restoration,
+    SequentialLinearResult, SequentialLinearSettings, minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{GoalScales, NORMAL_LOAD_TOLERANCE, Penalty, ShootingProblem};
 use crate::stop::Stop;
 
-/// Least penalty parameters of the goal errors, s/m: the first one exceeds the multipliers of most maneuvers, the second is
-/// for the rest.
-const LEAST_PENALTY_PARAMETERS: [f64; 2] = [5.0, 50.0];
-/// The penalty of standing still, in units of the final time: if it is cheaper than the maneuver, the search collapses to
-/// final time zero.
-const STANDING_COST: f64 = 2.0;
-const PENALTY_GROWTH: f64 = 10.0;
-/// With a larger penalty parameter the rounding of the rows would exceed the resolution of the final time.
-const LARGEST_PENALTY_PARAMETER: f64 = 1e3;
-/// A scaled residual above this before the restoration means that the penalty parameter was below a multiplier.
-const PENALTY_TOO_SMALL: f64 = 1e-4;
-/// A descent that violates the goal and ends below this share of its guess's final time has collapsed.
-const COLLAPSED_SHARE: f64 = 0.7;
+/// First penalty parameter: standing still costs this many times the final time of a first guess, more than any multiplier of
+/// most maneuvers. Larger ones follow curved constraints in smaller steps.
+const PENALTY: f64 = 30.0;
+/// Penalty parameter of the criticality measure.
+pub(super) const STRICT_PENALTY: f64 = PENALTY_GROWTH * PENALTY;
+/// Descents end where less than this share of a first guess's final time is predicted: the rounding of the merit.
+const FINE: f64 = 1e-7;
 /// The tolerance of the restoration, as a share of the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
-
-/// First edge of the simplex, as a fraction of each variable's scale.
-const NELDER_MEAD_EDGE: f64 = 0.2;
-/// Large enough that idle restarts end the search first.
-const NELDER_MEAD_RESTART_LIMIT: usize = 1000;
-const NELDER_MEAD_VALUE_TOLERANCE: f64 = 1e-6;
-const NELDER_MEAD_SMALLEST_GAIN: f64 = 1e-5;
 
 /// The searches of one part of a solve share problem, budget and the best candidate so far.
 pub(super) struct LocalSearch<'a, 'b, 'c> {
@@ -47,8 +34,7 @@ pub(super) struct LocalSearch<'a, 'b, 'c> {
     pub(super) budget: Budget<'c>,
     /// (running start, number of starts).
     pub(super) start: (usize, usize),
-    goal_heading: Option<f64>,
-    pub(super) penalty_parameters: [f64; 2],
+    pub(super) goal_heading: Option<f64>,
     best: Option<Candidate>,
     pub(super) iterations: u64,
 }
@@ -70,7 +56,6 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             budget,
             start: (0, 0),
             goal_heading: None,
-            penalty_parameters: LEAST_PENALTY_PARAMETERS,
             best: None,
             iterations: 0,
         }
@@ -80,59 +65,23 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         (self.best, self.iterations, self.budget.spent())
     }
 
-    /// Descends under the exact law and restores the goal; again with the larger penalty parameter where the smaller one
-    /// left the goal violated.
-    pub(super) fn descend(
-        &mut self,
-        guess: &DVector<f64>,
-        penalty_parameter: f64,
-        radius: f64,
-    ) -> Result<Candidate, Interruption> {
-        let smallest_prediction = SequentialLinearSettings::default().smallest_prediction;
-        self.descend_until(guess, (penalty_parameter, radius), (smallest_prediction, f64::INFINITY))
+    /// Descends under the exact law and restores the goal.
+    pub(super) fn descend(&mut self, guess: &DVector<f64>, radius: f64) -> Result<Candidate, Interruption> {
+        self.descend_until(guess, radius, (FINE, f64::INFINITY))
     }
 
-    /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, s, and a final time below
-    /// the one to beat.
+    /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, as a share of a first guess's
+    /// final time, and a final time below the one to beat, s.
     pub(super) fn descend_until(
         &mut self,
         guess: &DVector<f64>,
-        (penalty_parameter, radius): (f64, f64),
+        radius: f64,
         (smallest_prediction, time_to_beat): (f64, f64),
     ) -> Result<Candidate, Interruption> {
-        let until = (smallest_prediction, time_to_beat);
-        let result = self.descend_with_penalty(guess, (penalty_parameter, radius), until)?;
-        let is_last = penalty_parameter >= self.penalty_parameters[1] || result.ending == Ending::Hopeless;
-        if result.unrestored <= PENALTY_TOO_SMALL || is_last {
-            return Ok(self.candidate(&result));
-        }
-        let from = if has_collapsed(&result.x, guess) {
-            // Start again from the guess; later descents with the smaller penalty parameter would collapse too.
-            self.penalty_parameters[0] = self.penalty_parameters[1];
-            guess
-        } else {
-            &result.x
-        };
-        let stricter = self.descend_with_penalty(from, (self.penalty_parameters[1], radius), until)?;
-        let (mut best, next) = (self.candidate(&result), self.candidate(&stricter));
-        keep_better(&mut best, next, self.settings.goal_tolerance);
-        Ok(best)
-    }
-
-    fn descend_with_penalty(
-        &mut self,
-        guess: &DVector<f64>,
-        (penalty_parameter, radius): (f64, f64),
-        (smallest_prediction, merit_to_beat): (f64, f64),
-    ) -> Result<SequentialLinearResult, Interruption> {
         let settings = SequentialLinearSettings {
-            penalty_parameter,
             first_radius: radius,
-            feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
-            inequality_tolerance: NORMAL_LOAD_TOLERANCE,
-            smallest_prediction,
-            merit_to_beat,
-            ..SequentialLinearSettings::default()
+            merit_to_beat: time_to_beat / self.problem.time_unit(),
+            ..self.descent(smallest_prediction)
         };
         let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
         let tolerance = self.settings.goal_tolerance;
@@ -158,11 +107,22 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         }
         match result.ending {
             Ending::Interrupted(interruption) => Err(interruption),
-            Ending::Stationary
-            | Ending::SmallGains
-            | Ending::SmallRadius
-            | Ending::Hopeless
-            | Ending::IterationLimit => Ok(result),
+            Ending::Stationary | Ending::SmallRadius | Ending::Hopeless | Ending::IterationLimit => Ok(candidate),
+        }
+    }
+
+    /// The settings of a descent to the goal.
+    pub(super) fn descent(&self, smallest_prediction: f64) -> SequentialLinearSettings {
+        SequentialLinearSettings {
+            penalty_parameter: PENALTY,
+            largest_penalty_parameter: STRICT_PENALTY * PENALTY,
+            first_radius: 1.0,
+            feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
+            inequality_tolerance: NORMAL_LOAD_TOLERANCE,
+            smallest_prediction,
+            merit_to_beat: f64::INFINITY,
+            iteration_limit: usize::MAX,
+            restoration: Restoration::Restore,
         }
     }
 
@@ -173,12 +133,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     }
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let settings = NelderMeadSettings {
-            edge: self.problem.variable_scale(guess) * NELDER_MEAD_EDGE,
-            restart_limit: NELDER_MEAD_RESTART_LIMIT,
-            value_tolerance: NELDER_MEAD_VALUE_TOLERANCE,
-            smallest_gain: NELDER_MEAD_SMALLEST_GAIN,
-        };
+        let settings = NelderMeadSettings::of_scale(&self.problem.variable_scale(guess));
         let (control, start, scales, tolerance) =
             (self.control, self.start, &self.scales, self.settings.goal_tolerance);
         let last = Cell::new((f64::NAN, true));
@@ -204,12 +159,11 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         result.interruption.map_or(Ok(candidate), Err)
     }
 
-    pub(super) fn aim(&mut self, goal_heading: Option<f64>, final_time: f64) {
+    pub(super) fn aim(&mut self, goal_heading: Option<f64>) {
         self.goal_heading = goal_heading;
         if let Some(heading) = goal_heading {
             self.problem.aim_at_heading(heading);
         }
-        self.penalty_parameters = penalty_parameters(self.problem, final_time);
     }
 
     /// Stores the criticality measure of a candidate, also with the best one if they are the same.
@@ -230,20 +184,6 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             }
         }
     }
-}
-
-/// Whether a descent gave up the goal for a shorter final time.
-fn has_collapsed(x: &DVector<f64>, guess: &DVector<f64>) -> bool {
-    let last = guess.len() - 1;
-    x[last] < COLLAPSED_SHARE * guess[last]
-}
-
-/// Penalty parameters of the goal errors for a maneuver of about this final time, s/m: the usual and the larger one.
-pub(super) fn penalty_parameters(problem: &ShootingProblem, final_time: f64) -> [f64; 2] {
-    let standing = STANDING_COST * final_time / problem.violation_at_start();
-    let [usual, large] = LEAST_PENALTY_PARAMETERS;
-    let usual = standing.clamp(usual, LARGEST_PENALTY_PARAMETER);
-    [usual, large.max(PENALTY_GROWTH * usual).min(LARGEST_PENALTY_PARAMETER)]
 }
 
 fn report(control: &RunControl, (start, start_count): (usize, usize), x: &DVector<f64>, goal_error: f64) {

@@ -64,6 +64,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopp
         (problem, bound) = problem_on(input, &simulator, result.step_count);
     }
     let _phase = control.enter(Phase::Certificate);
+    problem.release_torques();
     let best = result.best.take().filter(|best| best.goal_error.is_finite());
     let best = match best {
         Some(best) => best,

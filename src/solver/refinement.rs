@@ -11,10 +11,9 @@ use super::grid_problem::problem_on;
 use super::local_search::LocalSearch;
 use super::progress::PhasesOnly;
 use super::run_control::RunControl;
-use super::search::{SearchResult, fastest_first, is_distinct, search};
+use super::search::{SearchResult, further_optima, is_distinct, search};
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, Replay, StopReason};
-use super::starts::starts;
 use crate::optimizer::Interruption;
 use crate::shooting::schedule_from_decision;
 use crate::simulation::Simulator;
@@ -22,16 +21,11 @@ use crate::stop::{Stop, Stopped};
 
 /// Grids are refined by at least and at most these factors at a time.
 const FACTORS: (usize, usize) = (2, 8);
-/// The next grid is chosen for a miss smaller than the tolerance by this factor: the miss is only roughly proportional to
-/// the step.
-const MARGIN: f64 = 1.5;
-/// A plan is still tried where it is estimated to need up to this many times the allowed steps.
-const STEP_LIMIT_SLACK: f64 = 1.3;
-/// Plans that are refined at most after the fastest one, of the search's and of each block of further starts.
+/// The miss is proportional to the step only up to this factor: the next grid is chosen for a miss as much smaller than the
+/// tolerance, and plans are tried that seem to need as many more steps than are allowed.
+const UNCERTAINTY: f64 = 2.0;
+/// Plans that are refined at most after the fastest one, of the search and of further starts.
 const ATTEMPT_LIMIT: usize = 3;
-/// Further starts are tried in so many blocks of so many, where no plan of the search can be executed.
-const MORE_BLOCKS: usize = 3;
-const BLOCK: usize = 8;
 
 /// Refines the grid of the best decision, or of a slower one where only that can be executed.
 ///
@@ -89,11 +83,11 @@ impl Refiner<'_, '_, '_> {
         if outcome == RefinementOutcome::WithinTolerance || self.is_interrupted() {
             return outcome;
         }
-        let is_confirmed = self.refine_first(candidates.collect(), coarse_step_count)
-            || (0..MORE_BLOCKS).any(|block| {
-                let candidates = self.candidates_of_more_starts(block, coarse_step_count);
-                !self.is_interrupted() && self.refine_first(candidates, coarse_step_count)
-            });
+        let is_confirmed = self.refine_first(candidates.collect(), coarse_step_count) || {
+            let (problem, _) = problem_on(self.input, self.simulator, coarse_step_count);
+            let candidates = further_optima(self.input, &problem, self.result, self.control);
+            !self.is_interrupted() && self.refine_first(candidates, coarse_step_count)
+        };
         if is_confirmed { RefinementOutcome::WithinTolerance } else { outcome }
     }
 
@@ -142,24 +136,6 @@ impl Refiner<'_, '_, '_> {
         false
     }
 
-    /// Local optima of starts that the search was not asked for, fastest first.
-    fn candidates_of_more_starts(&mut self, block: usize, step_count: usize) -> Vec<Candidate> {
-        let first = self.result.starts_tried + block * BLOCK;
-        let starts = starts(self.input, first + BLOCK);
-        let mut optima: Vec<Candidate> = Vec::new();
-        let ended: Result<(), Interruption> = self.searching_on(step_count, |search| {
-            for start in starts.iter().skip(first) {
-                optima.push(search.run_from(start, (starts.len(), starts.len()))?);
-            }
-            Ok(())
-        });
-        if let Err(interruption) = ended {
-            self.interrupted(interruption);
-        }
-        optima.retain(|candidate| candidate.is_feasible(self.input.settings.goal_tolerance));
-        fastest_first(optima)
-    }
-
     fn keep(&mut self, plan: &Plan) {
         self.result.best = Some(plan.candidate.clone());
         self.result.step_count = plan.step_count;
@@ -181,7 +157,7 @@ impl Refiner<'_, '_, '_> {
 
     /// Whether the allowed steps may do for the plan.
     fn may_fit_step_limit(&self, plan: &Plan) -> bool {
-        plan.needed_steps(self.input) <= STEP_LIMIT_SLACK * self.step_limit as f64
+        plan.needed_steps(self.input) <= UNCERTAINTY * self.step_limit as f64
     }
 
     /// The plan on the finest grid that it needs and reaches.
@@ -230,6 +206,7 @@ impl Refiner<'_, '_, '_> {
     fn searching_on<T>(&mut self, step_count: usize, run: impl FnOnce(&mut LocalSearch) -> T) -> T {
         let settings = &self.input.settings;
         let (mut problem, _) = problem_on(self.input, self.simulator, step_count);
+        problem.release_torques();
         let rollout_limit = settings.rollout_limit - self.result.rollouts;
         let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
         let found = run(&mut search);
@@ -252,8 +229,9 @@ impl Refiner<'_, '_, '_> {
     }
 
     fn next_factor(&self, plan: &Plan) -> usize {
-        let factor =
-            (MARGIN * plan.replay.relative_miss(&self.input.settings)).clamp(FACTORS.0 as f64, FACTORS.1 as f64).ceil();
+        let factor = (UNCERTAINTY * plan.replay.relative_miss(&self.input.settings))
+            .clamp(FACTORS.0 as f64, FACTORS.1 as f64)
+            .ceil();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8, and whole")]
         let factor = factor as usize;
         factor

@@ -8,7 +8,7 @@ use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::solution::{DistinctOptimum, RefinementOutcome, Replay, StopReason};
 use super::starts::{Start, Strategy, starts};
-use super::strategies::{Heat, SMOOTHING};
+use super::strategies::Heat;
 use crate::optimizer::Interruption;
 use crate::shooting::ShootingProblem;
 
@@ -21,28 +21,10 @@ const MORE_STARTS: usize = 2;
 /// A start whose smoothed merit is this multiple of the best one has lost its goal: its penalty exceeds its final time.
 const LOST_MERIT: f64 = 2.0;
 
-/// The race: in each round the fastest of the last one go on, this share of the starts. The merits under smoothing tell early
-/// which starts lead to the fastest plans: in all of 15 searches the best one was among the better half before the exact law.
-const HEATS: [Round<Heat>; 3] = [
-    Round { divisor: 1, effort: Heat::Smooth(&[SMOOTHING[0], SMOOTHING[1]]) },
-    Round { divisor: 1, effort: Heat::Smooth(&[SMOOTHING[2]]) },
-    Round { divisor: 2, effort: Heat::Descend },
-];
-/// The rounds between local optima, with the most hops of each: half as many, twice as thoroughly.
-const FINALS: [Round<usize>; 4] = [
-    Round { divisor: 3, effort: 0 },
-    Round { divisor: 6, effort: 24 },
-    Round { divisor: 12, effort: 48 },
-    Round { divisor: 24, effort: 96 },
-];
-
-/// One round of the race.
-#[derive(Debug, Clone, Copy)]
-struct Round<E> {
-    /// The starts over this number is how many take part.
-    divisor: usize,
-    effort: E,
-}
+/// Of so many starts one is left after the heats.
+const HEAT_SHARE: usize = 4;
+/// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
+const FIRST_HOPS: usize = 8;
 
 /// The result of the search, and its cost.
 #[derive(Debug)]
@@ -82,13 +64,13 @@ impl SearchResult {
 /// Searches on a grid from every start, then polishes the best local optima; the result does not depend on the helpers.
 pub(super) fn search(
     input: &SolveInput,
-    problem: &ShootingProblem,
+    problem: &ShootingProblem<'_>,
     (step_count, rollout_limit): (usize, u64),
     control: &RunControl,
 ) -> SearchResult {
     let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
     let progress = BestProgress::new(control, settings.goal_tolerance);
-    let mut race = Race { input, problem, rollout_limit, control, progress: &progress, found: Total::default() };
+    let mut race = Race::new(input, problem, rollout_limit, (control, &progress));
     let mut optima: Vec<Candidate> = Vec::new();
     for block in starts.chunks(settings.start_count) {
         let arrived = race.heats(block, &mut optima);
@@ -99,6 +81,7 @@ pub(super) fn search(
     if starts[..race.found.tried].iter().any(|start| start.strategy == Strategy::Smoothed) {
         race.finals(&mut optima);
     }
+    race.release_torques(&mut optima);
     let found = race.found;
     let optima = fastest_first(optima);
     SearchResult {
@@ -115,72 +98,118 @@ pub(super) fn search(
     }
 }
 
+/// Local optima of as many further starts, fastest first.
+pub(super) fn further_optima(
+    input: &SolveInput,
+    problem: &ShootingProblem,
+    result: &mut SearchResult,
+    control: &RunControl,
+) -> Vec<Candidate> {
+    let settings = &input.settings;
+    let starts = starts(input, result.starts_tried + settings.start_count);
+    let progress = BestProgress::new(control, settings.goal_tolerance);
+    let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, (control, &progress));
+    race.found.tried = result.starts_tried;
+    let mut optima = Vec::new();
+    race.heats(&starts[result.starts_tried..], &mut optima);
+    result.iterations += race.found.iterations;
+    result.rollouts += race.found.rollouts;
+    if let Some(interruption) = race.found.interruption {
+        result.stop_reason = interruption.into();
+    }
+    fastest_first(optima)
+}
+
 /// A search in rounds, each of which is over before the next one begins: so the answer does not depend on who runs which part.
 struct Race<'a> {
     input: &'a SolveInput,
-    problem: &'a ShootingProblem<'a>,
+    problem: ShootingProblem<'a>,
     rollout_limit: u64,
     control: &'a RunControl<'a>,
     progress: &'a BestProgress<'a>,
     found: Total,
 }
 
-impl Race<'_> {
+impl<'a> Race<'a> {
+    fn new(
+        input: &'a SolveInput,
+        problem: &ShootingProblem<'a>,
+        rollout_limit: u64,
+        (control, progress): (&'a RunControl<'a>, &'a BestProgress<'a>),
+    ) -> Self {
+        Self { input, problem: problem.clone(), rollout_limit, control, progress, found: Total::default() }
+    }
+
     /// From starts to local optima, which join the others; returns how many starts seem to lead to a plan.
+    ///
+    /// In each heat the better half of the last one goes on: merits under smoothing tell which starts lead to the fastest plans.
     fn heats(&mut self, starts: &[Start], optima: &mut Vec<Candidate>) -> usize {
         let first = self.found.tried;
         let number = |index: usize| (first + index + 1, first + starts.len());
-        let (mut arrived, mut smooth) = (0, Vec::new());
-        let locals = self.round(starts.len(), &|index, search| match starts[index].strategy {
-            Strategy::Smoothed => search.begin(&starts[index], HEATS[0].effort, number(index)),
-            Strategy::Warm | Strategy::Direct => search.run_from(&starts[index], number(index)),
-        });
+        let locals = self.round(starts.len(), &|index, search| search.run_from(&starts[index], number(index)));
         self.found.tried = first + locals.len();
-        for (index, local) in locals {
-            if local.smoothed_merit.is_some() {
-                smooth.push((index, local));
-            } else {
-                let plan = Some(local).filter(|local| local.is_feasible(self.input.settings.goal_tolerance));
-                arrived += usize::from(plan.is_some());
-                optima.extend(plan);
-            }
-        }
-        for round in &HEATS[1..] {
+        let (mut smooth, exact): (Vec<_>, Vec<_>) =
+            locals.into_iter().partition(|(_, local)| local.smoothed_merit.is_some());
+        self.keep_plans(exact, optima);
+        let best = smooth.iter().map(|(_, local)| merit(local)).fold(f64::INFINITY, f64::min);
+        let arrived = optima.len() + smooth.iter().filter(|(_, local)| merit(local) < LOST_MERIT * best).count();
+        let mut count = starts.len();
+        for heat in [Heat::Smooth, Heat::Descend] {
             if self.found.interruption.is_some() {
                 return arrived;
             }
             smooth.sort_by(|(_, a), (_, b)| merit(a).total_cmp(&merit(b)));
-            if let (Heat::Descend, Some((_, best))) = (round.effort, smooth.first()) {
-                let lost = LOST_MERIT * merit(best);
-                arrived += smooth.iter().filter(|(_, local)| merit(local) < lost).count();
-            }
-            smooth.truncate(starts.len().div_ceil(round.divisor));
+            count = count.div_ceil(2);
+            smooth.truncate(count);
             let locals = self.round(smooth.len(), &|index, search| {
                 let (start, local) = &smooth[index];
-                search.go_on(&starts[*start], local, round.effort, number(*start))
+                search.go_on(local, heat, number(*start))
             });
             smooth = locals.into_iter().map(|(index, local)| (smooth[index].0, local)).collect();
         }
-        let feasible = |local: &Candidate| local.is_feasible(self.input.settings.goal_tolerance);
-        optima.extend(smooth.into_iter().map(|(_, local)| local).filter(feasible));
+        self.keep_plans(smooth, optima);
         arrived
     }
 
-    /// Improves the fastest distinct optima, ever fewer of them.
+    fn keep_plans(&self, locals: Vec<(usize, Candidate)>, optima: &mut Vec<Candidate>) {
+        let tolerance = self.input.settings.goal_tolerance;
+        optima.extend(locals.into_iter().map(|(_, local)| local).filter(|local| local.is_feasible(tolerance)));
+    }
+
+    /// Improves the fastest distinct optima, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
+    /// Talwalkar 2016).
     fn finals(&mut self, optima: &mut Vec<Candidate>) {
-        for (number, round) in (0..).zip(FINALS) {
-            if self.found.interruption.is_some() {
-                return;
+        // Half of those that the heats left.
+        let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * HEAT_SHARE), FIRST_HOPS);
+        for stream in 0.. {
+            self.polish(optima, count, (hops, stream));
+            if count == 1 || self.found.interruption.is_some() {
+                break;
             }
-            *optima = fastest_first(std::mem::take(optima));
-            let mut chosen = distinct(optima);
-            chosen.truncate(self.input.settings.start_count.div_ceil(round.divisor));
-            let locals = self.round(chosen.len(), &|index, search| {
-                search.polish(optima[chosen[index]].clone(), round.effort, number)
-            });
-            for (index, local) in locals {
-                optima[chosen[index]] = local;
-            }
+            (count, hops) = (count.div_ceil(2), 2 * hops);
+        }
+    }
+
+    /// The best plan with all torques, where those near the grip are not all.
+    fn release_torques(&mut self, optima: &mut Vec<Candidate>) {
+        if self.problem.has_torque_beyond_grip() {
+            self.problem.release_torques();
+            self.polish(optima, 1, (0, 0));
+        }
+    }
+
+    /// Polishes the fastest distinct optima, so many of them.
+    fn polish(&mut self, optima: &mut Vec<Candidate>, count: usize, (hops, stream): (usize, u64)) {
+        if self.found.interruption.is_some() {
+            return;
+        }
+        *optima = fastest_first(std::mem::take(optima));
+        let mut chosen = distinct(optima);
+        chosen.truncate(count);
+        let locals =
+            self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), hops, stream));
+        for (index, local) in locals {
+            optima[chosen[index]] = local;
         }
     }
 

@@ -63,19 +63,29 @@ pub struct SolverSettings {
     pub replay_tolerance_heading: f64,
 }
 
+/// Tightest tolerances: a rollout of thousands of steps rounds to about 1e-12.
+const TIGHTEST: f64 = 1e-9;
+/// Loosest replay tolerances, m and rad: any miss is within.
+const LOOSEST_REPLAY: f64 = 100.0;
+/// m and rad.
+const REPLAY_TOLERANCE: f64 = 1e-3;
+
 impl SolverSettings {
     const RULES: [BoundedField<Self>; 7] = [
         ("grid.steps", |settings| settings.step_count as f64, Rule::at_least(1.0, "")),
         ("grid.control_intervals", |settings| settings.control_count as f64, Rule::at_least(1.0, "")),
         ("solver.starts", |settings| settings.start_count as f64, Rule::at_least(1.0, "")),
         ("solver.rollout_limit", |settings| settings.rollout_limit as f64, Rule::at_least(1.0, "")),
-        // Tightest goal tolerance: a rollout of thousands of steps rounds to about 1e-12.
-        ("solver.goal_tolerance", |settings| settings.goal_tolerance, Rule::between(1e-9, 1.0, "")),
-        ("solver.replay_tolerance_m", |settings| settings.replay_tolerance_position, Rule::between(1e-9, 100.0, "m")),
+        ("solver.goal_tolerance", |settings| settings.goal_tolerance, Rule::between(TIGHTEST, 1.0, "")),
+        (
+            "solver.replay_tolerance_m",
+            |settings| settings.replay_tolerance_position,
+            Rule::between(TIGHTEST, LOOSEST_REPLAY, "m"),
+        ),
         (
             "solver.replay_tolerance_rad",
             |settings| settings.replay_tolerance_heading,
-            Rule::between(1e-9, 100.0, "rad"),
+            Rule::between(TIGHTEST, LOOSEST_REPLAY, "rad"),
         ),
     ];
 
@@ -110,8 +120,8 @@ impl Default for SolverSettings {
             seed: 0,
             rollout_limit: 2_000_000,
             goal_tolerance: 1e-6,
-            replay_tolerance_position: 1e-3,
-            replay_tolerance_heading: 1e-3,
+            replay_tolerance_position: REPLAY_TOLERANCE,
+            replay_tolerance_heading: REPLAY_TOLERANCE,
         }
     }
 }

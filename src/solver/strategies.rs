@@ -9,7 +9,7 @@ use nalgebra::DVector;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::candidate::{Candidate, Stationarity, keep_better};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, keep_better};
 use super::local_search::LocalSearch;
 use super::run_control::Phase;
 use super::search::is_distinct;
@@ -20,165 +20,96 @@ use crate::optimizer::{
 };
 use crate::shooting::decision_from_schedule;
 
-/// Slip smoothings between a start and the exact law, m/s: they remove the kinks where contacts change their modes. Under
-/// the exact law alone the search stops at such kinks, with final times up to 20 % longer.
-pub(super) const SMOOTHING: [f64; 3] = [0.1, 0.03, 0.01];
-/// Fewer smoothings between a local optimum and the exact law.
-const POLISH_SMOOTHING: [f64; 2] = [0.03, 0.01];
-/// Most linear programs under one smoothing from a start: the next smoothing moves the optimum anyway, and more starts find
-/// more than more iterations.
-const SMOOTHED_ITERATION_LIMIT: usize = 15;
-/// Most linear programs under one smoothing from a good local optimum.
-const POLISH_ITERATION_LIMIT: usize = 40;
-/// First trust radii under the exact law: which one leads to the best point depends on the kinks.
-const FIRST_RADII: [f64; 2] = [0.5, 0.3];
+/// Slip smoothings between a start and the exact law, as shares of the maneuver's speed: they remove the kinks where contacts
+/// change their modes. Under the exact law alone the search stops at such kinks, with final times up to 20 % longer.
+const SMOOTHING: [f64; 3] = [0.24, 0.08, 0.024];
+/// Most linear programs of a start under the first smoothing, before starts are compared, and under each smoothing afterwards.
+const ROUGH_ITERATION_LIMIT: usize = 15;
+const SMOOTHED_ITERATION_LIMIT: usize = 40;
 /// First trust radius from a start, whose torques may be far from the optimum.
-const START_RADIUS: f64 = 0.3;
-/// First trust radius from the plan of a similar maneuver: small enough to stay near it.
-const WARM_RADIUS: f64 = 0.05;
-/// A descent that loses more than this share of that plan's final time has left its local optimum.
-const WARM_LOSS: f64 = 0.05;
-/// First trust radius of all later descents: large enough to leave a kink.
+const START_RADIUS: f64 = 0.5;
+/// First trust radius of all other descents: large enough to leave a kink.
 const RADIUS: f64 = 0.1;
 /// Least predicted decrease of each step of a rough descent, as a share of the final time: below that the last third of the
 /// rollouts would gain little.
-const ROUGH_PREDICTION: f64 = 1e-5;
-/// The perturbations of local optima, used in turn.
-const PERTURBATIONS: [Perturbation; 4] = [
-    Perturbation::Shift,
-    Perturbation::Noise { share: 0.03, everywhere: true },
-    Perturbation::Noise { share: 0.05, everywhere: false },
-    Perturbation::Noise { share: 0.2, everywhere: false },
-];
-/// Factor of a perturbed copy's final time.
-const PERTURBED_FINAL_TIME: f64 = 1.003;
-const FINISH_LIMIT: usize = 5;
-const FINISH_SHRINK_FACTOR: f64 = 0.1;
-/// No further hops once so many rollouts were spent on one optimum: long descents, as under lunar gravity, would use up the
-/// time limit.
-const HOP_ROLLOUTS: u64 = 5000;
-/// A hop that gains less than this share of the final time counts as idle.
-const HOP_GAIN: f64 = 1e-4;
-/// A plan that loses more than this share of its final time on another grid has left its local optimum.
-const ADAPTION_LOSS: f64 = 5e-3;
+const ROUGH: f64 = 1e-5;
+/// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
+const LOSS: f64 = 0.02;
+/// Largest change of a torque in a hop, as a share of its limit.
+const NOISE: f64 = 0.1;
+/// Hops of a direct start.
+const FIRST_HOPS: usize = 4;
 
-/// What a round of the race does for one start.
+/// What comes after a start's first look at its merit.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Heat {
-    /// Descends under these smoothed laws, m/s.
-    Smooth(&'static [f64]),
-    /// Descends under the exact law.
+    /// Through all smoothed laws, thoroughly.
+    Smooth,
+    /// Under the exact law.
     Descend,
 }
 
-/// Idle hops in a row that end the hops of a round.
-const IDLE_HOPS: usize = 12;
-/// Hops of a direct start.
-const FIRST_HOPS: usize = 3;
-
 /// A perturbation of the torques.
+#[derive(Debug, Clone, Copy)]
 enum Perturbation {
     /// The torques of both wheels between two intervals move one interval earlier or later: a descent cannot move a switch
     /// to the next interval where the final time first rises.
     Shift,
-    /// All torques change, each by up to this share of its limit, or those of one stretch of each wheel do.
-    Noise { share: f64, everywhere: bool },
+    /// The torques of one stretch of each wheel change at random.
+    Noise,
 }
 
 impl LocalSearch<'_, '_, '_> {
-    /// Searches from one start of several; the local optimum is also kept when it is the best so far.
+    /// Searches from one start of several: to a local optimum, which is also kept when it is the best so far, or only through the
+    /// smoothed laws, to a merit by which such starts are compared.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
     pub(super) fn run_from(&mut self, start: &Start, number: (usize, usize)) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Start { number: number.0 });
         self.start = number;
-        self.aim(start.goal_heading, start.schedule.final_time);
+        self.aim(start.goal_heading);
         let guess = decision_from_schedule(&start.schedule);
-        match self.settings.method {
-            Method::SequentialLinear => match start.strategy {
-                Strategy::Warm => self.warmly(&guess),
-                Strategy::Direct => self.directly(&guess),
-                Strategy::Smoothed => self.smoothly(&guess),
-            },
-            Method::NelderMead => self.nelder_mead(&guess),
+        match (self.settings.method, start.strategy) {
+            (Method::NelderMead, _) => self.nelder_mead(&guess),
+            (Method::SequentialLinear, Strategy::Warm) => self.warmly(&guess),
+            (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
+            (Method::SequentialLinear, Strategy::Smoothed) => {
+                self.smoothed(&guess, &SMOOTHING[..1], (START_RADIUS, ROUGH_ITERATION_LIMIT))
+            }
         }
     }
 
-    /// Moves a local optimum of another grid to this one; by longer strategies where the short one loses the goal or much
-    /// time.
+    /// Moves a local optimum of another grid to this one.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
     pub(super) fn adapt(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Refinement);
-        self.aim(candidate.goal_heading, candidate.final_time());
-        let tolerance = self.settings.goal_tolerance;
-        let slowest = (1.0 + ADAPTION_LOSS) * candidate.final_time();
-        let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
-        let mut best = self.descend(&candidate.decision, self.penalty_parameters[0], RADIUS)?;
-        if !arrived(&best) {
-            let next = self.descend(&candidate.decision, self.penalty_parameters[1], START_RADIUS)?;
-            keep_better(&mut best, next, tolerance);
-        }
-        if !arrived(&best) {
-            let smoothed = self.around(&candidate.decision)?;
-            let next = self.descend(&smoothed, self.penalty_parameters[0], RADIUS)?;
-            keep_better(&mut best, next, tolerance);
-        }
-        if best.is_feasible(tolerance) {
-            self.finish(&mut best)?;
-        }
-        Ok(best)
+        self.aim(candidate.goal_heading);
+        self.warmly(&candidate.decision)
     }
 
-    /// The first heat of a start: under smoothed laws, to a merit by which starts are compared.
-    ///
-    /// # Errors
-    /// When the budget ended the search.
-    pub(super) fn begin(
-        &mut self,
-        start: &Start,
-        heat: Heat,
-        number: (usize, usize),
-    ) -> Result<Candidate, Interruption> {
-        let guess = Candidate::new(decision_from_schedule(&start.schedule), f64::INFINITY, true, start.goal_heading);
-        self.go_on(start, &guess, heat, number)
-    }
-
-    /// A further heat of a start, from where the last one ended.
+    /// A further heat of a start of several, from where the last one led.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
     pub(super) fn go_on(
         &mut self,
-        start: &Start,
         from: &Candidate,
         heat: Heat,
         number: (usize, usize),
     ) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Start { number: number.0 });
         self.start = number;
-        self.aim(start.goal_heading, start.schedule.final_time);
-        let (penalty_parameter, tolerance) = (self.penalty_parameters[0], self.settings.goal_tolerance);
-        if let Heat::Smooth(smoothings) = heat {
-            let radius = if from.smoothed_merit.is_none() { START_RADIUS } else { RADIUS };
-            let limits = (radius, SMOOTHED_ITERATION_LIMIT);
-            let (decision, merit) = self.through_smoothing(&from.decision, smoothings, penalty_parameter, limits)?;
-            let candidate = Candidate::new(decision, f64::INFINITY, true, start.goal_heading);
-            return Ok(Candidate { smoothed_merit: Some(merit), ..candidate });
+        self.aim(from.goal_heading);
+        match heat {
+            Heat::Smooth => self.smoothed(&from.decision, &SMOOTHING, (RADIUS, SMOOTHED_ITERATION_LIMIT)),
+            Heat::Descend => self.descend_until(&from.decision, RADIUS, (ROUGH, f64::INFINITY)),
         }
-        let until = (ROUGH_PREDICTION * from.final_time(), f64::INFINITY);
-        let mut best = self.descend_until(&from.decision, (penalty_parameter, RADIUS), until)?;
-        if !best.is_feasible(tolerance) {
-            let guess = decision_from_schedule(&start.schedule);
-            keep_better(&mut best, self.smoothly_with_penalty(&guess, self.penalty_parameters[1])?, tolerance);
-        }
-        Ok(best)
     }
 
-    /// Improves a local optimum: directly and through smoothing as long as that leads to another optimum, then by at most so
-    /// many hops.
+    /// Improves a local optimum: through smoothing, as long as that leads to another one, then by so many hops.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
@@ -187,20 +118,12 @@ impl LocalSearch<'_, '_, '_> {
             return Ok(candidate);
         }
         let _phase = self.control.enter(Phase::Polish);
-        self.aim(candidate.goal_heading, candidate.final_time());
-        let tolerance = self.settings.goal_tolerance;
+        self.aim(candidate.goal_heading);
         let mut best = candidate;
         loop {
             let before = best.final_time();
-            let [usual, large] = self.penalty_parameters;
-            for (penalty_parameter, radius) in [(usual, START_RADIUS), (large, RADIUS)] {
-                let next = self.descend(&best.decision, penalty_parameter, radius)?;
-                keep_better(&mut best, next, tolerance);
-            }
-            let smoothed = self.around(&best.decision)?;
-            let until = (SequentialLinearSettings::default().smallest_prediction, before);
-            let next = self.descend_until(&smoothed, (usual, RADIUS), until)?;
-            keep_better(&mut best, next, tolerance);
+            let next = self.around(&best.decision)?;
+            keep_better(&mut best, next, self.settings.goal_tolerance);
             if !is_distinct(best.final_time(), before) {
                 break;
             }
@@ -210,59 +133,54 @@ impl LocalSearch<'_, '_, '_> {
         Ok(best)
     }
 
-    /// Under the exact law from several trust radii, then from perturbed copies of the best point; through smoothing where
-    /// the exact law does not lead to the goal.
+    /// From a local optimum back through smoothed laws, to leave the kink on which it lies, and down to a faster one.
+    fn around(&mut self, decision: &DVector<f64>) -> Result<Candidate, Interruption> {
+        let smoothed = self.smoothed(decision, &SMOOTHING[1..], (RADIUS, SMOOTHED_ITERATION_LIMIT))?;
+        self.descend_until(&smoothed.decision, RADIUS, (ROUGH, f64::INFINITY))
+    }
+
+    /// Under the exact law, then from perturbed copies of the best point; through smoothing where the exact law does not lead
+    /// to the goal.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let tolerance = self.settings.goal_tolerance;
-        let mut best = self.descend(guess, self.penalty_parameters[0], FIRST_RADII[0])?;
-        for radius in &FIRST_RADII[1..] {
-            let next = self.descend(guess, self.penalty_parameters[0], *radius)?;
-            keep_better(&mut best, next, tolerance);
-        }
-        if !best.is_feasible(tolerance) {
-            keep_better(&mut best, self.smoothly(guess)?, tolerance);
+        let mut best = self.descend(guess, START_RADIUS)?;
+        if !best.is_feasible(self.settings.goal_tolerance) {
+            let smoothed = self.smoothed(guess, &SMOOTHING, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
+            let next = self.descend(&smoothed.decision, RADIUS)?;
+            keep_better(&mut best, next, self.settings.goal_tolerance);
         }
         self.hop(&mut best, FIRST_HOPS, 0)?;
         self.finish(&mut best)?;
         Ok(best)
     }
 
-    /// From a plan of a similar maneuver: one descent near it, another one with a larger trust region where that loses the
-    /// goal or much time, and the direct strategy where neither meets the goal.
+    /// From a plan of a similar maneuver or of another grid: one descent near it, and other ways where that loses the goal or
+    /// much time.
     fn warmly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let (tolerance, guessed) = (self.settings.goal_tolerance, guess[guess.len() - 1]);
-        let until = (ROUGH_PREDICTION * guessed, f64::INFINITY);
-        let mut warm = self.descend_until(guess, (self.penalty_parameters[0], WARM_RADIUS), until)?;
-        if !warm.is_feasible(tolerance) || warm.final_time() > (1.0 + WARM_LOSS) * guessed {
-            let next = self.descend_until(guess, (self.penalty_parameters[0], START_RADIUS), until)?;
-            keep_better(&mut warm, next, tolerance);
+        let tolerance = self.settings.goal_tolerance;
+        let slowest = (1.0 + LOSS) * guess[guess.len() - 1];
+        let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
+        let mut best = self.descend_until(guess, RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY))?;
+        if !arrived(&best) {
+            let next = self.around(guess)?;
+            keep_better(&mut best, next, tolerance);
         }
-        if warm.is_feasible(tolerance) {
-            self.finish(&mut warm)?;
-            return Ok(warm);
+        if best.is_feasible(tolerance) {
+            self.settle(&mut best)?;
+            return Ok(best);
         }
         self.directly(guess)
     }
 
-    /// Basin hopping: descends again from slightly slower, perturbed copies of a local optimum. Local optima lie on kinks,
-    /// and another one nearby is often better.
+    /// Basin hopping: descends again from perturbed copies of a local optimum. Local optima lie on kinks, and another one
+    /// nearby is often better.
     fn hop(&mut self, best: &mut Candidate, hops: usize, stream: u64) -> Result<(), Interruption> {
         let tolerance = self.settings.goal_tolerance;
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(stream));
-        let mut idle_hops = 0;
-        for perturbation in PERTURBATIONS.iter().cycle().take(hops) {
-            let perturbed = self.perturbed(&best.decision, perturbation, &mut rng);
-            let (was_feasible, before) = (best.is_feasible(tolerance), best.final_time());
-            let penalty_parameter = if was_feasible { self.penalty_parameters[0] } else { self.penalty_parameters[1] };
-            let time_to_beat = if was_feasible { before } else { f64::INFINITY };
-            let until = (ROUGH_PREDICTION * before, time_to_beat);
-            let next = self.descend_until(&perturbed, (penalty_parameter, RADIUS), until)?;
+        for perturbation in [Perturbation::Shift, Perturbation::Noise].iter().cycle().take(hops) {
+            let perturbed = self.perturbed(&best.decision, *perturbation, &mut rng);
+            let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
+            let next = self.descend_until(&perturbed, RADIUS, (ROUGH, time_to_beat))?;
             keep_better(best, next, tolerance);
-            let gained = best.is_feasible(tolerance) && !was_feasible || before - best.final_time() > HOP_GAIN * before;
-            idle_hops = if gained { 0 } else { idle_hops + 1 };
-            if idle_hops == IDLE_HOPS || self.budget.spent() > HOP_ROLLOUTS {
-                break;
-            }
         }
         Ok(())
     }
@@ -270,27 +188,24 @@ impl LocalSearch<'_, '_, '_> {
     fn perturbed(
         &self,
         decision: &DVector<f64>,
-        perturbation: &Perturbation,
+        perturbation: Perturbation,
         rng: &mut Xoshiro256PlusPlus,
     ) -> DVector<f64> {
         let mut perturbed = decision.clone();
         let last = decision.len() - 1;
-        perturbed[last] *= PERTURBED_FINAL_TIME;
+        let scale = self.problem.variable_scale(decision);
         let (left, right) = perturbed.as_mut_slice()[..last].split_at_mut(last / 2);
-        match *perturbation {
+        let (left_scale, right_scale) = scale.as_slice()[..last].split_at(last / 2);
+        match perturbation {
             Perturbation::Shift => {
                 let (from, to) = (rng.random_range(0..left.len()), rng.random_range(0..left.len()));
                 shift(left, from, to);
                 shift(right, from, to);
             }
-            Perturbation::Noise { share, everywhere } => {
-                let scale = self.problem.variable_scale(decision) * share;
-                let (left_scale, right_scale) = scale.as_slice()[..last].split_at(last / 2);
+            Perturbation::Noise => {
                 for (torques, scale) in [(left, left_scale), (right, right_scale)] {
-                    let count = torques.len();
-                    let stretch = if everywhere { 0..count } else { random_stretch(count, rng) };
-                    for index in stretch {
-                        torques[index] += scale[index] * rng.random_range(-1.0..1.0);
+                    for index in random_stretch(torques.len(), rng) {
+                        torques[index] += NOISE * scale[index] * rng.random_range(-1.0..1.0);
                     }
                 }
             }
@@ -298,79 +213,50 @@ impl LocalSearch<'_, '_, '_> {
         perturbed
     }
 
-    /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find
-    /// it too.
+    /// Ends the descent to a local optimum.
     fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
-        let (penalty_parameter, tolerance) = (self.penalty_parameters[1], self.settings.goal_tolerance);
-        let mut radius = RADIUS;
-        for _ in 0..FINISH_LIMIT {
-            let settings = Stationarity::settings(self.problem, (penalty_parameter, best.final_time()), tolerance);
+        let next = self.descend(&best.decision, RADIUS)?;
+        keep_better(best, next, self.settings.goal_tolerance);
+        self.settle(best)
+    }
+
+    /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find it
+    /// too.
+    fn settle(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
+        let tolerance = self.settings.goal_tolerance;
+        loop {
+            let settings = Stationarity::settings(self.problem, best.final_time(), tolerance);
             let mut measure = criticality_measure(self.problem, &best.decision, &settings, &mut self.budget)?;
             if let Some(interruption) = measure.interruption {
                 return Err(interruption);
             }
             let Some(better) = measure.better.take() else {
+                let penalty_parameter = settings.penalty_parameter;
                 self.note_stationarity(best, Stationarity { penalty_parameter, measure });
                 return Ok(());
             };
-            let next = self.descend(&better, penalty_parameter, radius)?;
-            if next.is_better_than(best, tolerance) {
-                *best = next;
-            } else {
-                // Stay nearer to the confirmed point.
-                radius *= FINISH_SHRINK_FACTOR;
+            let next = self.descend(&better, measure.radius)?;
+            if !next.is_better_than(best, tolerance) {
+                return Ok(());
             }
+            *best = next;
         }
-        Ok(())
     }
 
-    /// Through decreasing smoothing to the exact law; with the larger penalty parameter where that misses the goal.
-    fn smoothly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let mut best = self.smoothly_with_penalty(guess, self.penalty_parameters[0])?;
-        if !best.is_feasible(self.settings.goal_tolerance) {
-            let next = self.smoothly_with_penalty(guess, self.penalty_parameters[1])?;
-            keep_better(&mut best, next, self.settings.goal_tolerance);
-        }
-        Ok(best)
-    }
-
-    fn smoothly_with_penalty(
-        &mut self,
-        guess: &DVector<f64>,
-        penalty_parameter: f64,
-    ) -> Result<Candidate, Interruption> {
-        let limits = (START_RADIUS, SMOOTHED_ITERATION_LIMIT);
-        let (smoothed, _) = self.through_smoothing(guess, &SMOOTHING, penalty_parameter, limits)?;
-        let smallest_prediction = ROUGH_PREDICTION * smoothed[smoothed.len() - 1];
-        self.descend_until(&smoothed, (penalty_parameter, RADIUS), (smallest_prediction, f64::INFINITY))
-    }
-
-    /// From a local optimum back through the smoothed laws, to leave the kink on which it lies.
-    fn around(&mut self, decision: &DVector<f64>) -> Result<DVector<f64>, Interruption> {
-        let limits = (RADIUS, POLISH_ITERATION_LIMIT);
-        let (smoothed, _) = self.through_smoothing(decision, &POLISH_SMOOTHING, self.penalty_parameters[0], limits)?;
-        Ok(smoothed)
-    }
-
-    /// The decision and its merit under the last smoothed law.
-    fn through_smoothing(
+    /// Through smoothed laws, with the merit under the last one.
+    fn smoothed(
         &mut self,
         guess: &DVector<f64>,
         smoothings: &[f64],
-        penalty_parameter: f64,
-        (first_radius, iteration_limit): (f64, usize),
-    ) -> Result<(DVector<f64>, f64), Interruption> {
-        let mut decision = guess.clone();
-        let mut merit = f64::INFINITY;
-        let mut radius = first_radius;
+        (mut first_radius, iteration_limit): (f64, usize),
+    ) -> Result<Candidate, Interruption> {
+        let (mut decision, mut merit) = (guess.clone(), f64::INFINITY);
         for &smoothing in smoothings {
             let settings = SequentialLinearSettings {
-                penalty_parameter,
-                first_radius: radius,
+                first_radius,
                 iteration_limit,
                 restoration: Restoration::Skip,
-                smallest_prediction: ROUGH_PREDICTION * decision[decision.len() - 1],
-                ..SequentialLinearSettings::default()
+                ..self.descent(ROUGH)
             };
             self.problem.set_slip_smoothing(smoothing);
             let result = minimise_sequentially(self.problem, &decision, &settings, &mut self.budget, &mut |_, _| {});
@@ -380,10 +266,12 @@ impl LocalSearch<'_, '_, '_> {
                 return Err(interruption);
             }
             decision = result.x;
-            merit = decision[decision.len() - 1] + penalty_parameter * result.constraints.violation_sum();
-            radius = RADIUS;
+            let violation = settings.penalty_parameter * result.constraints.violation_sum();
+            merit = decision[decision.len() - 1] / self.problem.time_unit() + violation;
+            first_radius = RADIUS;
         }
-        Ok((decision, merit))
+        let candidate = Candidate::new(decision, f64::INFINITY, true, self.goal_heading);
+        Ok(Candidate { smoothed_merit: Some(merit), ..candidate })
     }
 }
 

@@ -75,11 +75,11 @@ fn jacobian_agrees_with_differences_under_every_smoothing() {
         for point in [ReferencePoint::ChassisCenterOfMass, ReferencePoint::AxleMidpoint] {
             let maneuver = maneuver(&mut cases, &robot, point);
             let decision = decision_from_schedule(&cases.schedule(CONTROL_COUNT, 1.2, 2.0));
-            let mut problem = ShootingProblem::new(&simulator, &maneuver, STEP_COUNT, CONTROL_COUNT);
+            let mut problem = ShootingProblem::new(&simulator, &maneuver, (STEP_COUNT, CONTROL_COUNT), 1.0);
             for smoothing in SMOOTHINGS {
                 problem.set_slip_smoothing(smoothing);
                 normal_forces +=
-                    compare_columns(&mut problem, &decision, &format!("seed {seed}, {point:?}, {smoothing} m/s"));
+                    compare_columns(&mut problem, &decision, &format!("seed {seed}, {point:?}, smoothing {smoothing}"));
             }
         }
     }

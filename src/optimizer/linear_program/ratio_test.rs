@@ -1,13 +1,7 @@
 //! The bound flipping ratio test: how far the multipliers move along an edge of the dual, and what stops them.
 
-use super::{ElasticSolver, GRADIENT_TOLERANCE, Leaving, Rest};
+use super::{ElasticSolver, GRADIENT_TOLERANCE, Leaving, Rest, TOLERANCE};
 use crate::optimizer::elastic_program::ElasticProgram;
-
-/// Pivots below this share of what the rows can change at all would make the basis singular to rounding: rows are dependent
-/// when a plan ends sticking.
-const PIVOT_TOLERANCE: f64 = 1e-9;
-/// Kinks this close together, as a share of the step, are one: the largest pivot of them is taken (Harris 1973).
-const SAME_STEP: f64 = 1e-9;
 
 /// A kink of D along the edge.
 #[derive(Debug, Clone, Copy)]
@@ -50,7 +44,7 @@ impl ElasticSolver {
             }
         }
         let last = self.kinks[stop];
-        let same = |kink: &&Kink| (kink.step - last.step).abs() <= SAME_STEP * last.step;
+        let same = |kink: &&Kink| (kink.step - last.step).abs() <= TOLERANCE * last.step;
         let near = self.kinks.iter().filter(same);
         near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
     }
@@ -59,7 +53,7 @@ impl ElasticSolver {
         let mut kinks = std::mem::take(&mut self.kinks);
         kinks.clear();
         let total: f64 = self.direction.iter().zip(self.range.iter()).map(|(change, range)| change.abs() * range).sum();
-        let smallest = PIVOT_TOLERANCE * total;
+        let smallest = TOLERANCE * total;
         for (column, (&gradient, &slope)) in self.gradient.iter().zip(self.slope.iter()).enumerate() {
             if self.is_basic[column] || slope.abs() * program.width(column) <= smallest {
                 continue;

@@ -2,15 +2,12 @@
 
 use nalgebra::DVector;
 
-use super::{CORRECTION_RATIO, SHRINK_FACTOR, SMALLEST_PREDICTION, SMALLEST_RADIUS, Search, SequentialLinearSettings};
+use super::{RADIUS_FACTOR, Restoration, SHRINK_RATIO, SMALLEST_RADIUS, Search, SequentialLinearSettings};
 use crate::optimizer::evaluation::{Budget, Interruption, Linearisation, Problem};
 use crate::optimizer::shifted_constraints::ShiftedConstraints;
 
 /// Radius with which the criticality measure starts: variables may change by a tenth of their scale.
 const LARGEST_CRITICALITY_RADIUS: f64 = 0.1;
-/// A predicted decrease is confirmed when the merit falls by at least this share of it.
-const CONFIRMED_SHARE: f64 = 0.1;
-
 /// Parameters of [`criticality_measure`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CriticalitySettings {
@@ -31,6 +28,8 @@ pub struct CriticalityMeasure {
     pub prediction: f64,
     /// The better point that confirms it, if there is one.
     pub better: Option<DVector<f64>>,
+    /// The last radius of the trust region.
+    pub radius: f64,
     /// Why the measure is only a bound, if it is.
     pub interruption: Option<Interruption>,
     /// The linear model at the point.
@@ -58,8 +57,14 @@ pub fn criticality_measure(
         criticality;
     let settings = SequentialLinearSettings {
         penalty_parameter,
+        largest_penalty_parameter: penalty_parameter,
         first_radius: LARGEST_CRITICALITY_RADIUS,
-        ..SequentialLinearSettings::default()
+        feasibility_tolerance: residual_tolerance,
+        inequality_tolerance,
+        smallest_prediction: negligible_decrease,
+        merit_to_beat: f64::INFINITY,
+        iteration_limit: 0,
+        restoration: Restoration::Skip,
     };
     let mut model = Linearisation::new(problem.constraints(), x.len());
     let stop = budget.spend()?;
@@ -71,18 +76,18 @@ pub fn criticality_measure(
     let (prediction, better, interruption) = loop {
         let step = search.linear_step(budget)?;
         let prediction = merit - search.modelled_merit(&step);
-        if prediction <= negligible_decrease.max(SMALLEST_PREDICTION) || search.radius <= SMALLEST_RADIUS {
+        if prediction <= negligible_decrease || search.radius <= SMALLEST_RADIUS {
             break (prediction, None, None);
         }
         // The prediction falls with the radius, so this one is an upper bound of the measure.
-        let trial = match search.try_step(&step, merit - CORRECTION_RATIO * prediction, budget) {
+        let trial = match search.try_step(&step, merit - SHRINK_RATIO * prediction, budget) {
             Ok(trial) => trial,
             Err(end) => break (prediction, None, Some(end)),
         };
-        if merit - trial.merit >= CONFIRMED_SHARE * prediction {
+        if merit - trial.merit >= SHRINK_RATIO * prediction {
             break (prediction, Some(trial.x), None);
         }
-        search.radius *= SHRINK_FACTOR;
+        search.radius /= RADIUS_FACTOR;
     };
-    Ok(CriticalityMeasure { prediction, better, interruption, model: search.model })
+    Ok(CriticalityMeasure { prediction, better, radius: search.radius, interruption, model: search.model })
 }

@@ -285,7 +285,10 @@ fn no_feasible_rollout_is_faster_than_any_bound() {
             assert_eq!(reason.code, "goal_separates", "seed {seed}: {}", reason.message);
         }
         let bounds = lower_bounds(&case.input, Grid::Steps(case.step_count), Wanted::Above(0.0));
-        assert_eq!(largest_lower_bound(&case.input, Grid::Steps(case.step_count)), largest(&bounds), "seed {seed}");
+        // What one bound excludes, another one need not: together they may say more.
+        let together = largest_lower_bound(&case.input, Grid::Steps(case.step_count)).time;
+        assert!(together >= largest(&bounds).time, "seed {seed}: {together} {bounds:?}");
+        assert!(together <= case.schedule.final_time, "seed {seed}: {together} exceeds {} s", case.schedule.final_time);
         for bound in bounds {
             let ratio = bound.time / case.schedule.final_time;
             assert!(ratio <= 1.0, "seed {seed}: {bound:?} exceeds {} s", case.schedule.final_time);

@@ -1,0 +1,111 @@
+//! The criticality measure where the distance from a local optimum is known.
+
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::DVector;
+
+use super::functions::*;
+use super::small_problem::{PLENTY, SmallProblem};
+use super::{SMALLEST_RADIUS, WIDE};
+use crate::optimizer::{Budget, CriticalityMeasure, CriticalitySettings, Interruption, criticality_measure};
+
+const PENALTY_PARAMETER: f64 = 5.0;
+/// Rounding of a model with coefficients near 1.
+const ROUNDING: f64 = 1e-14;
+/// A predicted decrease is confirmed by a tenth of it: the measure is at most this many times as large as the decrease.
+const LARGEST_EXCESS: f64 = 10.0;
+
+fn measured_within(rollouts: u64, problem: &mut SmallProblem, x: &[f64]) -> Result<CriticalityMeasure, Interruption> {
+    let settings = CriticalitySettings {
+        penalty_parameter: PENALTY_PARAMETER,
+        negligible_decrease: 0.0,
+        residual_tolerance: 0.0,
+        inequality_tolerance: 0.0,
+    };
+    let stop = AtomicBool::new(false);
+    criticality_measure(problem, &DVector::from_row_slice(x), &settings, &mut Budget::new(&stop, rollouts))
+}
+
+fn measured(problem: &mut SmallProblem, x: &[f64]) -> CriticalityMeasure {
+    let measure = measured_within(PLENTY, problem, x).unwrap();
+    assert_eq!(measure.interruption, None);
+    measure
+}
+
+/// By how much the better point lowers the merit.
+fn decrease(measure: &CriticalityMeasure, problem: &mut SmallProblem, x: &[f64]) -> f64 {
+    let mut merit = |x: &DVector<f64>| x[x.len() - 1] + PENALTY_PARAMETER * problem.constraints_at(x).violation_sum();
+    merit(&DVector::from_row_slice(x)) - merit(measure.better.as_ref().unwrap())
+}
+
+#[test]
+fn smooth_stationary_points_have_none() {
+    let vertex = [0.5, 0.75_f64.sqrt()];
+    let value = rosenbrock(&[vertex[0], vertex[1], 0.0]).0;
+    let pieces = &[minimax::<0>, minimax::<1>, minimax::<2>];
+    for (mut problem, x) in [
+        (SmallProblem::new(&[WIDE; 2], &[circle], &[maratos]), [1.0, 0.0, -1.0]),
+        (SmallProblem::new(&[WIDE; 2], &[], &[rosenbrock]), [1.0, 1.0, 0.0]),
+        (SmallProblem::new(&[(-10.0, 0.5), WIDE], &[], &[rosenbrock, outside_circle]), [vertex[0], vertex[1], value]),
+        (SmallProblem::new(&[WIDE; 2], &[], pieces), [1.0, 1.0, 2.0]),
+    ] {
+        let measure = measured(&mut problem, &x);
+        assert!(measure.prediction.abs() <= ROUNDING && measure.better.is_none(), "{x:?}: {measure:?}");
+    }
+}
+
+#[test]
+fn minimisers_at_a_kink_have_none() {
+    // The radius shrinks to its smallest, where slopes of up to 6 promise no more than that.
+    let largest = 6.0 * SMALLEST_RADIUS;
+    for (mut problem, x) in [
+        (SmallProblem::new(&[WIDE], &[], &[magnitude]), &[0.0, 0.0][..]),
+        (SmallProblem::new(&[WIDE], &[magnitude], &[]), &[0.0, 0.0]),
+        (SmallProblem::new(&[WIDE], &[], &[leaning_magnitude]), &[0.0, 0.0]),
+        (SmallProblem::new(&[WIDE; 2], &[], &[largest_minimax_piece]), &[1.0, 1.0, 2.0]),
+    ] {
+        let measure = measured(&mut problem, x);
+        assert!(measure.prediction <= largest && measure.better.is_none(), "{x:?}: {measure:?}");
+    }
+}
+
+#[test]
+fn a_straight_descent_is_measured_exactly() {
+    for x in [-3.0, 5.0] {
+        let (mut problem, x) = (SmallProblem::new(&[WIDE], &[], &[magnitude]), [x, f64::abs(x)]);
+        let measure = measured(&mut problem, &x);
+        assert!(measure.prediction > 0.0);
+        assert!((decrease(&measure, &mut problem, &x) - measure.prediction).abs() <= ROUNDING, "{measure:?}");
+    }
+}
+
+#[test]
+fn near_an_optimum_the_attainable_decrease_is_measured() {
+    for x in [-0.03, 0.01, 2e-3] {
+        let smooth = (SmallProblem::new(&[WIDE], &[], &[parabola]), 0.5 * x * x);
+        let kinked = (SmallProblem::new(&[WIDE], &[], &[magnitude]), f64::abs(x));
+        for (mut problem, attainable) in [smooth, kinked] {
+            let x = [x, attainable];
+            let measure = measured(&mut problem, &x);
+            let decrease = decrease(&measure, &mut problem, &x);
+            assert!(
+                decrease <= attainable + ROUNDING && measure.prediction <= LARGEST_EXCESS * decrease,
+                "{measure:?}"
+            );
+            // A radius that reaches the optimum is confirmed, so the largest that is reaches most of the way.
+            assert!(measure.prediction >= 0.5 * attainable, "{measure:?} at {x:?}");
+        }
+    }
+}
+
+#[test]
+fn with_few_rollouts_the_measure_is_a_bound() {
+    let mut problem = SmallProblem::new(&[WIDE], &[], &[magnitude]);
+    assert_eq!(measured_within(0, &mut problem, &[0.0, 0.0]).err(), Some(Interruption::RolloutLimit));
+    let full = measured(&mut problem, &[0.0, 0.0]).prediction;
+    for rollouts in 1..5 {
+        let measure = measured_within(rollouts, &mut problem, &[0.0, 0.0]).unwrap();
+        assert_eq!((measure.interruption, measure.better), (Some(Interruption::RolloutLimit), None));
+        assert!(measure.prediction > full);
+    }
+}
