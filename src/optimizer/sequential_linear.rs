@@ -116,12 +116,7 @@ pub fn minimise_sequentially(
     on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
 ) -> SequentialLinearResult {
     let mut search = Search::new(problem, start, settings);
-    let descent = search.descend(budget, on_improvement);
-    let ending = match descent {
-        Ok(ending) if ending == Ending::Hopeless || settings.restoration == Restoration::Skip => ending,
-        Ok(ending) => search.restore(budget).map_or_else(Ending::Interrupted, |()| ending),
-        Err(interruption) => Ending::Interrupted(interruption),
-    };
+    let ending = search.run(budget, on_improvement).unwrap_or_else(Ending::Interrupted);
     let Search { x, model, iterations, .. } = search;
     SequentialLinearResult { x, constraints: model.constraints, iterations, ending }
 }
@@ -165,6 +160,25 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Descends and restores; again with a larger penalty parameter where a kink keeps the restoration from meeting the constraints.
+    fn run(
+        &mut self,
+        budget: &mut Budget,
+        on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
+    ) -> Result<Ending, Interruption> {
+        loop {
+            let ending = self.descend(budget, on_improvement)?;
+            if ending == Ending::Hopeless || self.settings.restoration == Restoration::Skip {
+                return Ok(ending);
+            }
+            self.restore(budget)?;
+            if self.is_met() || !self.tightens() {
+                return Ok(ending);
+            }
+            self.radius = self.settings.first_radius;
+        }
+    }
+
     fn descend(
         &mut self,
         budget: &mut Budget,
@@ -177,7 +191,8 @@ impl<'a> Search<'a> {
             self.iterations += 1;
             let prediction = merit - self.modelled_merit(&step);
             if prediction <= self.settings.smallest_prediction {
-                if self.tightens() {
+                // At an optimum of the merit that violates constraints the penalty parameter is too small.
+                if self.model.constraints.violation() > RESTORABLE && self.tightens() {
                     continue;
                 }
                 return Ok(Ending::Stationary);
@@ -199,14 +214,20 @@ impl<'a> Search<'a> {
         Ok(Ending::IterationLimit)
     }
 
-    /// At an optimum of the merit that violates constraints the penalty parameter is too small: a larger one, if it may grow.
+    /// Makes the penalty parameter larger, if it may be.
     fn tightens(&mut self) -> bool {
-        let is_too_small = self.model.constraints.violation() > RESTORABLE
-            && self.penalty_parameter < self.settings.largest_penalty_parameter;
-        if is_too_small {
+        let may_grow = self.penalty_parameter < self.settings.largest_penalty_parameter;
+        if may_grow {
             self.penalty_parameter *= PENALTY_GROWTH;
         }
-        is_too_small
+        may_grow
+    }
+
+    /// Whether the constraints are met within their tolerances.
+    fn is_met(&self) -> bool {
+        let constraints = &self.model.constraints;
+        let is_kept = constraints.largest_inequality_violation() <= self.settings.inequality_tolerance;
+        constraints.residual.amax() <= self.settings.feasibility_tolerance && is_kept
     }
 
     fn linearise(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
@@ -303,10 +324,8 @@ impl<'a> Search<'a> {
     /// they fall.
     fn restore(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
         for _ in 0..RESTORATION_LIMIT {
-            let constraints = &self.model.constraints;
-            let violation = constraints.violation();
-            let is_kept = constraints.largest_inequality_violation() <= self.settings.inequality_tolerance;
-            if constraints.residual.amax() <= self.settings.feasibility_tolerance && is_kept {
+            let violation = self.model.constraints.violation();
+            if self.is_met() {
                 break;
             }
             self.linearise(budget)?;
