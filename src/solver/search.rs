@@ -15,7 +15,7 @@ use crate::shooting::ShootingProblem;
 /// Local optima whose final times differ by less than this share count as one.
 const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
-/// Where fewer than half of the starts lead to a plan, more are tried: up to this multiple of the requested number.
+/// Where fewer than half of the starts come near the best merit, more are tried: up to this multiple of the requested number.
 const MORE_STARTS: usize = 2;
 
 /// A start whose smoothed merit is this multiple of the best one has lost its goal: its penalty exceeds its final time.
@@ -140,7 +140,7 @@ impl<'a> Race<'a> {
         Self { input, problem: problem.clone(), rollout_limit, control, progress, found: Total::default() }
     }
 
-    /// From starts to local optima, which join the others; returns how many starts seem to lead to a plan.
+    /// From starts to local optima, which join the others; returns how many starts come near the best merit.
     ///
     /// In each heat the better half of the last one goes on: merits under smoothing tell which starts lead to the fastest plans.
     fn heats(&mut self, starts: &[Start], optima: &mut Vec<Candidate>) -> usize {
