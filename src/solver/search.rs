@@ -21,8 +21,8 @@ const MORE_STARTS: usize = 2;
 /// A start whose smoothed merit is this multiple of the best one has lost its goal: its penalty exceeds its final time.
 const LOST_MERIT: f64 = 2.0;
 
-/// Of so many starts one is left after the heats.
-const HEAT_SHARE: usize = 4;
+/// After the first look at all starts; each begins with the better half of the last one.
+const HEATS: [Heat; 2] = [Heat::Smooth, Heat::Descend];
 /// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
 const FIRST_HOPS: usize = 8;
 
@@ -111,7 +111,8 @@ pub(super) fn further_optima(
     let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, (control, &progress));
     race.found.tried = result.starts_tried;
     let mut optima = Vec::new();
-    race.heats(&starts[result.starts_tried..], &mut optima);
+    // Searches of several grids count their starts each time, and some maneuvers have few.
+    race.heats(starts.get(result.starts_tried..).unwrap_or_default(), &mut optima);
     result.iterations += race.found.iterations;
     result.rollouts += race.found.rollouts;
     if let Some(interruption) = race.found.interruption {
@@ -154,7 +155,7 @@ impl<'a> Race<'a> {
         let best = smooth.iter().map(|(_, local)| merit(local)).fold(f64::INFINITY, f64::min);
         let arrived = optima.len() + smooth.iter().filter(|(_, local)| merit(local) < LOST_MERIT * best).count();
         let mut count = starts.len();
-        for heat in [Heat::Smooth, Heat::Descend] {
+        for heat in HEATS {
             if self.found.interruption.is_some() {
                 return arrived;
             }
@@ -180,7 +181,7 @@ impl<'a> Race<'a> {
     /// Talwalkar 2016).
     fn finals(&mut self, optima: &mut Vec<Candidate>) {
         // Half of those that the heats left.
-        let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * HEAT_SHARE), FIRST_HOPS);
+        let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 << HEATS.len()), FIRST_HOPS);
         for stream in 0.. {
             self.polish(optima, count, (hops, stream));
             if count == 1 || self.found.interruption.is_some() {
@@ -288,6 +289,24 @@ fn grouped(mut final_times: Vec<f64>) -> Vec<DistinctOptimum> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulation::Simulator;
+    use crate::solver::grid_problem::problem_on;
+    use crate::solver::settings::{Method, SolveParameters, SolverSettings};
+
+    #[test]
+    fn without_further_starts_there_are_no_further_optima() {
+        let parameters = SolveParameters {
+            settings: SolverSettings { method: Method::NelderMead, rollout_limit: 10, ..SolverSettings::default() },
+            ..SolveParameters::default()
+        };
+        let input = SolveInput::new(parameters).unwrap();
+        let (simulator, control) = (Simulator::new(&input.robot), RunControl::unattended());
+        let (problem, _) = problem_on(&input, &simulator, input.settings.step_count);
+        let mut result = search(&input, &problem, (input.settings.step_count, 10), &control);
+        // As after the searches of several grids; the method has one start.
+        result.starts_tried = 3;
+        assert!(further_optima(&input, &problem, &mut result, &control).is_empty());
+    }
 
     #[test]
     fn near_final_times_count_as_one_optimum() {
