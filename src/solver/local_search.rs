@@ -85,7 +85,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         };
         let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
         let tolerance = self.settings.goal_tolerance;
-        // The latest feasible point is the fastest one, because the merit decreases monotonically.
+        // The latest feasible point is the fastest one since the penalty parameter last grew: the merit only falls.
         let mut passed = None;
         let mut report_improvement = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);

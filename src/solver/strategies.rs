@@ -38,7 +38,7 @@ const LOSS: f64 = 0.02;
 /// Largest change of a torque in a hop, as a share of its limit.
 const NOISE: f64 = 0.1;
 /// Hops of a direct start.
-const FIRST_HOPS: usize = 4;
+const DIRECT_HOPS: usize = 4;
 
 /// What comes after a start's first look at its merit.
 #[derive(Debug, Clone, Copy)]
@@ -148,7 +148,7 @@ impl LocalSearch<'_, '_, '_> {
             let next = self.descend(&smoothed.decision, RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
-        self.hop(&mut best, FIRST_HOPS, 0)?;
+        self.hop(&mut best, DIRECT_HOPS, 0)?;
         self.finish(&mut best)?;
         Ok(best)
     }
