@@ -32,8 +32,10 @@ pub struct Rule {
     pub minimum: f64,
     /// Whether a value must be greater than the minimum.
     pub exclusive_minimum: bool,
-    /// The largest value, itself accepted; infinite where there is none.
+    /// The largest value, itself accepted unless `exclusive_maximum` is set; infinite where there is none.
     pub maximum: f64,
+    /// Whether a value must be less than the maximum.
+    pub exclusive_maximum: bool,
     /// The unit; empty for pure numbers, [`Rule::ITEMS`] for lengths.
     pub unit: &'static str,
 }
@@ -44,17 +46,22 @@ impl Rule {
 
     /// Greater than zero.
     pub const fn positive(unit: &'static str) -> Self {
-        Self { minimum: 0.0, exclusive_minimum: true, maximum: f64::INFINITY, unit }
+        Self { exclusive_minimum: true, ..Self::at_least(0.0, unit) }
     }
 
     /// At least this.
     pub const fn at_least(minimum: f64, unit: &'static str) -> Self {
-        Self { minimum, exclusive_minimum: false, maximum: f64::INFINITY, unit }
+        Self::between(minimum, f64::INFINITY, unit)
     }
 
     /// From one to the other, both included.
     pub const fn between(minimum: f64, maximum: f64, unit: &'static str) -> Self {
-        Self { minimum, exclusive_minimum: false, maximum, unit }
+        Self { minimum, exclusive_minimum: false, maximum, exclusive_maximum: false, unit }
+    }
+
+    /// From one, included, to the other, not included.
+    pub const fn from_to_below(minimum: f64, maximum: f64, unit: &'static str) -> Self {
+        Self { exclusive_maximum: true, ..Self::between(minimum, maximum, unit) }
     }
 
     /// Of at most this magnitude.
@@ -65,13 +72,15 @@ impl Rule {
     /// The same rule where a server accepts no more than this.
     #[must_use]
     pub fn at_most(self, maximum: f64) -> Self {
-        Self { maximum: self.maximum.min(maximum), ..self }
+        let exclusive_maximum = self.exclusive_maximum && self.maximum <= maximum;
+        Self { maximum: self.maximum.min(maximum), exclusive_maximum, ..self }
     }
 
     /// Whether the value keeps the rule; infinities and NaN never do.
     pub fn admits(&self, value: f64) -> bool {
         let is_above = if self.exclusive_minimum { value > self.minimum } else { value >= self.minimum };
-        value.is_finite() && is_above && value <= self.maximum
+        let is_below = if self.exclusive_maximum { value < self.maximum } else { value <= self.maximum };
+        value.is_finite() && is_above && is_below
     }
 
     /// The bound that a refused value passed; none where it is no number, or there is no bound on its side.
@@ -83,12 +92,15 @@ impl Rule {
 
 impl fmt::Display for Rule {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { minimum, exclusive_minimum, maximum, unit } = *self;
-        let comparison = if exclusive_minimum { ">" } else { ">=" };
+        let Self { minimum, exclusive_minimum, maximum, exclusive_maximum, unit } = *self;
+        let above = if exclusive_minimum { ">" } else { ">=" };
+        let below = if exclusive_maximum { "<" } else { "<=" };
         match maximum.is_finite() {
-            true if exclusive_minimum => write!(formatter, "> {minimum} and <= {maximum}")?,
+            true if exclusive_minimum || exclusive_maximum => {
+                write!(formatter, "{above} {minimum} and {below} {maximum}")?;
+            }
             true => write!(formatter, "between {minimum} and {maximum}")?,
-            false => write!(formatter, "{comparison} {minimum}")?,
+            false => write!(formatter, "{above} {minimum}")?,
         }
         if unit.is_empty() { Ok(()) } else { write!(formatter, " {unit}") }
     }
@@ -96,6 +108,9 @@ impl fmt::Display for Rule {
 
 /// A field of `T` by its name in the contract, its value, and its bounds.
 pub(crate) type BoundedField<T> = (&'static str, fn(&T) -> f64, Rule);
+
+/// A field of `T` that may be absent, by its name in the contract, its value, and its bounds.
+pub(crate) type OptionalField<T> = (&'static str, fn(&T) -> Option<f64>, Rule);
 
 /// A rule that several fields keep together.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -139,6 +154,14 @@ impl RuleSet {
             fields: fields.into_iter().map(below).collect(),
             rule,
         }));
+        self
+    }
+
+    /// Adds the rules of fields of the same object.
+    #[must_use]
+    pub fn and(mut self, further: Self) -> Self {
+        self.fields.extend(further.fields);
+        self.cross_field.extend(further.cross_field);
         self
     }
 
@@ -338,5 +361,8 @@ mod tests {
         assert_eq!([0.9, 2.1, f64::NAN].map(|value| limit(value, rule)), [Some(1.0), Some(2.0), None]);
         assert_eq!([0.0, f64::INFINITY].map(|value| limit(value, Rule::positive("m"))), [Some(0.0), None]);
         assert!([1.0, 2.0].iter().all(|&value| rule.admits(value)));
+        let share = Rule::from_to_below(0.5, 1.0, "");
+        assert_eq!((share.admits(0.5), limit(1.0, share)), (true, Some(1.0)));
+        assert_eq!(share.to_string(), ">= 0.5 and < 1");
     }
 }

@@ -51,6 +51,7 @@ pub(crate) fn drawn_robot(rng: &mut Xoshiro256PlusPlus) -> RobotParameters {
         front_friction_coefficient: share_of(rng, RUBBING_SHARE, |rng| rng.random_range(0.05..0.3)),
         tangential_restitution: share_of(rng, RESTITUTION_SHARE, |rng| rng.random_range(0.1..0.5)),
         gravity: GRAVITY[usize::from(rng.random_bool(LUNAR_SHARE))],
+        ..RobotParameters::default()
     })
 }
 
@@ -78,5 +79,6 @@ fn with_rounded_fields(robot: RobotParameters) -> RobotParameters {
         front_friction_coefficient: rounded(robot.front_friction_coefficient),
         tangential_restitution: rounded(robot.tangential_restitution),
         gravity: robot.gravity,
+        ..robot
     }
 }

@@ -14,7 +14,7 @@ mod unlucky;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::robot::{PerWheel, Robot, RobotParameters, State};
-use slipdrive::shooting::{Goal, Maneuver, ReferencePoint};
+use slipdrive::shooting::{Goal, Maneuver, ManeuverLimits, ReferencePoint};
 use slipdrive::simulation::{ContactMethod, TorqueSchedule};
 use slipdrive::solver::{
     Phase, ProgressObserver, Refinement, RunControl, SimulateInput, SolveInput, SolveParameters, SolveProgress,
@@ -107,8 +107,11 @@ fn after_flag(work: impl FnOnce() + Send, end: impl FnOnce()) -> Option<Duration
 fn after_simulation(robot: &Robot, random: &mut Xoshiro256PlusPlus) -> Option<Duration> {
     let input = SimulateInput {
         robot: robot.clone(),
+        payload: None,
         reference_point: ReferencePoint::default(),
         start: State::default(),
+        limits: ManeuverLimits::default(),
+        aisle: None,
         schedule: random_schedule(random),
         step_count: STEPS,
         contact_method: if random.random_bool(0.5) { ContactMethod::FixedPoint } else { ContactMethod::Exact },
@@ -145,7 +148,8 @@ fn after_solve(robot: &Robot, moment: Moment, random: &mut Xoshiro256PlusPlus) -
         ..SolverSettings::default()
     };
     let (robot, initial_guess) = (*robot.parameters(), Some(random_schedule(random)));
-    let input = SolveInput::new(SolveParameters { robot, maneuver, settings, initial_guess }).ok()?;
+    let parameters = SolveParameters { robot, maneuver, settings, initial_guess, ..SolveParameters::default() };
+    let input = SolveInput::new(parameters).ok()?;
     let [stop, cut] = [const { AtomicBool::new(false) }; 2];
     let observer = CertificateBegins(AtomicBool::new(false));
     let patience = PATIENCE.mul_f64(random.random_range(0.0..1.0));

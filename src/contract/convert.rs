@@ -9,25 +9,25 @@ use super::problem::Problem;
 use crate::contact::{ContactMode, ContactName, PerContact};
 use crate::robot::{PerWheel, RobotParameters, State};
 use crate::rules::Checks;
-use crate::shooting::{Maneuver, ManeuverLimits, ReferencePoint};
+use crate::shooting::{Maneuver, ManeuverLimits, ReferencePoint, SlipPolicy};
 use crate::simulation::{ContactMethod, ContactModeSpan, ContactSample, NormalLoad, Separation, TorqueSchedule};
 use crate::solver::Method;
 
 /// A message of optional numbers and the domain struct of the same numbers, in both directions; absent is the default of
 /// the domain.
 macro_rules! same_numbers {
-    ($message:ident = $domain:ident { $($field:ident: $name:ident),* $(,)? }) => {
+    ($message:ident = $domain:ident { $($field:ident: $name:ident),* $(,)? } without { $($beside:ident),* }) => {
         impl From<message::$message> for $domain {
             fn from(given: message::$message) -> Self {
                 let message::$message { $($field),* } = given;
                 let default = Self::default();
-                Self { $($name: $field.unwrap_or(default.$name)),* }
+                Self { $($name: $field.unwrap_or(default.$name),)* ..default }
             }
         }
 
         impl From<&$domain> for message::$message {
             fn from(domain: &$domain) -> Self {
-                let $domain { $($name),* } = *domain;
+                let $domain { $($name,)* $($beside: _),* } = *domain;
                 Self { $($field: Some($name)),* }
             }
         }
@@ -52,10 +52,12 @@ same_numbers!(
         front_friction_coefficient: front_friction_coefficient,
         tangential_restitution: tangential_restitution,
         gravity_m_s2: gravity,
-    }
+    } without { motor, wheel_viscous_friction, bare_center_of_mass }
 );
 
-same_numbers!(ManeuverLimits = ManeuverLimits { normal_load_share: normal_load_share });
+same_numbers!(ManeuverLimits = ManeuverLimits { normal_load_share: normal_load_share } without {
+    grip_utilization, wheel_rate, speed, yaw_rate, acceleration, deceleration, yaw_acceleration, torque_rate
+});
 
 /// An enum of the contract and the one of the domain with the same values; unspecified is the default of the domain.
 macro_rules! same_values {
@@ -120,12 +122,13 @@ pub(crate) fn maneuver(given: message::Maneuver, checks: &mut Checks) -> Result<
     let torque_limit =
         PerWheel::new(torque_limit_left_n_m.unwrap_or(default.left), torque_limit_right_n_m.unwrap_or(default.right));
     let limits = limits.unwrap_or_default().into();
-    Ok(Maneuver { reference_point: reference_point.into(), start, goal, torque_limit, limits })
+    let slip = SlipPolicy::default();
+    Ok(Maneuver { reference_point: reference_point.into(), start, goal, torque_limit, limits, slip })
 }
 
 impl From<&Maneuver> for message::Maneuver {
     fn from(maneuver: &Maneuver) -> Self {
-        let Maneuver { reference_point, start, goal, torque_limit, limits } = maneuver;
+        let Maneuver { reference_point, start, goal, torque_limit, limits, slip: _ } = maneuver;
         Self {
             reference_point: message::ReferencePoint::from(*reference_point).into(),
             start: Some(start.into()),

@@ -95,6 +95,7 @@ impl Kind for Simulate {
             schedule,
             step_count,
             contact_method: contact_solver.into(),
+            ..SimulateParameters::default()
         }))?;
         Ok(AcceptedSimulation { input, time_limit: Duration::from_secs_f64(limits.max_time_limit_s) })
     }
@@ -105,7 +106,7 @@ impl Kind for Simulate {
 
     fn answer(_accepted: &AcceptedSimulation, done: &Done<Simulation>) -> SimulateResponse {
         // The same request gives the same bytes: the duration goes to the log only.
-        let Simulation { trajectory, contact_modes, separations, slip_reversals } = &done.output;
+        let Simulation { trajectory, contact_modes, separations, slip_reversals, limits: _ } = &done.output;
         SimulateResponse {
             end_state: Some((&trajectory.end_state).into()),
             trajectory: Some(trajectory.into()),

@@ -9,6 +9,7 @@ mod contact_kinematics;
 mod dynamics;
 mod normal_force;
 mod parameters;
+mod payload;
 mod state;
 #[cfg(test)]
 pub(crate) mod unlucky;
@@ -16,5 +17,6 @@ pub(crate) mod unlucky;
 pub use contact_kinematics::{BodyVector, DIRECTION_COUNT, TangentJacobian};
 pub use dynamics::Robot;
 pub use normal_force::NormalForceProjection;
-pub use parameters::RobotParameters;
+pub use parameters::{Motor, RobotParameters};
+pub use payload::Payload;
 pub use state::{Configuration, PerWheel, State, Velocity};

@@ -11,6 +11,26 @@ const PARADOX_LIMIT: f64 = 0.9;
 const PARADOX_RULE: &str = "friction coefficient times height is at most 0.9 of half the track width and 0.9 of the \
                             distance from axle to front support: beyond, the motion may not be unique";
 
+/// A drive motor as a wheel sees it, gears included: its torque falls linearly with the speed.
+///
+/// `M <= max(0, stall_torque (1 - omega / free_speed))`, and the same the other way round.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motor {
+    /// Torque at standstill, N m at the wheel.
+    pub stall_torque: f64,
+    /// Speed without load, rad/s at the wheel; positive.
+    pub free_speed: f64,
+}
+
+impl Motor {
+    /// The bounds of the stall torque, which is the torque limit of those who give none.
+    pub(crate) const STALL_TORQUE_RULE: Rule = Rule::between(1e-6, 1e6, "N m");
+    const RULES: [BoundedField<Self>; 2] = [
+        ("motor_stall_torque_n_m", |motor| motor.stall_torque, Self::STALL_TORQUE_RULE),
+        ("motor_free_speed_rad_s", |motor| motor.free_speed, Rule::between(1e-3, 1e5, "rad/s")),
+    ];
+}
+
 /// Parameters of the robot; [`Default`] is the reference robot of `docs/model.md`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotParameters {
@@ -46,6 +66,13 @@ pub struct RobotParameters {
     pub tangential_restitution: f64,
     /// Gravity, m/s2.
     pub gravity: f64,
+    /// The motor of each wheel; none: any torque within the limits at any speed.
+    pub motor: Option<Motor>,
+    /// Viscous friction between chassis and each wheel, N m s/rad.
+    pub wheel_viscous_friction: f64,
+    /// Centre of mass of the bare chassis relative to that of the chassis, in the body frame (right, forward), m: zero
+    /// unless a [payload](super::Payload) has been joined.
+    pub bare_center_of_mass: Vector2<f64>,
 }
 
 impl Default for RobotParameters {
@@ -67,6 +94,9 @@ impl Default for RobotParameters {
             front_friction_coefficient: 0.0,
             tangential_restitution: 0.0,
             gravity: 9.81,
+            motor: None,
+            wheel_viscous_friction: 0.0,
+            bare_center_of_mass: Vector2::zeros(),
         }
     }
 }
@@ -88,6 +118,11 @@ impl RobotParameters {
         for (field, value, rule) in Self::RULES {
             checks.bounds(field, value(self), &rule);
         }
+        if let Some(motor) = &self.motor {
+            for (field, value, rule) in Motor::RULES {
+                checks.bounds(field, value(motor), &rule);
+            }
+        }
         // Statics and the paradox guard divide by lengths: judge them only when the lengths are valid.
         if checks.count() == before {
             self.check_statics(checks);
@@ -98,10 +133,10 @@ impl RobotParameters {
     /// The rule of every parameter, by its field in the contract.
     ///
     /// The bounds span from toys to trucks; they keep every product of the model far from overflow and underflow.
-    const RULES: [BoundedField<Self>; 16] = [
-        ("chassis_mass_kg", |robot| robot.chassis_mass, Rule::between(1e-3, 1e5, "kg")),
+    const RULES: [BoundedField<Self>; 17] = [
+        ("chassis_mass_kg", |robot| robot.chassis_mass, Self::CHASSIS_MASS_RULE),
         ("wheel_mass_kg", |robot| robot.wheel_mass, Rule::between(1e-4, 1e4, "kg")),
-        ("chassis_yaw_inertia_kg_m2", |robot| robot.chassis_yaw_inertia, Rule::between(1e-7, 1e6, "kg m2")),
+        ("chassis_yaw_inertia_kg_m2", |robot| robot.chassis_yaw_inertia, Self::YAW_INERTIA_RULE),
         ("wheel_diametral_inertia_kg_m2", |robot| robot.wheel_diametral_inertia, Rule::between(1e-9, 1e4, "kg m2")),
         ("wheel_spin_inertia_kg_m2", |robot| robot.wheel_spin_inertia, Rule::between(1e-9, 1e4, "kg m2")),
         ("wheel_radius_m", |robot| robot.wheel_radius, Rule::between(1e-3, 10.0, "m")),
@@ -115,13 +150,21 @@ impl RobotParameters {
         ("front_friction_coefficient", |robot| robot.front_friction_coefficient, Rule::between(0.0, 10.0, "")),
         ("tangential_restitution", |robot| robot.tangential_restitution, Rule::between(0.0, 1.0, "")),
         ("gravity_m_s2", |robot| robot.gravity, Rule::between(1e-2, 1e3, "m/s2")),
+        ("wheel_viscous_friction_n_m_s", |robot| robot.wheel_viscous_friction, Rule::between(0.0, 1e4, "N m s/rad")),
     ];
+    /// Of the chassis, a payload included.
+    pub(super) const CHASSIS_MASS_RULE: Rule = Rule::between(1e-3, 1e5, "kg");
+    /// Of the chassis, a payload included.
+    pub(super) const YAW_INERTIA_RULE: Rule = Rule::between(1e-7, 1e6, "kg m2");
 
     /// The rules of all parameters.
     pub fn rules() -> RuleSet {
         let lengths = ["center_of_mass_height_m", "track_width_m", "axle_to_front_support_m"];
         let with_lengths = |field| [&[field][..], &lengths].concat();
-        RuleSet::of(Self::RULES.map(|(field, _, rule)| (field, rule)))
+        let own = Self::RULES.map(|(field, _, rule)| (field, rule));
+        let motor = Motor::RULES.map(|(field, _, rule)| (field, rule));
+        RuleSet::of(own.into_iter().chain(motor))
+            .across(&motor.map(|(field, _)| field), "given together")
             .across(
                 &["center_of_mass_right_m", "center_of_mass_forward_m"],
                 "no contact has a negative normal force at rest",
@@ -131,37 +174,40 @@ impl RobotParameters {
     }
 
     fn check_statics(&self, checks: &mut Checks) {
-        let loads = self.static_loads();
-        let names = ["left wheel", "right wheel", "front support"];
-        for (name, load) in names.into_iter().zip(loads) {
+        let position = (self.center_of_mass_right, self.center_of_mass_forward);
+        self.check_loads(("center_of_mass_right_m", "center_of_mass_forward_m"), position, checks);
+    }
+
+    /// Requires that every contact carries load at rest; the fields (right, forward) of what is at `position` are to blame.
+    pub(super) fn check_loads(&self, (right, forward): (&str, &str), position: (f64, f64), checks: &mut Checks) {
+        let contacts = [("left wheel", right), ("right wheel", right), ("front support", forward)];
+        for ((name, field), load) in contacts.into_iter().zip(self.static_loads()) {
             let rule = format!("such that the {name} carries load at rest (its normal force would be {load} N)");
-            let position = format!("({}, {})", self.center_of_mass_right, self.center_of_mass_forward);
-            let field = if name == "left wheel" || name == "right wheel" {
-                "center_of_mass_right_m"
-            } else {
-                "center_of_mass_forward_m"
-            };
-            checks.require(field, format_args!("{position} (right, forward)"), load >= 0.0, &rule, Some(0.0));
+            let position = format!("({}, {}) (right, forward)", position.0, position.1);
+            checks.require(field, position, load >= 0.0, &rule, Some(0.0));
         }
     }
 
     fn check_paradox_guard(&self, checks: &mut Checks) {
-        for (field, friction) in [
-            ("wheel_friction_coefficient", self.wheel_friction_coefficient),
-            ("front_friction_coefficient", self.front_friction_coefficient),
-        ] {
-            for (length_name, length) in
-                [("track_width_m / 2", self.track_width / 2.0), ("axle_to_front_support_m", self.axle_to_front_support)]
-            {
-                let largest = PARADOX_LIMIT * length / self.center_of_mass_height;
-                let rule = format!(
-                    "at most {largest}: {field} * center_of_mass_height_m / ({length_name}) above {PARADOX_LIMIT} \
-                     may lose uniqueness"
-                );
-                let holds = friction * self.center_of_mass_height <= PARADOX_LIMIT * length;
-                checks.require(field, friction, holds, &rule, Some(largest));
-            }
+        for guard in self.paradox_guards() {
+            let ParadoxGuard { field, friction, length_name, length } = guard;
+            let largest = PARADOX_LIMIT * length / self.center_of_mass_height;
+            let rule = format!(
+                "at most {largest}: {field} * center_of_mass_height_m / ({length_name}) above {PARADOX_LIMIT} may lose \
+                 uniqueness"
+            );
+            checks.require(field, friction, guard.admits(self.center_of_mass_height), &rule, Some(largest));
         }
+    }
+
+    /// Each friction coefficient with each length that it is judged by.
+    pub(super) fn paradox_guards(&self) -> [ParadoxGuard; 4] {
+        let wheel = ("wheel_friction_coefficient", self.wheel_friction_coefficient);
+        let front = ("front_friction_coefficient", self.front_friction_coefficient);
+        let track = ("track_width_m / 2", self.track_width / 2.0);
+        let base = ("axle_to_front_support_m", self.axle_to_front_support);
+        [(wheel, track), (wheel, base), (front, track), (front, base)]
+            .map(|((field, friction), (length_name, length))| ParadoxGuard { field, friction, length_name, length })
     }
 
     /// Normal forces at rest, N: left, right, front.
@@ -204,6 +250,27 @@ impl RobotParameters {
     }
 }
 
+/// A friction coefficient and a length that bound the height of the centre of mass.
+pub(super) struct ParadoxGuard {
+    /// The field of the coefficient.
+    pub(super) field: &'static str,
+    friction: f64,
+    /// The length in words of the contract.
+    pub(super) length_name: &'static str,
+    length: f64,
+}
+
+impl ParadoxGuard {
+    pub(super) fn admits(&self, height: f64) -> bool {
+        self.friction * height <= PARADOX_LIMIT * self.length
+    }
+
+    /// The largest height, m.
+    pub(super) fn largest_height(&self) -> f64 {
+        PARADOX_LIMIT * self.length / self.friction
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -224,7 +291,9 @@ mod tests {
     #[test]
     fn each_spoiled_field_is_named() {
         type Spoil = fn(&mut RobotParameters);
-        let cases: [(Spoil, &str); 8] = [
+        let motor = |stall_torque, free_speed| Some(Motor { stall_torque, free_speed });
+        assert_eq!(RobotParameters { motor: motor(8.0, 15.0), ..RobotParameters::default() }.validate(), Ok(()));
+        let cases: [(Spoil, &str); 12] = [
             (|robot| robot.chassis_mass = -1.0, "robot.chassis_mass_kg"),
             (|robot| robot.wheel_radius = 0.0, "robot.wheel_radius_m"),
             (|robot| robot.gravity = f64::NAN, "robot.gravity_m_s2"),
@@ -233,6 +302,13 @@ mod tests {
             (|robot| robot.center_of_mass_height = 2.0, "robot.wheel_friction_coefficient"),
             (|robot| robot.center_of_mass_forward = -0.05, "robot.center_of_mass_forward_m"),
             (|robot| robot.center_of_mass_right = 0.4, "robot.center_of_mass_right_m"),
+            (|robot| robot.wheel_viscous_friction = -1.0, "robot.wheel_viscous_friction_n_m_s"),
+            (|robot| robot.wheel_viscous_friction = f64::NAN, "robot.wheel_viscous_friction_n_m_s"),
+            (|robot| robot.motor = Some(Motor { stall_torque: 0.0, free_speed: 15.0 }), "robot.motor_stall_torque_n_m"),
+            (
+                |robot| robot.motor = Some(Motor { stall_torque: 8.0, free_speed: 1e300 }),
+                "robot.motor_free_speed_rad_s",
+            ),
         ];
         for (spoil, field) in cases {
             let mut robot = RobotParameters::default();

@@ -3,10 +3,10 @@
 use nalgebra::{SVector, Vector2, Vector3};
 
 use crate::robot::{PerWheel, Robot, RobotParameters, State};
-use crate::rules::{BoundedField, Checks, Rule, RuleSet};
+use crate::rules::{Checks, OptionalField, Rule, RuleSet};
 
 /// Largest accepted coordinate, m: beyond it a millimetre is near the rounding of the rollout.
-const POSITION_LIMIT: f64 = 1e4;
+pub(super) const POSITION_LIMIT: f64 = 1e4;
 /// Largest accepted angle, rad.
 const ANGLE_LIMIT: f64 = 1e4;
 /// Largest accepted speed, m/s.
@@ -23,7 +23,7 @@ const LARGEST_NORMAL_LOAD_SHARE: f64 = 0.5;
 /// The point of the chassis whose position and velocity the caller speaks of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReferencePoint {
-    /// Centre of mass of the chassis, as in the paper.
+    /// Centre of mass of the bare chassis, as in the paper; a payload does not move it.
     #[default]
     ChassisCenterOfMass,
     /// Midpoint of the axle, what planners call `base_link`.
@@ -34,7 +34,7 @@ impl ReferencePoint {
     /// The point relative to the chassis centre of mass, in the body frame (right, forward), m.
     pub fn offset(self, robot: &RobotParameters) -> Vector2<f64> {
         match self {
-            Self::ChassisCenterOfMass => Vector2::zeros(),
+            Self::ChassisCenterOfMass => robot.bare_center_of_mass,
             Self::AxleMidpoint => robot.axle_midpoint(),
         }
     }
@@ -140,25 +140,91 @@ impl Goal {
     }
 }
 
-/// What a plan must keep at every step of its grid.
+/// Whether the wheels may slip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SlipPolicy {
+    /// Wherever it is faster.
+    #[default]
+    Allowed,
+    /// Never: both wheels stick at every step.
+    Forbidden,
+}
+
+/// What a plan must keep at every step of its grid; an absent limit bounds nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ManeuverLimits {
     /// Least normal force of each contact as a share of the weight, at most half of the contact's share at rest.
     pub normal_load_share: f64,
+    /// Largest share of the grip of each wheel that its friction force may use, below 1; implies that no wheel slips.
+    pub grip_utilization: Option<f64>,
+    /// Largest magnitude of the rate of each wheel, rad/s.
+    pub wheel_rate: Option<f64>,
+    /// Largest speed of the point that the limits speak of, m/s.
+    pub speed: Option<f64>,
+    /// Largest magnitude of the yaw rate, rad/s.
+    pub yaw_rate: Option<f64>,
+    /// Largest acceleration of that point while its speed grows, m/s2.
+    pub acceleration: Option<f64>,
+    /// Largest acceleration of that point while its speed falls, m/s2.
+    pub deceleration: Option<f64>,
+    /// Largest magnitude of the yaw acceleration, rad/s2.
+    pub yaw_acceleration: Option<f64>,
+    /// Largest magnitude of the change of the torque of each wheel per time, N m/s.
+    pub torque_rate: Option<f64>,
 }
 
 impl Default for ManeuverLimits {
     /// A hundredth of the weight: plans that balance on a contact do not survive small errors of the model.
     fn default() -> Self {
-        Self { normal_load_share: 0.01 }
+        Self {
+            normal_load_share: 0.01,
+            grip_utilization: None,
+            wheel_rate: None,
+            speed: None,
+            yaw_rate: None,
+            acceleration: None,
+            deceleration: None,
+            yaw_acceleration: None,
+            torque_rate: None,
+        }
     }
 }
 
 impl ManeuverLimits {
     /// Share of its static normal force that a contact must keep at most.
     const STATIC_SHARE: f64 = 0.5;
-    const RULES: [BoundedField<Self>; 1] =
-        [("normal_load_share", |limits| limits.normal_load_share, Rule::between(0.0, LARGEST_NORMAL_LOAD_SHARE, ""))];
+    /// The rule of every limit, by its field in the contract.
+    ///
+    /// The bounds span from toys to trucks; those above are no smaller than what starts and goals may have.
+    const RULES: [OptionalField<Self>; 9] = [
+        (
+            "normal_load_share",
+            |limits| Some(limits.normal_load_share),
+            Rule::between(0.0, LARGEST_NORMAL_LOAD_SHARE, ""),
+        ),
+        ("grip_utilization", |limits| limits.grip_utilization, Rule::from_to_below(1e-3, 1.0, "")),
+        ("wheel_rate_rad_s", |limits| limits.wheel_rate, Rule::between(1e-3, WHEEL_RATE_LIMIT, "rad/s")),
+        ("speed_m_s", |limits| limits.speed, Rule::between(1e-4, SPEED_LIMIT, "m/s")),
+        ("yaw_rate_rad_s", |limits| limits.yaw_rate, Rule::between(1e-4, YAW_RATE_LIMIT, "rad/s")),
+        ("acceleration_m_s2", |limits| limits.acceleration, Rule::between(1e-4, 1e4, "m/s2")),
+        ("deceleration_m_s2", |limits| limits.deceleration, Rule::between(1e-4, 1e4, "m/s2")),
+        ("yaw_acceleration_rad_s2", |limits| limits.yaw_acceleration, Rule::between(1e-4, 1e6, "rad/s2")),
+        ("torque_rate_n_m_s", |limits| limits.torque_rate, Rule::between(1e-6, 1e9, "N m/s")),
+    ];
+
+    /// The rules of all limits.
+    pub(crate) fn rules() -> RuleSet {
+        RuleSet::of(Self::RULES.map(|(field, _, rule)| (field, rule)))
+    }
+
+    /// Adds the violated rules to `checks`, under field names relative to the limits.
+    pub(crate) fn check(&self, checks: &mut Checks) {
+        for (field, value, rule) in Self::RULES {
+            if let Some(value) = value(self) {
+                checks.bounds(field, value, &rule);
+            }
+        }
+    }
 
     /// The least normal forces (left, right, front) as shares of the weight.
     pub fn least_normal_loads(&self, robot: &Robot) -> Vector3<f64> {
@@ -186,6 +252,8 @@ pub struct Maneuver {
     pub torque_limit: PerWheel<f64>,
     /// What the plan must keep on the way.
     pub limits: ManeuverLimits,
+    /// Whether the wheels may slip; see [`Maneuver::forbids_slip`].
+    pub slip: SlipPolicy,
 }
 
 impl Maneuver {
@@ -198,8 +266,18 @@ impl Maneuver {
         let goal = rules_of_state()
             .across(&["free"], "names fields of the goal, each once, and none that has a value")
             .across(&["free"], "leaves at least one field of the goal constrained");
-        let limits = RuleSet::of(ManeuverLimits::RULES.map(|(field, _, rule)| (field, rule)));
-        RuleSet::of(torque_limits).with("start", rules_of_state()).with("goal", goal).with("limits", limits)
+        RuleSet::of(torque_limits)
+            .with("start", rules_of_state())
+            .with("goal", goal)
+            .with("limits", ManeuverLimits::rules())
+    }
+
+    /// Whether no wheel may slip: so it is asked, or a share of the grip is all that a wheel may use.
+    pub fn forbids_slip(&self) -> bool {
+        match self.slip {
+            SlipPolicy::Allowed => self.limits.grip_utilization.is_some(),
+            SlipPolicy::Forbidden => true,
+        }
     }
 
     /// The paper's case: 5 m forward from rest to rest with 1 N m per wheel.
@@ -210,6 +288,7 @@ impl Maneuver {
             goal: Goal::at_rest(0.0, 5.0, 0.0),
             torque_limit: PerWheel::new(1.0, 1.0),
             limits: ManeuverLimits::default(),
+            slip: SlipPolicy::default(),
         }
     }
 
@@ -228,11 +307,7 @@ impl Maneuver {
         {
             checks.bounds(field, limit, &Self::TORQUE_RULE);
         }
-        checks.within("limits", |checks| {
-            for (field, value, rule) in ManeuverLimits::RULES {
-                checks.bounds(field, value(&self.limits), &rule);
-            }
-        });
+        checks.within("limits", |checks| self.limits.check(checks));
     }
 
     /// The goal heading in the winding nearest to the start's, rad; none where it is free.
@@ -281,6 +356,7 @@ pub fn wrapped_angle(angle: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::robot::Payload;
 
     #[test]
     fn heading_error_is_modulo_whole_turns() {
@@ -299,6 +375,55 @@ mod tests {
         let maneuver = Maneuver { reference_point: ReferencePoint::AxleMidpoint, ..Maneuver::forward_drive() };
         let start = maneuver.start_at_center_of_mass(&robot);
         assert_eq!((start.configuration.x, start.configuration.y), (-0.02, 0.07));
+    }
+
+    #[test]
+    fn center_of_the_bare_chassis_stays_the_reference_with_a_payload() {
+        let bare = RobotParameters::default();
+        let payload = Payload { mass: 4.0, right: 0.05, forward: 0.12, height: 0.2, yaw_inertia: 0.0 };
+        let joined = bare.with_payload(&payload);
+        let apart = |robot: &RobotParameters| {
+            ReferencePoint::ChassisCenterOfMass.offset(robot) - ReferencePoint::AxleMidpoint.offset(robot)
+        };
+        // A few roundings of numbers near 0.1.
+        assert!((apart(&joined) - apart(&bare)).norm() < 1e-15);
+        assert_eq!(apart(&bare), Vector2::new(bare.center_of_mass_right, bare.center_of_mass_forward));
+    }
+
+    #[test]
+    fn share_of_the_grip_forbids_slip() {
+        let mut maneuver = Maneuver::forward_drive();
+        assert!(!maneuver.forbids_slip());
+        maneuver.limits.grip_utilization = Some(0.9);
+        assert!(maneuver.forbids_slip());
+        assert!(Maneuver { slip: SlipPolicy::Forbidden, ..Maneuver::forward_drive() }.forbids_slip());
+    }
+
+    #[test]
+    fn each_spoiled_limit_is_named_with_its_range() {
+        type Set = fn(&mut ManeuverLimits, f64);
+        let cases: [(Set, &str, f64); 8] = [
+            (|limits, value| limits.grip_utilization = Some(value), "grip_utilization", 1.0),
+            (|limits, value| limits.wheel_rate = Some(value), "wheel_rate_rad_s", 1e300),
+            (|limits, value| limits.speed = Some(value), "speed_m_s", 1e300),
+            (|limits, value| limits.yaw_rate = Some(value), "yaw_rate_rad_s", 1e300),
+            (|limits, value| limits.acceleration = Some(value), "acceleration_m_s2", 1e300),
+            (|limits, value| limits.deceleration = Some(value), "deceleration_m_s2", 1e300),
+            (|limits, value| limits.yaw_acceleration = Some(value), "yaw_acceleration_rad_s2", 1e300),
+            (|limits, value| limits.torque_rate = Some(value), "torque_rate_n_m_s", 1e300),
+        ];
+        for (set, field, large) in cases {
+            for value in [-1.0, 0.0, f64::NAN, f64::INFINITY, large] {
+                let mut maneuver = Maneuver::forward_drive();
+                set(&mut maneuver.limits, value);
+                let mut checks = Checks::new();
+                maneuver.check(&mut checks);
+                let violations = checks.finish().unwrap_err();
+                assert_eq!(violations.list().len(), 1, "{violations}");
+                assert_eq!(violations.list()[0].field, format!("limits.{field}"));
+                assert!(violations.to_string().contains(" and "), "{violations}");
+            }
+        }
     }
 
     #[test]

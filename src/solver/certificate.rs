@@ -250,6 +250,7 @@ impl Motion {
                 slip_reversals: self.trajectory.slip_reversals(),
                 switching_sign_violations: optimality.sign_violations,
                 replay,
+                limits: Vec::new(),
             },
             trajectory: self.trajectory,
             schedule: self.schedule,

@@ -1,6 +1,7 @@
 //! The solver: from a validated maneuver to a plan with its certificate.
 
 mod candidate;
+mod carried;
 mod certificate;
 mod goal_miss;
 mod grid_problem;
@@ -27,7 +28,8 @@ pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProg
 pub use settings::{Method, Refinement, SolveInput, SolveParameters, SolverSettings};
 pub use simulate::{SimulateInput, SimulateParameters, Simulation, simulate};
 pub use solution::{
-    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
+    DistinctOptimum, LimitUse, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status,
+    StopReason,
 };
 
 use candidate::Candidate;

@@ -1,9 +1,10 @@
 //! How a maneuver is to be solved, and the validated input of a solve.
 
+use super::carried::{check_robot, joined};
 use super::schedule_check::{self, check_schedule};
-use crate::robot::{Robot, RobotParameters};
+use crate::robot::{Payload, Robot, RobotParameters};
 use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
-use crate::shooting::Maneuver;
+use crate::shooting::{Aisle, AisleCorners, Maneuver};
 use crate::simulation::TorqueSchedule;
 
 /// The optimiser.
@@ -129,10 +130,14 @@ impl Default for SolverSettings {
 /// A solve before it is validated; [`Default`] is the paper's forward drive by the default search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolveParameters {
-    /// The robot.
+    /// The robot without its load.
     pub robot: RobotParameters,
+    /// What it carries.
+    pub payload: Option<Payload>,
     /// The maneuver.
     pub maneuver: Maneuver,
+    /// Where the robot must stay.
+    pub aisle: AisleCorners,
     /// Grid, effort, tolerances.
     pub settings: SolverSettings,
     /// The caller's own start of the search, tried first.
@@ -143,7 +148,9 @@ impl Default for SolveParameters {
     fn default() -> Self {
         Self {
             robot: RobotParameters::default(),
+            payload: None,
             maneuver: Maneuver::forward_drive(),
+            aisle: AisleCorners::default(),
             settings: SolverSettings::default(),
             initial_guess: None,
         }
@@ -164,27 +171,36 @@ impl SolveParameters {
             .across(&[GUESS_ARRAYS.0, GUESS_ARRAYS.1], "no torque exceeds the torque limit of its wheel");
         SolverSettings::rules()
             .with("robot", RobotParameters::rules())
+            .with("payload", Payload::rules())
             .with("maneuver", Maneuver::rules())
+            .and(AisleCorners::rules(KEEP_IN))
             .with("initial_guess", guess)
     }
 
-    fn check(&self, checks: &mut Checks) {
-        checks.within("robot", |checks| self.robot.check(checks));
+    /// Adds the violated rules to `checks`; gives the aisle, if there is one.
+    fn check(&self, checks: &mut Checks) -> Option<Aisle> {
+        check_robot(&self.robot, self.payload.as_ref(), checks);
         checks.within("maneuver", |checks| self.maneuver.check(checks));
+        let aisle = self.aisle.check(KEEP_IN, checks);
         check_settings(&self.settings, checks);
         if let Some(guess) = &self.initial_guess {
             checks.within("initial_guess", |checks| check_guess(guess, &self.maneuver, checks));
         }
+        aisle
     }
 }
 
 /// A validated solve: everything that the answer depends on, wall time aside.
 #[derive(Debug, Clone)]
 pub struct SolveInput {
-    /// The robot.
+    /// The robot, what it carries joined to its chassis.
     pub robot: Robot,
+    /// What it carries.
+    pub payload: Option<Payload>,
     /// The maneuver.
     pub maneuver: Maneuver,
+    /// Where the robot must stay.
+    pub aisle: Option<Aisle>,
     /// Grid, effort, tolerances.
     pub settings: SolverSettings,
     /// The caller's own start of the search, tried first.
@@ -198,10 +214,11 @@ impl SolveInput {
     /// All violated rules, with field names of the public contract.
     pub fn new(parameters: SolveParameters) -> Result<Self, Violations> {
         let mut checks = Checks::new();
-        parameters.check(&mut checks);
+        let aisle = parameters.check(&mut checks);
         checks.finish()?;
-        let SolveParameters { robot, maneuver, settings, initial_guess } = parameters;
-        Ok(Self { robot: Robot::new(robot)?, maneuver, settings, initial_guess })
+        let SolveParameters { robot, payload, maneuver, aisle: _, settings, initial_guess } = parameters;
+        let robot = Robot::new(joined(&robot, payload.as_ref()))?;
+        Ok(Self { robot, payload, maneuver, aisle, settings, initial_guess })
     }
 
     /// [`SolveParameters::forward_drive`], validated.
@@ -213,6 +230,8 @@ impl SolveInput {
     }
 }
 
+/// The field of the aisle.
+const KEEP_IN: &str = "maneuver.keep_in";
 /// Arrays of an initial guess, left and right.
 const GUESS_ARRAYS: (&str, &str) = ("torque_left_n_m", "torque_right_n_m");
 

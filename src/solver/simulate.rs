@@ -1,26 +1,35 @@
 //! One rollout of a given torque schedule.
 
-use super::SolverSettings;
+use super::carried::{check_robot, joined};
 use super::schedule_check::{self, check_schedule};
-use crate::robot::{Robot, RobotParameters, State};
+use super::{LimitUse, SolverSettings};
+use crate::robot::{Payload, Robot, RobotParameters, State};
 use crate::rules::{Checks, Rule, RuleSet, Violations};
-use crate::shooting::{ReferencePoint, check_state, rules_of_state};
+use crate::shooting::{Aisle, AisleCorners, ManeuverLimits, ReferencePoint, check_state, rules_of_state};
 use crate::simulation::{ContactMethod, ContactModeSpan, Rollout, Separation, Simulator, TorqueSchedule, Trajectory};
 use crate::stop::{Stop, Stopped};
 
 const STEP_RULE: Rule = Rule::at_least(1.0, "");
+/// The field of the aisle.
+const KEEP_IN: &str = "keep_in";
 /// Arrays of a torque schedule, left and right.
 const SCHEDULE_ARRAYS: (&str, &str) = ("left_n_m", "right_n_m");
 
 /// A validated simulation.
 #[derive(Debug, Clone)]
 pub struct SimulateInput {
-    /// The robot.
+    /// The robot, what it carries joined to its chassis.
     pub robot: Robot,
+    /// What it carries.
+    pub payload: Option<Payload>,
     /// The point that the start and the answer speak of.
     pub reference_point: ReferencePoint,
     /// Start state at the reference point.
     pub start: State,
+    /// What the motion is compared with.
+    pub limits: ManeuverLimits,
+    /// Where the robot should stay.
+    pub aisle: Option<Aisle>,
     /// The torques.
     pub schedule: TorqueSchedule,
     /// Number of time steps.
@@ -32,12 +41,18 @@ pub struct SimulateInput {
 /// A simulation before it is validated; [`Default`] is the reference robot at rest, without torques.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulateParameters {
-    /// The robot.
+    /// The robot without its load.
     pub robot: RobotParameters,
+    /// What it carries.
+    pub payload: Option<Payload>,
     /// The point that the start and the answer speak of.
     pub reference_point: ReferencePoint,
     /// Start state at the reference point.
     pub start: State,
+    /// What the motion is compared with.
+    pub limits: ManeuverLimits,
+    /// Where the robot should stay.
+    pub aisle: AisleCorners,
     /// The torques; at least one interval is required.
     pub schedule: TorqueSchedule,
     /// Number of time steps.
@@ -50,8 +65,11 @@ impl Default for SimulateParameters {
     fn default() -> Self {
         Self {
             robot: RobotParameters::default(),
+            payload: None,
             reference_point: ReferencePoint::default(),
             start: State::default(),
+            limits: ManeuverLimits::default(),
+            aisle: AisleCorners::default(),
             schedule: TorqueSchedule::empty(),
             step_count: SolverSettings::PAPER_STEP_COUNT,
             contact_method: ContactMethod::default(),
@@ -65,13 +83,19 @@ impl SimulateParameters {
         RuleSet::of([("grid.steps", STEP_RULE)])
             .across(&["grid.steps", "torque_schedule.left_n_m"], "at least as many steps as torques per wheel")
             .with("robot", RobotParameters::rules())
+            .with("payload", Payload::rules())
             .with("start", rules_of_state())
+            .with("limits", ManeuverLimits::rules())
+            .and(AisleCorners::rules(KEEP_IN))
             .with("torque_schedule", schedule_check::rules("interval_s", SCHEDULE_ARRAYS))
     }
 
-    fn check(&self, checks: &mut Checks) {
-        checks.within("robot", |checks| self.robot.check(checks));
+    /// Adds the violated rules to `checks`; gives the aisle, if there is one.
+    fn check(&self, checks: &mut Checks) -> Option<Aisle> {
+        check_robot(&self.robot, self.payload.as_ref(), checks);
         checks.within("start", |checks| check_state(&self.start, checks));
+        checks.within("limits", |checks| self.limits.check(checks));
+        let aisle = self.aisle.check(KEEP_IN, checks);
         checks.within("torque_schedule", |checks| {
             checks.bounds("interval_s", self.schedule.interval(), &schedule_check::TIME_RULE);
             check_schedule(&self.schedule, SCHEDULE_ARRAYS, None, checks);
@@ -82,6 +106,7 @@ impl SimulateParameters {
             let rule = format!("at least the number of torques per wheel ({intervals})");
             checks.require("steps", self.step_count, self.step_count >= intervals, &rule, Some(intervals as f64));
         });
+        aisle
     }
 }
 
@@ -92,10 +117,21 @@ impl SimulateInput {
     /// All violated rules, with field names of the public contract.
     pub fn new(parameters: SimulateParameters) -> Result<Self, Violations> {
         let mut checks = Checks::new();
-        parameters.check(&mut checks);
+        let aisle = parameters.check(&mut checks);
         checks.finish()?;
-        let SimulateParameters { robot, reference_point, start, schedule, step_count, contact_method } = parameters;
-        Ok(Self { robot: Robot::new(robot)?, reference_point, start, schedule, step_count, contact_method })
+        let SimulateParameters {
+            robot,
+            payload,
+            reference_point,
+            start,
+            limits,
+            aisle: _,
+            schedule,
+            step_count,
+            contact_method,
+        } = parameters;
+        let robot = Robot::new(joined(&robot, payload.as_ref()))?;
+        Ok(Self { robot, payload, reference_point, start, limits, aisle, schedule, step_count, contact_method })
     }
 }
 
@@ -110,6 +146,8 @@ pub struct Simulation {
     pub separations: Vec<Separation>,
     /// Slip reversals.
     pub slip_reversals: usize,
+    /// How far each limit that was given is used.
+    pub limits: Vec<LimitUse>,
 }
 
 /// Integrates one torque schedule.
@@ -126,6 +164,7 @@ pub fn simulate(input: &SimulateInput, stop: Stop) -> Result<Simulation, Stopped
         contact_modes: trajectory.contact_modes(),
         separations: trajectory.separations(),
         slip_reversals: trajectory.slip_reversals(),
+        limits: Vec::new(),
         trajectory,
     })
 }

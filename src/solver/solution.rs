@@ -145,6 +145,23 @@ pub struct Replay {
     pub within_tolerance: bool,
 }
 
+/// How far a motion uses one of the limits that were given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LimitUse {
+    /// The field of a solve that has the limit, such as `maneuver.limits.speed_m_s`.
+    pub limit: &'static str,
+    /// What is allowed, in the unit of the field.
+    pub value: f64,
+    /// The largest use, in the unit of the field.
+    pub largest: f64,
+    /// When, s.
+    pub time: f64,
+    /// Largest use above the limit as a share of the limit, on the grid of the motion; at most 0 where it is kept.
+    pub excess: f64,
+    /// The same on the finer grid of the replay; none where nothing was replayed.
+    pub replay_excess: Option<f64>,
+}
+
 /// The report on a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
@@ -184,6 +201,8 @@ pub struct Report {
     pub switching_sign_violations: usize,
     /// The plan on a finer grid; none where the certificate was cut off.
     pub replay: Option<Replay>,
+    /// How far the plan uses each limit that was given.
+    pub limits: Vec<LimitUse>,
 }
 
 /// A plan with its status and report.

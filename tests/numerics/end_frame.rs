@@ -40,8 +40,11 @@ fn goals_at_speed_on_a_curve_are_met_and_simulated_to_the_bit() {
 
         let simulation = SimulateInput {
             robot: input.robot.clone(),
+            payload: None,
             reference_point: point,
             start: maneuver.start,
+            limits: maneuver.limits,
+            aisle: None,
             schedule: solution.schedule.clone(),
             step_count: solution.report.step_count,
             contact_method: ContactMethod::Exact,

@@ -82,7 +82,8 @@ fn extreme_input_is_answered_with_finite_numbers() {
             ..SolverSettings::default()
         };
         let (parameters, maneuver) = (random_parameters(&mut rng), random_maneuver(&mut rng));
-        let Ok(input) = SolveInput::new(SolveParameters { robot: parameters, maneuver, settings, initial_guess: None })
+        let Ok(input) =
+            SolveInput::new(SolveParameters { robot: parameters, maneuver, settings, ..SolveParameters::default() })
         else {
             continue;
         };

@@ -68,8 +68,13 @@ fn inputs() -> Vec<SolveInput> {
         let maneuver = Maneuver { goal, ..Maneuver::forward_drive() };
         let robot = if number == 0 { RobotParameters::default() } else { *cases.robot().parameters() };
         inputs.push(
-            SolveInput::new(SolveParameters { robot, maneuver, settings: small_settings(), initial_guess: None })
-                .unwrap(),
+            SolveInput::new(SolveParameters {
+                robot,
+                maneuver,
+                settings: small_settings(),
+                ..SolveParameters::default()
+            })
+            .unwrap(),
         );
     }
     inputs

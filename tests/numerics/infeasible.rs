@@ -214,7 +214,7 @@ fn solved(case: &Case) -> Solution {
         robot: case.robot,
         maneuver: case.maneuver,
         settings: case.settings,
-        initial_guess: None,
+        ..SolveParameters::default()
     });
     solve(&input.unwrap_or_else(|violations| panic!("{}: {violations}", case.kind)), &RunControl::unattended()).unwrap()
 }

@@ -44,7 +44,8 @@ fn optimised_coarse_plans_stay_above_the_bound() {
         let settings =
             SolverSettings { step_count, control_count: step_count, start_count: 2, ..SolverSettings::default() };
         let (robot, maneuver) = (random_robot(&mut random), random_maneuver(&mut random));
-        let Ok(input) = SolveInput::new(SolveParameters { robot, maneuver, settings, initial_guess: None }) else {
+        let Ok(input) = SolveInput::new(SolveParameters { robot, maneuver, settings, ..SolveParameters::default() })
+        else {
             continue;
         };
         let solution = solve(&input, &RunControl::unattended()).unwrap();

@@ -49,6 +49,7 @@ impl RandomCases {
                 front_friction_coefficient: if self.chance(0.5) { 0.0 } else { self.between(0.02, 0.5) },
                 tangential_restitution: if self.chance(0.7) { 0.0 } else { self.between(0.0, 0.8) },
                 gravity: 9.81,
+                ..reference
             };
             if let Ok(robot) = Robot::new(parameters) {
                 return robot;

@@ -62,6 +62,7 @@ fn parse(file: &Value) -> ReferenceRollout {
         front_friction_coefficient: robot("front_friction_coefficient"),
         tangential_restitution: robot("tangential_restitution"),
         gravity: robot("gravity_m_s2"),
+        ..RobotParameters::default()
     };
     let start = [numbers(&file["start"]["configuration"]), numbers(&file["start"]["velocity"])].concat();
     ReferenceRollout {

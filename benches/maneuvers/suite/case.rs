@@ -100,8 +100,11 @@ impl Case {
         let maneuver = &asked.maneuver;
         let input = slipdrive::solver::SimulateInput {
             robot: asked.robot.clone(),
+            payload: asked.payload,
             reference_point: maneuver.reference_point,
             start: maneuver.start,
+            limits: maneuver.limits,
+            aisle: asked.aisle.clone(),
             schedule: schedule.clone(),
             step_count: STEP_COUNT,
             contact_method: slipdrive::simulation::ContactMethod::Exact,

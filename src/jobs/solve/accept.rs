@@ -33,7 +33,7 @@ pub struct AcceptedSolve {
 
 /// The paper's case: 5 m forward from rest to rest on 200 steps, complete.
 pub(super) fn forward_drive() -> SolveRequest {
-    let SolveParameters { robot, maneuver, settings, initial_guess: _ } = SolveParameters::forward_drive();
+    let SolveParameters { robot, maneuver, settings, .. } = SolveParameters::forward_drive();
     SolveRequest {
         robot: Some((&robot).into()),
         maneuver: Some((&maneuver).into()),
@@ -77,6 +77,7 @@ pub(super) fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedS
         maneuver: maneuver(given_maneuver.unwrap_or_default(), &mut checks)?,
         settings,
         initial_guess: initial_guess.clone().map(guess).transpose()?,
+        ..SolveParameters::default()
     };
     let parameters = within_limits(parameters, time_limit_s, limits, &mut checks);
     let input = checks.and(SolveInput::new(parameters))?;

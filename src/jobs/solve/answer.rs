@@ -105,6 +105,7 @@ fn report(report: &Report, solve_time_s: f64) -> message::Report {
         slip_reversals,
         switching_sign_violations,
         replay: given_replay,
+        limits: _,
     } = report;
     message::Report {
         method: message::Method::from(*method).into(),

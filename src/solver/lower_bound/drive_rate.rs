@@ -145,7 +145,7 @@ mod tests {
 
     fn rates(parameters: RobotParameters, torque: f64) -> Vec<Level> {
         let robot = Robot::new(parameters).unwrap();
-        let limits = ManeuverLimits { normal_load_share: 0.0 };
+        let limits = ManeuverLimits { normal_load_share: 0.0, ..ManeuverLimits::default() };
         let loads = Loads::new(&robot, PerWheel::new(torque, torque), limits, 0.0);
         drive_rates(&DriveNorm::new(bodies(&robot)), &loads)
     }

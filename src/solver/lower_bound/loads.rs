@@ -225,7 +225,7 @@ mod tests {
     use crate::robot::RobotParameters;
 
     fn loads(parameters: RobotParameters, torque: f64) -> Loads {
-        let limits = ManeuverLimits { normal_load_share: 0.0 };
+        let limits = ManeuverLimits { normal_load_share: 0.0, ..ManeuverLimits::default() };
         Loads::new(&Robot::new(parameters).unwrap(), PerWheel::new(torque, torque), limits, 0.0)
     }
 
@@ -247,7 +247,7 @@ mod tests {
         }
         assert!((loads.largest_sum() - friction * on_wheels / (1.0 - shift)).abs() < 2e-3);
         let share = 0.01;
-        let limits = ManeuverLimits { normal_load_share: share };
+        let limits = ManeuverLimits { normal_load_share: share, ..ManeuverLimits::default() };
         let least = Loads::new(&Robot::new(parameters).unwrap(), PerWheel::new(1.0, 1.0), limits, 0.0);
         assert!((least.least_of_wheel(0) - (share - NORMAL_LOAD_TOLERANCE) * least.weight()).abs() < 1e-12);
     }

@@ -24,7 +24,8 @@ fn input(settings: SolverSettings) -> SolveInput {
     };
     let guess = TorqueSchedule { final_time: 9.1, left: vec![1.3, -0.4, 0.9, -1.7], right: vec![-0.6, 1.9, -1.1, 0.2] };
     let settings = SolverSettings { step_count: STEPS, control_count: STEPS, start_count: 1, ..settings };
-    SolveInput::new(SolveParameters { robot, maneuver, settings, initial_guess: Some(guess) }).unwrap()
+    let initial_guess = Some(guess);
+    SolveInput::new(SolveParameters { robot, maneuver, settings, initial_guess, ..SolveParameters::default() }).unwrap()
 }
 
 fn searching(method: Method, rollout_limit: u64) -> SolveInput {

@@ -79,6 +79,7 @@ fn small_report() -> Report {
             separations: 0,
             within_tolerance: true,
         }),
+        limits: Vec::new(),
     }
 }
 
@@ -92,7 +93,8 @@ impl<F: Fn(&SolveInput, &RunControl<'_>) -> Solution + Send + Sync> ManeuverSolv
 
     fn simulate(&self, _input: &SimulateInput, _stop: Stop<'_>) -> Result<Simulation, Stopped> {
         let trajectory = Trajectory { time: vec![0.0], state: vec![State::default()], ..Trajectory::default() };
-        Ok(Simulation { trajectory, contact_modes: Vec::new(), separations: Vec::new(), slip_reversals: 0 })
+        let (contact_modes, separations, limits) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Simulation { trajectory, contact_modes, separations, slip_reversals: 0, limits })
     }
 }
 
