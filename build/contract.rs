@@ -16,7 +16,9 @@ use tonic_prost_build::Builder;
 
 const PACKAGE: &str = "slipdrive.v1";
 /// Fields of requests that have no default.
-const REQUIRED: [&str; 7] = [
+const REQUIRED: [&str; 9] = [
+    "Payload.mass_kg",
+    "Payload.height_m",
     "SimulateRequest.torque_schedule",
     "InitialGuess.final_time_s",
     "InitialGuess.torque_left_n_m",
@@ -25,17 +27,34 @@ const REQUIRED: [&str; 7] = [
     "TorqueSchedule.left_n_m",
     "TorqueSchedule.right_n_m",
 ];
+/// Enums in requests that the completed form leaves out where they have their default.
+const IMPLIED: [&str; 1] = ["Maneuver.slip"];
 /// Messages in answers that are left out where there are none; all others are always there.
-const LEFT_OUT: [&str; 3] = ["Solution.trajectory", "Solution.contacts", "ValidateResponse.initial_guess"];
+const LEFT_OUT: [&str; 7] = [
+    "Report.limits",
+    "SimulateResponse.limits",
+    "Solution.contacts",
+    "Solution.robot",
+    "Solution.trajectory",
+    "ValidateResponse.initial_guess",
+    "ValidateResponse.payload",
+];
 /// Fields in answers that are null where there are none.
-const NULL: [&str; 4] =
-    ["Report.least_normal_load", "Report.lower_bound_assumption", "Report.replay", "Solution.reason"];
+const NULL: [&str; 5] = [
+    "LimitUse.replay_excess",
+    "Report.least_normal_load",
+    "Report.lower_bound_assumption",
+    "Report.replay",
+    "Solution.reason",
+];
 /// Numbers in answers that may not be finite, because a motion diverges or nothing was computed; JSON has null for them.
 /// An entry without a field means all numbers of the message but times.
-const NOT_FINITE: [&str; 14] = [
+const NOT_FINITE: [&str; 16] = [
     "Contact",
     "EndState",
     "GoalError",
+    "LimitUse.excess",
+    "LimitUse.largest",
     "NormalLoad.share",
     "Progress.best_final_time_s",
     "Progress.best_goal_error",
@@ -75,7 +94,7 @@ pub(crate) fn generate() -> Result<(), Box<dyn Error>> {
 
 /// A misspelt entry would change the contract in silence.
 fn check_lists(pool: &DescriptorPool) -> Result<(), String> {
-    for path in REQUIRED.iter().chain(&LEFT_OUT).chain(&NULL).chain(&NOT_FINITE) {
+    for path in REQUIRED.iter().chain(&IMPLIED).chain(&LEFT_OUT).chain(&NULL).chain(&NOT_FINITE) {
         let (message, field) = path.split_once('.').unwrap_or((path, ""));
         let message = pool.get_message_by_name(&format!("{PACKAGE}.{message}"));
         let is_known = message.is_some_and(|message| field.is_empty() || message.get_field_by_name(field).is_some());
@@ -183,7 +202,16 @@ fn in_request(field: &FieldDescriptor) -> String {
         )
     };
     match field.kind() {
-        Kind::Enum(of) => format!("#[serde({default}{})]\n{}", named(&of), schema_of(of.name(), is_required)),
+        Kind::Enum(of) => {
+            let is_implied = is_listed(&IMPLIED, field);
+            let skip =
+                if is_implied { format!("skip_serializing_if = \"{JSON}::is_unspecified\", ") } else { String::new() };
+            format!("#[serde({default}{skip}{})]\n{}", named(&of), schema_of(of.name(), is_required))
+        }
+        Kind::Message(of) if field.is_list() => {
+            let read = format!("deserialize_with = \"{JSON}::objects\", skip_serializing_if = \"Vec::is_empty\"");
+            format!("#[serde({default}{read})]\n{}", schema_of(&format!("Vec<{}>", of.name()), is_required))
+        }
         Kind::Message(of) => optional("some_object", of.name()),
         Kind::Double if field.supports_presence() => optional("some_value", "f64"),
         Kind::Uint32 if field.supports_presence() => optional("some_count", "u32"),
@@ -203,17 +231,22 @@ fn in_answer(field: &FieldDescriptor) -> String {
     let read = |function: &str| format!("#[serde(default, deserialize_with = \"{JSON}::{function}\")]");
     let plain = "#[serde(default)]";
     let left_out = "#[serde(default, skip_serializing_if = \"Option::is_none\")]";
+    let no_items = "#[serde(default, skip_serializing_if = \"Vec::is_empty\")]";
     let (serde, schema) = match field.kind() {
         Kind::Enum(of) if is_listed(&NULL, field) => {
             (format!("#[serde(default, {})]", named_or_null(&of)), schema_of(&format!("Option<{}>", of.name()), true))
         }
         Kind::Enum(of) => (format!("#[serde(default, {})]", named(&of)), schema_of(of.name(), true)),
+        Kind::Message(of) if field.is_list() && is_listed(&LEFT_OUT, field) => {
+            (no_items.to_owned(), schema_of(&format!("Vec<{}>", of.name()), false))
+        }
         Kind::Message(of) if field.is_list() => (plain.to_owned(), schema_of(&format!("Vec<{}>", of.name()), true)),
         Kind::Message(of) if is_listed(&NULL, field) => {
             (plain.to_owned(), schema_of(&format!("Option<{}>", of.name()), true))
         }
         Kind::Message(of) if is_listed(&LEFT_OUT, field) => (left_out.to_owned(), schema_of(of.name(), false)),
         Kind::Message(of) => (plain.to_owned(), schema_of(of.name(), true)),
+        Kind::Double if is_listed(&NULL, field) => (plain.to_owned(), schema_of("Option<f64>", true)),
         Kind::Double if field.name() != "time_s" && is_listed(&NOT_FINITE, field) => {
             match (field.is_list(), field.supports_presence()) {
                 (true, _) => (read("read_numbers"), schema_of("Vec<Option<f64>>", true)),

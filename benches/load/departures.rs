@@ -200,8 +200,8 @@ async fn depart(callers: Callers, number: u32, stay: Duration) -> String {
         }
         1 => timeout(stay, client.solve(message)).await.map_or_else(|_| GONE.to_owned(), end_of),
         2 => {
-            let pb::SolveRequest { robot, maneuver, grid, solver, initial_guess, view } = message;
-            let request = pb::SolveStreamRequest { robot, maneuver, grid, solver, initial_guess, view };
+            let pb::SolveRequest { robot, payload, maneuver, grid, solver, initial_guess, view } = message;
+            let request = pb::SolveStreamRequest { robot, payload, maneuver, grid, solver, initial_guess, view };
             match client.solve_stream(request).await {
                 Ok(events) => {
                     sleep(stay).await;

@@ -2,40 +2,41 @@
 //!
 //! Each message is taken apart field by field, so that a field cannot be added and then forgotten.
 
+use nalgebra::Vector2;
+
 use super::error_table::ErrorCode;
 use super::goal::{goal_of_message, message_of_goal};
 use super::message;
 use super::problem::Problem;
 use crate::contact::{ContactMode, ContactName, PerContact};
-use crate::robot::{PerWheel, RobotParameters, State};
+use crate::robot::{Motor, Payload, PerWheel, RobotParameters, State};
 use crate::rules::Checks;
-use crate::shooting::{Maneuver, ManeuverLimits, ReferencePoint, SlipPolicy};
+use crate::shooting::{AisleCorners, Maneuver, ManeuverLimits, ReferencePoint, SlipPolicy};
 use crate::simulation::{ContactMethod, ContactModeSpan, ContactSample, NormalLoad, Separation, TorqueSchedule};
-use crate::solver::Method;
+use crate::solver::{LimitUse, Method};
 
-/// A message of optional numbers and the domain struct of the same numbers, in both directions; absent is the default of
-/// the domain.
+/// Both directions between the numbers of a message, which are optional, and those of a domain struct; absent is the default of
+/// the domain. What is listed as apart belongs to neither function.
 macro_rules! same_numbers {
-    ($message:ident = $domain:ident { $($field:ident: $name:ident),* $(,)? } without { $($beside:ident),* }) => {
-        impl From<message::$message> for $domain {
-            fn from(given: message::$message) -> Self {
-                let message::$message { $($field),* } = given;
-                let default = Self::default();
-                Self { $($name: $field.unwrap_or(default.$name),)* ..default }
-            }
+    (
+        $read:ident, $write:ident: $message:ident = $domain:ident { $($field:ident: $name:ident),* $(,)? }
+        apart from { $($of_message:ident),* } and { $($of_domain:ident),* }
+    ) => {
+        fn $read(given: &message::$message) -> $domain {
+            let message::$message { $($field,)* $($of_message: _),* } = *given;
+            let default = $domain::default();
+            $domain { $($name: $field.unwrap_or(default.$name),)* ..default }
         }
 
-        impl From<&$domain> for message::$message {
-            fn from(domain: &$domain) -> Self {
-                let $domain { $($name,)* $($beside: _),* } = *domain;
-                Self { $($field: Some($name)),* }
-            }
+        fn $write(domain: &$domain) -> message::$message {
+            let $domain { $($name,)* $($of_domain: _),* } = *domain;
+            message::$message { $($field: Some($name),)* ..message::$message::default() }
         }
     };
 }
 
 same_numbers!(
-    Robot = RobotParameters {
+    numbers_of_robot, message_of_numbers: Robot = RobotParameters {
         chassis_mass_kg: chassis_mass,
         wheel_mass_kg: wheel_mass,
         chassis_yaw_inertia_kg_m2: chassis_yaw_inertia,
@@ -52,12 +53,133 @@ same_numbers!(
         front_friction_coefficient: front_friction_coefficient,
         tangential_restitution: tangential_restitution,
         gravity_m_s2: gravity,
-    } without { motor, wheel_viscous_friction, bare_center_of_mass }
+    }
+    apart from { motor_stall_torque_n_m, motor_free_speed_rad_s, wheel_viscous_friction_n_m_s, footprint }
+    and { motor, wheel_viscous_friction, bare_center_of_mass }
 );
 
-same_numbers!(ManeuverLimits = ManeuverLimits { normal_load_share: normal_load_share } without {
-    grip_utilization, wheel_rate, speed, yaw_rate, acceleration, deceleration, yaw_acceleration, torque_rate
-});
+/// The robot that is meant, without its footprint; a motor that is half given goes to `checks`.
+pub(crate) fn robot(given: &message::Robot, checks: &mut Checks) -> RobotParameters {
+    let motor = checks.within("robot", |checks| motor(given, checks));
+    let wheel_viscous_friction = given.wheel_viscous_friction_n_m_s.unwrap_or_default();
+    RobotParameters { motor, wheel_viscous_friction, ..numbers_of_robot(given) }
+}
+
+fn motor(given: &message::Robot, checks: &mut Checks) -> Option<Motor> {
+    let fields = [
+        ("motor_stall_torque_n_m", given.motor_stall_torque_n_m),
+        ("motor_free_speed_rad_s", given.motor_free_speed_rad_s),
+    ];
+    for ((field, value), (other, other_value)) in [(fields[0], fields[1]), (fields[1], fields[0])] {
+        let holds = value.is_some() || other_value.is_none();
+        checks.require(field, "absent", holds, &format!("given where `robot.{other}` is"), None);
+    }
+    let (stall_torque, free_speed) = (fields[0].1?, fields[1].1?);
+    Some(Motor { stall_torque, free_speed })
+}
+
+/// The parameters as a message; without a footprint, which is no parameter.
+impl From<&RobotParameters> for message::Robot {
+    fn from(robot: &RobotParameters) -> Self {
+        Self {
+            motor_stall_torque_n_m: robot.motor.map(|motor| motor.stall_torque),
+            motor_free_speed_rad_s: robot.motor.map(|motor| motor.free_speed),
+            // None is what an absent one means.
+            wheel_viscous_friction_n_m_s: Some(robot.wheel_viscous_friction).filter(|&friction| friction != 0.0),
+            ..message_of_numbers(robot)
+        }
+    }
+}
+
+/// The payload that is meant.
+pub(crate) fn payload(given: message::Payload) -> Result<Payload, Problem> {
+    let message::Payload { mass_kg, right_m, forward_m, height_m, yaw_inertia_kg_m2 } = given;
+    Ok(Payload {
+        mass: required(mass_kg, "payload.mass_kg")?,
+        right: right_m.unwrap_or_default(),
+        forward: forward_m.unwrap_or_default(),
+        height: required(height_m, "payload.height_m")?,
+        yaw_inertia: yaw_inertia_kg_m2.unwrap_or_default(),
+    })
+}
+
+impl From<&Payload> for message::Payload {
+    fn from(payload: &Payload) -> Self {
+        let Payload { mass, right, forward, height, yaw_inertia } = *payload;
+        Self {
+            mass_kg: Some(mass),
+            right_m: Some(right),
+            forward_m: Some(forward),
+            height_m: Some(height),
+            yaw_inertia_kg_m2: Some(yaw_inertia),
+        }
+    }
+}
+
+/// The corners of an aisle and of the footprint.
+pub(crate) fn aisle_corners(keep_in: &[message::WorldPoint], footprint: &[message::BodyPoint]) -> AisleCorners {
+    AisleCorners {
+        keep_in: keep_in.iter().map(|&message::WorldPoint { x_m, y_m }| Vector2::new(x_m, y_m)).collect(),
+        footprint: footprint
+            .iter()
+            .map(|&message::BodyPoint { right_m, forward_m }| Vector2::new(right_m, forward_m))
+            .collect(),
+    }
+}
+
+impl From<message::ManeuverLimits> for ManeuverLimits {
+    fn from(given: message::ManeuverLimits) -> Self {
+        let message::ManeuverLimits {
+            normal_load_share,
+            grip_utilization,
+            wheel_rate_rad_s: wheel_rate,
+            speed_m_s: speed,
+            yaw_rate_rad_s: yaw_rate,
+            acceleration_m_s2: acceleration,
+            deceleration_m_s2: deceleration,
+            yaw_acceleration_rad_s2: yaw_acceleration,
+            torque_rate_n_m_s: torque_rate,
+        } = given;
+        Self {
+            normal_load_share: normal_load_share.unwrap_or(Self::default().normal_load_share),
+            grip_utilization,
+            wheel_rate,
+            speed,
+            yaw_rate,
+            acceleration,
+            deceleration,
+            yaw_acceleration,
+            torque_rate,
+        }
+    }
+}
+
+impl From<&ManeuverLimits> for message::ManeuverLimits {
+    fn from(limits: &ManeuverLimits) -> Self {
+        let ManeuverLimits {
+            normal_load_share,
+            grip_utilization,
+            wheel_rate,
+            speed,
+            yaw_rate,
+            acceleration,
+            deceleration,
+            yaw_acceleration,
+            torque_rate,
+        } = *limits;
+        Self {
+            normal_load_share: Some(normal_load_share),
+            grip_utilization,
+            wheel_rate_rad_s: wheel_rate,
+            speed_m_s: speed,
+            yaw_rate_rad_s: yaw_rate,
+            acceleration_m_s2: acceleration,
+            deceleration_m_s2: deceleration,
+            yaw_acceleration_rad_s2: yaw_acceleration,
+            torque_rate_n_m_s: torque_rate,
+        }
+    }
+}
 
 /// An enum of the contract and the one of the domain with the same values; unspecified is the default of the domain.
 macro_rules! same_values {
@@ -84,6 +206,7 @@ macro_rules! same_values {
 pub(crate) use same_values;
 
 same_values!(default ReferencePoint = ReferencePoint { ChassisCenterOfMass, AxleMidpoint });
+same_values!(default SlipPolicy = SlipPolicy { Allowed, Forbidden });
 same_values!(default ContactSolver = ContactMethod { Exact, FixedPoint });
 same_values!(default Method = Method { SequentialLinear, NelderMead });
 same_values!(ContactMode = ContactMode { Stick, Slip });
@@ -109,26 +232,41 @@ pub(crate) fn count(number: usize) -> u32 {
     u32::try_from(number).unwrap_or(u32::MAX)
 }
 
-/// The maneuver that is meant; faults of the goal go to `checks`.
-pub(crate) fn maneuver(given: message::Maneuver, checks: &mut Checks) -> Result<Maneuver, Problem> {
-    let message::Maneuver { reference_point, start, goal, torque_limit_left_n_m, torque_limit_right_n_m, limits } =
-        given;
+/// The maneuver of this robot that is meant, without its aisle; faults of the goal go to `checks`.
+pub(crate) fn maneuver(
+    given: message::Maneuver,
+    robot: &RobotParameters,
+    checks: &mut Checks,
+) -> Result<Maneuver, Problem> {
+    let message::Maneuver {
+        reference_point,
+        start,
+        goal,
+        torque_limit_left_n_m,
+        torque_limit_right_n_m,
+        limits,
+        slip,
+        keep_in: _,
+    } = given;
     let reference_point: message::ReferencePoint = named(reference_point, "maneuver.reference_point")?;
     let start = State::from(start.unwrap_or_default());
     let goal = goal.unwrap_or_default();
     let goal =
         checks.within("maneuver", |checks| checks.within("goal", |checks| goal_of_message(&goal, &start, checks)));
-    let default = Maneuver::forward_drive().torque_limit;
+    let default = Maneuver::default_torque_limit(robot);
     let torque_limit =
-        PerWheel::new(torque_limit_left_n_m.unwrap_or(default.left), torque_limit_right_n_m.unwrap_or(default.right));
+        PerWheel::new(torque_limit_left_n_m.unwrap_or(default), torque_limit_right_n_m.unwrap_or(default));
     let limits = limits.unwrap_or_default().into();
-    let slip = SlipPolicy::default();
+    let slip = named::<message::SlipPolicy>(slip, "maneuver.slip")?.into();
     Ok(Maneuver { reference_point: reference_point.into(), start, goal, torque_limit, limits, slip })
 }
 
+/// The maneuver as a message; without an aisle, which is no part of it.
 impl From<&Maneuver> for message::Maneuver {
     fn from(maneuver: &Maneuver) -> Self {
         let Maneuver { reference_point, start, goal, torque_limit, limits, slip: _ } = maneuver;
+        let slip =
+            if maneuver.forbids_slip() { message::SlipPolicy::Forbidden } else { message::SlipPolicy::Unspecified };
         Self {
             reference_point: message::ReferencePoint::from(*reference_point).into(),
             start: Some(start.into()),
@@ -136,6 +274,8 @@ impl From<&Maneuver> for message::Maneuver {
             torque_limit_left_n_m: Some(torque_limit.left),
             torque_limit_right_n_m: Some(torque_limit.right),
             limits: Some(limits.into()),
+            slip: slip.into(),
+            keep_in: Vec::new(),
         }
     }
 }
@@ -175,6 +315,13 @@ impl From<&NormalLoad> for message::NormalLoad {
     fn from(load: &NormalLoad) -> Self {
         let NormalLoad { share, contact, time } = *load;
         Self { share, contact: message::ContactName::from(contact).into(), time_s: time }
+    }
+}
+
+impl From<&LimitUse> for message::LimitUse {
+    fn from(used: &LimitUse) -> Self {
+        let LimitUse { limit, value, largest, time, excess, replay_excess } = *used;
+        Self { limit: limit.to_owned(), value, largest, time_s: time, excess, replay_excess }
     }
 }
 

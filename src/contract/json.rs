@@ -127,6 +127,12 @@ pub(super) fn some_object<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     object(deserializer).map(Some)
 }
 
+/// Reads an array of objects and nothing else.
+pub(super) fn objects<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
+    let objects = Vec::<Object<T>>::deserialize(deserializer)?;
+    Ok(objects.into_iter().map(|Object(object)| object).collect())
+}
+
 /// Reads the value of an optional field that is present; `null` is no value.
 pub(super) fn some_value<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
@@ -167,6 +173,12 @@ pub trait Named: TryFrom<i32> + 'static {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes fields by reference")]
 pub(super) fn write_name<S: Serializer, T: Named>(number: &i32, serializer: S) -> Result<S::Ok, S::Error> {
     T::name_of(*number).serialize(serializer)
+}
+
+/// Whether an enum has the value without a name.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes fields by reference")]
+pub(super) fn is_unspecified(number: &i32) -> bool {
+    *number == 0
 }
 
 /// Reads the number of an enum from its name and nothing else.

@@ -116,7 +116,8 @@ impl Visitor for Listed {
             job: job(),
             minimum: (!rule.exclusive_minimum).then_some(rule.minimum),
             exclusive_minimum: rule.exclusive_minimum.then_some(rule.minimum),
-            maximum: Some(rule.maximum).filter(|maximum| maximum.is_finite()),
+            maximum: (rule.maximum.is_finite() && !rule.exclusive_maximum).then_some(rule.maximum),
+            exclusive_maximum: rule.exclusive_maximum.then_some(rule.maximum),
             unit: rule.unit.to_owned(),
         }));
         self.cross_field_rules.extend(cross_field.into_iter().map(|rules::CrossFieldRule { fields, rule }| {

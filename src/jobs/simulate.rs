@@ -3,11 +3,13 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::table::{line, row, separations, write_timeline};
+use super::table::{line, row, separations, write_limits, write_timeline};
 use super::{ARRAYS_OF_STEPS, Kind, Limits, ManeuverSolver};
 use crate::contract::Problem;
-use crate::contract::convert::{contacts, count, named, required, schedule};
-use crate::contract::message::{ContactSolver, ReferencePoint, SimulateGrid, SimulateRequest, SimulateResponse};
+use crate::contract::convert::{aisle_corners, contacts, count, named, payload, required, robot, schedule};
+use crate::contract::message::{
+    ContactSolver, LimitUse, ReferencePoint, SimulateGrid, SimulateRequest, SimulateResponse,
+};
 use crate::metrics::Metrics;
 use crate::rules::{Checks, RuleSet};
 use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
@@ -74,7 +76,18 @@ impl Kind for Simulate {
     }
 
     fn accept(request: SimulateRequest, limits: &Limits) -> Result<AcceptedSimulation, Problem> {
-        let SimulateRequest { robot, reference_point, start, torque_schedule, grid, contact_solver } = request;
+        let SimulateRequest {
+            robot: given_robot,
+            payload: given_payload,
+            reference_point,
+            start,
+            torque_schedule,
+            grid,
+            contact_solver,
+            limits: given_limits,
+            keep_in,
+        } = request;
+        let given_robot = given_robot.unwrap_or_default();
         let reference_point: ReferencePoint = named(reference_point, "reference_point")?;
         let contact_solver: ContactSolver = named(contact_solver, "contact_solver")?;
         let SimulateGrid { steps } = grid.unwrap_or_default();
@@ -88,15 +101,18 @@ impl Kind for Simulate {
             schedule.left.truncate(1);
             schedule.right.truncate(1);
         }
-        let input = checks.and(SimulateInput::new(SimulateParameters {
-            robot: robot.unwrap_or_default().into(),
+        let parameters = SimulateParameters {
+            robot: robot(&given_robot, &mut checks),
+            payload: given_payload.map(payload).transpose()?,
             reference_point: reference_point.into(),
             start: start.unwrap_or_default().into(),
             schedule,
             step_count,
             contact_method: contact_solver.into(),
-            ..SimulateParameters::default()
-        }))?;
+            limits: given_limits.unwrap_or_default().into(),
+            aisle: aisle_corners(&keep_in, &given_robot.footprint),
+        };
+        let input = checks.and(SimulateInput::new(parameters))?;
         Ok(AcceptedSimulation { input, time_limit: Duration::from_secs_f64(limits.max_time_limit_s) })
     }
 
@@ -106,7 +122,7 @@ impl Kind for Simulate {
 
     fn answer(_accepted: &AcceptedSimulation, done: &Done<Simulation>) -> SimulateResponse {
         // The same request gives the same bytes: the duration goes to the log only.
-        let Simulation { trajectory, contact_modes, separations, slip_reversals, limits: _ } = &done.output;
+        let Simulation { trajectory, contact_modes, separations, slip_reversals, limits } = &done.output;
         SimulateResponse {
             end_state: Some((&trajectory.end_state).into()),
             trajectory: Some(trajectory.into()),
@@ -116,10 +132,11 @@ impl Kind for Simulate {
             worst_contact_residual: trajectory.worst_contact_residual,
             indeterminate_steps: count(trajectory.indeterminate_steps),
             slip_reversals: count(*slip_reversals),
+            limits: limits.iter().map(limit_use).collect(),
         }
     }
 
-    /// Duration, end state and the timeline of contact modes.
+    /// Duration, end state, use of limits and the timeline of contact modes.
     fn table(_accepted: &AcceptedSimulation, done: &Done<Simulation>) -> String {
         let simulation = &done.output;
         let trajectory = &simulation.trajectory;
@@ -135,9 +152,19 @@ impl Kind for Simulate {
         for component in StateComponent::ALL {
             line(&mut table, &format!("  {:<22} {:>12.6}", component.field(), values[component.index()]));
         }
+        write_limits(&mut table, &simulation.limits);
         write_timeline(&mut table, &simulation.contact_modes);
         table
     }
+}
+
+/// What a solve has below its maneuver a simulation has at its root.
+fn limit_use(used: &crate::solver::LimitUse) -> LimitUse {
+    let mut message = LimitUse::from(used);
+    if let Some(field) = message.limit.strip_prefix("maneuver.") {
+        message.limit = field.to_owned();
+    }
+    message
 }
 
 #[cfg(test)]

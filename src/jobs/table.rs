@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::simulation::{ContactModeSpan, Separation};
+use crate::solver::LimitUse;
 
 /// Width of the first column.
 const LABEL_WIDTH: usize = 16;
@@ -22,6 +23,21 @@ pub(super) fn write_timeline(table: &mut String, spans: &[ContactModeSpan]) {
     for ContactModeSpan { start, end, mode, degrees_of_freedom } in spans {
         let (left, right, front) = (mode.left.as_str(), mode.right.as_str(), mode.front.as_str());
         line(table, &format!("  {start:>9.4} {end:>9.4}  {left:<6} {right:<6} {front:<6} {degrees_of_freedom}"));
+    }
+}
+
+/// How far each limit is used, in the unit of its field; nothing where none was given.
+pub(super) fn write_limits(table: &mut String, limits: &[LimitUse]) {
+    if limits.is_empty() {
+        return;
+    }
+    table.push_str("\nlimits\n");
+    let heads = ["limit", "largest", "at s", "excess", "on replay"];
+    let [value, largest, time, excess, replay] = heads;
+    line(table, &format!("  {:<40} {value:>10} {largest:>10} {time:>9} {excess:>9} {replay:>9}", "field"));
+    for LimitUse { limit, value, largest, time, excess, replay_excess } in limits {
+        let replay = replay_excess.map_or("-".to_owned(), |excess| format!("{excess:.1e}"));
+        line(table, &format!("  {limit:<40} {value:>10.4} {largest:>10.4} {time:>9.4} {excess:>9.1e} {replay:>9}"));
     }
 }
 
@@ -49,6 +65,19 @@ mod tests {
         write_timeline(&mut table, &[span, span]);
         let line = "     0.0000    1.2500  stick  slip   slip   3";
         assert_eq!(table.lines().skip(3).collect::<Vec<_>>(), [line, line]);
+    }
+
+    #[test]
+    fn limits_have_one_line_each() {
+        let limit = "maneuver.limits.speed_m_s";
+        let used = LimitUse { limit, value: 1.5, largest: 1.5, time: 0.25, excess: 1e-9, replay_excess: None };
+        let mut table = String::new();
+        write_limits(&mut table, &[]);
+        assert_eq!(table, "");
+        write_limits(&mut table, &[used, LimitUse { replay_excess: Some(-2e-3), ..used }]);
+        let lines: Vec<_> = table.lines().skip(3).map(|line| line.split_whitespace().collect::<Vec<_>>()).collect();
+        assert_eq!(lines[0], [limit, "1.5000", "1.5000", "0.2500", "1.0e-9", "-"]);
+        assert_eq!(lines[1].last(), Some(&"-2.0e-3"));
     }
 
     #[test]

@@ -29,13 +29,14 @@ pub struct Payload {
 }
 
 impl Payload {
-    /// The rule of every field, by its name in the contract; positions are bounded as those of the chassis are.
+    /// The rule of every field, by its name in the contract: half of what chassis and payload may have together, and positions
+    /// as those of the chassis.
     const RULES: [BoundedField<Self>; 5] = [
-        ("mass_kg", |payload| payload.mass, Rule::between(0.0, 1e5, "kg")),
+        ("mass_kg", |payload| payload.mass, Rule::between(0.0, 5e4, "kg")),
         ("right_m", |payload| payload.right, Rule::within_magnitude(100.0, "m")),
         ("forward_m", |payload| payload.forward, Rule::within_magnitude(100.0, "m")),
         ("height_m", |payload| payload.height, Rule::between(0.0, 100.0, "m")),
-        ("yaw_inertia_kg_m2", |payload| payload.yaw_inertia, Rule::between(0.0, 1e6, "kg m2")),
+        ("yaw_inertia_kg_m2", |payload| payload.yaw_inertia, Rule::between(0.0, 5e5, "kg m2")),
     ];
 
     /// The rules of all fields.
@@ -180,8 +181,9 @@ mod tests {
         assert_eq!(spoiled(|payload| payload.right = f64::NAN), ["right_m"]);
         assert_eq!(spoiled(|payload| payload.yaw_inertia = 1e300), ["yaw_inertia_kg_m2"]);
         // Together with the chassis.
-        assert_eq!(spoiled(|payload| payload.mass = 1e5), ["mass_kg"]);
-        assert_eq!(spoiled(|payload| payload.yaw_inertia = 1e6), ["yaw_inertia_kg_m2"]);
+        let heavy = RobotParameters { chassis_mass: 9e4, chassis_yaw_inertia: 9e5, ..robot };
+        assert_eq!(violated(&heavy, &Payload { mass: 2e4, ..box_on_the_deck() }), ["mass_kg"]);
+        assert_eq!(violated(&heavy, &Payload { yaw_inertia: 2e5, ..box_on_the_deck() }), ["yaw_inertia_kg_m2"]);
         assert_eq!(spoiled(|payload| payload.right = 1.0), ["right_m"]);
         assert_eq!(spoiled(|payload| payload.forward = -1.0), ["forward_m"]);
         assert_eq!(spoiled(|payload| payload.height = 1.0), ["height_m"]);

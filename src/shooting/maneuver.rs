@@ -2,7 +2,7 @@
 
 use nalgebra::{SVector, Vector2, Vector3};
 
-use crate::robot::{PerWheel, Robot, RobotParameters, State};
+use crate::robot::{Motor, PerWheel, Robot, RobotParameters, State};
 use crate::rules::{Checks, OptionalField, Rule, RuleSet};
 
 /// Largest accepted coordinate, m: beyond it a millimetre is near the rounding of the rollout.
@@ -278,6 +278,14 @@ impl Maneuver {
             SlipPolicy::Allowed => self.limits.grip_utilization.is_some(),
             SlipPolicy::Forbidden => true,
         }
+    }
+
+    /// The torque limit where none is given, N m: what the motor has at standstill, that of the paper without one.
+    pub fn default_torque_limit(robot: &RobotParameters) -> f64 {
+        const OF_THE_PAPER: f64 = 1.0;
+        let stall_torque = robot.motor.map(|motor| motor.stall_torque);
+        // A refused motor is named once, by its own field.
+        stall_torque.filter(|&torque| Motor::STALL_TORQUE_RULE.admits(torque)).unwrap_or(OF_THE_PAPER)
     }
 
     /// The paper's case: 5 m forward from rest to rest with 1 N m per wheel.

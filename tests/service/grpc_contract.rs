@@ -183,7 +183,7 @@ async fn batch_item_without_a_fresh_id_is_refused() {
         small_solution(StopReason::Finished)
     });
     let server = TestServer::start(8, Arc::new(solver)).await;
-    let items = [item("twice", 1), item("twice", 2), item("", 3), item(&"x".repeat(129), 4)];
+    let items = vec![item("twice", 1), item("twice", 2), item("", 3), item(&"x".repeat(129), 4)];
     let mut answers = server.grpc().await.solve_batch(stream::iter(items)).await.unwrap().into_inner();
     for _ in 0..3 {
         let refused = answers.message().await.unwrap().unwrap();

@@ -30,9 +30,10 @@ fn bounds_of(rule: &Value) -> Vec<Bound> {
     let (job, field, is_length) = (text("job"), text("field"), rule["unit"] == "items");
     let integers = ["grid.steps", "grid.control_intervals", "solver.starts", "solver.rollout_limit"];
     let is_count = is_length || integers.contains(&field.as_str());
+    let item = if field.ends_with("_n_m") { json!(0) } else { json!({}) };
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounds of counts are whole numbers")]
     let value = |number: f64| match (is_length, is_count) {
-        (true, _) => json!(vec![0; number as usize]),
+        (true, _) => json!(vec![item.clone(); number as usize]),
         (false, true) => json!(number as u64),
         (false, false) => json!(number),
     };
@@ -43,12 +44,14 @@ fn bounds_of(rule: &Value) -> Vec<Bound> {
         ("minimum", if is_length { "minItems" } else { "minimum" }),
         ("exclusive_minimum", "exclusiveMinimum"),
         ("maximum", if is_length { "maxItems" } else { "maximum" }),
+        ("exclusive_maximum", "exclusiveMaximum"),
     ];
     let of = |(name, keyword): (&str, &'static str)| {
         let limit = rule.get(name)?.as_f64()?;
         let (inside, outside) = match name {
             "minimum" => (limit, below(limit)),
             "exclusive_minimum" => (above(limit), limit),
+            "exclusive_maximum" => (below(limit), limit),
             _ => (limit, above(limit)),
         };
         let (job, field) = (job.clone(), field.clone());
@@ -63,15 +66,23 @@ fn request(bound: &Bound, value: &Value) -> Value {
         Some(items) if bound.field.ends_with("_n_m") => items.clone(),
         _ => vec![json!(0)],
     };
+    // Three items whatever they mean: only what is said of the bound counts.
+    let triangle = json!([{}, {}, {}]);
     let mut body = if bound.job == "solve" {
-        json!({"maneuver": {"goal": {"y_m": 5}},
+        json!({"maneuver": {"goal": {"y_m": 5}, "keep_in": triangle},
                "initial_guess": {"final_time_s": 1, "torque_left_n_m": zeros, "torque_right_n_m": zeros}})
     } else {
-        json!({"torque_schedule": {"interval_s": 0.1, "left_n_m": zeros, "right_n_m": zeros}, "grid": {}})
+        json!({"torque_schedule": {"interval_s": 0.1, "left_n_m": zeros, "right_n_m": zeros}, "grid": {},
+               "keep_in": triangle})
     };
+    body["robot"] = json!({"motor_stall_torque_n_m": 1, "motor_free_speed_rad_s": 10, "footprint": triangle});
+    body["payload"] = json!({"mass_kg": 0, "height_m": 0});
     let mut place = &mut body;
     for name in bound.field.split('.') {
-        place = &mut place[name];
+        place = match name.strip_suffix("[]") {
+            Some(array) => &mut place[array][0],
+            None => &mut place[name],
+        };
     }
     *place = value.clone();
     body
@@ -81,7 +92,7 @@ fn request(bound: &Bound, value: &Value) -> Value {
 fn names(bound: &Bound, message: &str) -> bool {
     let Some((beginning, rule)) = message.split_once(", must be ") else { return false };
     let numbers = rule.split(|c: char| !(c.is_ascii_digit() || ".-e".contains(c)));
-    beginning.starts_with(&format!("`{}` is ", bound.field))
+    beginning.starts_with(&format!("`{}` is ", bound.field.replace("[]", "[0]")))
         && numbers.filter_map(|number| number.parse::<f64>().ok()).any(|number| number == bound.limit)
 }
 
@@ -131,8 +142,9 @@ async fn document_has_the_listed_bounds() {
     for bound in bounds(&server).await {
         let path = format!("/{}", bound.job);
         let request = &document.value["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"];
-        let field =
-            document.field(request, &bound.field.replace('.', "/")).unwrap_or_else(|| panic!("{}", bound.field));
+        let field = document
+            .field(request, &bound.field.replace("[]", "/0").replace('.', "/"))
+            .unwrap_or_else(|| panic!("{}", bound.field));
         assert_eq!(field[bound.keyword].as_f64(), Some(bound.limit), "{} of {}: {field}", bound.keyword, bound.field);
     }
 }

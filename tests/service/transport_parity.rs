@@ -25,6 +25,7 @@ fn valid(random: &mut impl Rng) -> Value {
         "grid": {"steps": 40, "control_intervals": 8},
         "solver": {"rollout_limit": 200, "seed": 7, "starts": 2},
         "initial_guess": {"final_time_s": 3.0 + within(1.0), "torque_left_n_m": [0.1, 0.2], "torque_right_n_m": [0.3, -0.1]},
+        "payload": {"mass_kg": 0.5 + within(0.2), "right_m": within(0.02), "forward_m": 0.08, "height_m": 0.1},
         "view": if within(1.0) < 0.0 { "plan" } else { "full" },
     })
 }
@@ -47,6 +48,9 @@ fn invalid(index: usize) -> Value {
         json!({"solver": {"goal_tolerance": 2}}),
         json!({"initial_guess": {"final_time_s": 1, "torque_left_n_m": [0, 9], "torque_right_n_m": [0, 0]}}),
         json!({"initial_guess": {"final_time_s": 1, "torque_left_n_m": [0], "torque_right_n_m": [0, 0]}}),
+        json!({"maneuver": {"limits": {"speed_m_s": 0, "grip_utilization": 1}}}),
+        json!({"robot": {"motor_stall_torque_n_m": 8}, "payload": {"mass_kg": -1, "height_m": 0.3}}),
+        json!({"maneuver": {"keep_in": [{}, {"x_m": 1}, {"y_m": 1}]}}),
     ];
     faults[index % faults.len()].clone()
 }

@@ -51,10 +51,12 @@ fn motion_of(request: &Request, asked: SolveRequest, answer: &SolveResponse) -> 
     let contact_solver = request.fixed_point_steps.map_or(ContactSolver::Unspecified, |_| ContactSolver::FixedPoint);
     Ok(SimulateRequest {
         robot: asked.robot,
+        payload: asked.payload,
         reference_point: maneuver.reference_point,
         start: maneuver.start,
         torque_schedule: Some(schedule),
         grid: Some(SimulateGrid { steps: Some(request.fixed_point_steps.unwrap_or(steps)) }),
         contact_solver: contact_solver.into(),
+        ..SimulateRequest::default()
     })
 }

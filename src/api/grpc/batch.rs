@@ -197,8 +197,8 @@ fn refused(state: &ApiState, request_id: String, problem: &Problem) -> pb::Batch
 
 impl From<pb::SolveBatchRequest> for pb::BatchRequest {
     fn from(item: pb::SolveBatchRequest) -> Self {
-        let pb::SolveBatchRequest { robot, maneuver, grid, solver, initial_guess, view, request_id } = item;
-        let solve = pb::SolveRequest { robot, maneuver, grid, solver, initial_guess, view };
+        let pb::SolveBatchRequest { robot, payload, maneuver, grid, solver, initial_guess, view, request_id } = item;
+        let solve = pb::SolveRequest { robot, payload, maneuver, grid, solver, initial_guess, view };
         Self { request_id, timeout_ms: None, request: Some(Request::Solve(solve)) }
     }
 }

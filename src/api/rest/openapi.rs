@@ -62,10 +62,13 @@ pub(super) fn document(state: &ApiState, operations: impl Iterator<Item = (Strin
     serde_json::to_vec_pretty(&document).expect("a document of names and numbers is valid JSON")
 }
 
+/// Messages of requests that answers hold too, and that keep their rules there: a robot joined with its payload is valid.
+const VALID_IN_ANSWERS: [&str; 2] = ["BodyPoint", "Robot"];
+
 /// Schemas by name.
 struct Messages {
     schemas: BTreeMap<String, Value>,
-    /// Names of those that answers of jobs hold.
+    /// Names of those that answers of jobs hold, where they need not keep the rules of requests.
     in_answers: BTreeSet<String>,
 }
 
@@ -94,7 +97,10 @@ impl Messages {
     fn field(&mut self, root: &str, path: &str) -> Option<&mut Map<String, Value>> {
         let (mut schema, mut rest) = (root.to_owned(), path);
         while let Some((object, below)) = rest.split_once('.') {
+            // `corners[].x_m`: the items of an array are the objects.
+            let (object, is_array) = object.strip_suffix("[]").map_or((object, false), |array| (array, true));
             let property = self.schemas.get(&schema)?.get("properties")?.get(object)?;
+            let property = if is_array { property.get("items")? } else { property };
             let target = property["$ref"].as_str()?.rsplit('/').next()?.to_owned();
             if self.in_answers.contains(&target) {
                 let kind = self.schemas.get(&target)?.get("properties")?.get(below)?.get("type")?.clone();
@@ -112,7 +118,7 @@ impl Visitor for Messages {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
         self.add::<K::Request>();
         let in_answer = self.add::<K::Answer>();
-        self.in_answers.extend(in_answer);
+        self.in_answers.extend(in_answer.into_iter().filter(|name| !VALID_IN_ANSWERS.contains(&name.as_str())));
         if K::REPORTS_PROGRESS {
             self.add::<K::Report>();
         }
@@ -139,14 +145,17 @@ fn bound(field: &mut Map<String, Value>, rule: &Rule) {
     let is_integer = is_length || field.get("type").is_some_and(|kind| kind == "integer");
     #[expect(clippy::cast_possible_truncation, reason = "bounds of counts are whole numbers far below 2^53")]
     let number = |bound: f64| if is_integer { json!(bound as i64) } else { json!(bound) };
-    let names =
-        if is_length { ["minItems", "minItems", "maxItems"] } else { ["minimum", "exclusiveMinimum", "maximum"] };
-    let [minimum, exclusive_minimum, maximum] = names;
+    let (lower, upper) = match (is_length, rule.exclusive_minimum, rule.exclusive_maximum) {
+        (true, ..) => ("minItems", "maxItems"),
+        (false, true, false) => ("exclusiveMinimum", "maximum"),
+        (false, true, true) => ("exclusiveMinimum", "exclusiveMaximum"),
+        (false, false, false) => ("minimum", "maximum"),
+        (false, false, true) => ("minimum", "exclusiveMaximum"),
+    };
     field.remove("minimum");
-    let lower = if rule.exclusive_minimum { exclusive_minimum } else { minimum };
     field.insert(lower.to_owned(), number(rule.minimum));
     if rule.maximum.is_finite() {
-        field.insert(maximum.to_owned(), number(rule.maximum));
+        field.insert(upper.to_owned(), number(rule.maximum));
     }
 }
 

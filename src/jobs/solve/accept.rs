@@ -1,11 +1,12 @@
 //! Requests of a solve: from the message to validated domain input, and to the completed message with its hash.
 
 use std::fmt::Write as _;
+use std::mem::take;
 use std::time::Duration;
 
 use sha2::{Digest, Sha256};
 
-use crate::contract::convert::{count, maneuver, named, required};
+use crate::contract::convert::{aisle_corners, count, maneuver, named, payload, required, robot};
 use crate::contract::message::{InitialGuess, SolveGrid, SolveRequest, Solver, ValidateResponse, View};
 use crate::contract::{Problem, json, message};
 use crate::jobs::limits::{DEFAULT_TIME_LIMIT_S, Limits};
@@ -36,6 +37,7 @@ pub(super) fn forward_drive() -> SolveRequest {
     let SolveParameters { robot, maneuver, settings, .. } = SolveParameters::forward_drive();
     SolveRequest {
         robot: Some((&robot).into()),
+        payload: None,
         maneuver: Some((&maneuver).into()),
         grid: Some(SolveGrid {
             steps: Some(count(settings.step_count)),
@@ -65,25 +67,38 @@ pub(super) fn rules(limits: &Limits) -> RuleSet {
 /// `invalid_field`, or all violated rules and limits at once.
 pub(super) fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedSolve, Problem> {
     let mut checks = Checks::new();
-    let SolveRequest { robot, maneuver: given_maneuver, grid, solver, initial_guess, view } = request;
+    let SolveRequest {
+        robot: given_robot,
+        payload: given_payload,
+        maneuver: given_maneuver,
+        grid,
+        solver,
+        initial_guess,
+        view,
+    } = request;
     let view = match named(view, "view")? {
         View::Unspecified => View::Full,
         view @ (View::Full | View::Plan) => view,
     };
     let grid = grid.unwrap_or_default();
     let (settings, time_limit_s) = settings(&grid, solver.unwrap_or_default(), limits)?;
+    let (mut given_robot, mut given_maneuver) = (given_robot.unwrap_or_default(), given_maneuver.unwrap_or_default());
+    let (footprint, keep_in) = (take(&mut given_robot.footprint), take(&mut given_maneuver.keep_in));
+    let robot = robot(&given_robot, &mut checks);
     let parameters = SolveParameters {
-        robot: robot.unwrap_or_default().into(),
-        maneuver: maneuver(given_maneuver.unwrap_or_default(), &mut checks)?,
+        robot,
+        payload: given_payload.map(payload).transpose()?,
+        maneuver: maneuver(given_maneuver, &robot, &mut checks)?,
+        aisle: aisle_corners(&keep_in, &footprint),
         settings,
         initial_guess: initial_guess.clone().map(guess).transpose()?,
-        ..SolveParameters::default()
     };
     let parameters = within_limits(parameters, time_limit_s, limits, &mut checks);
     let input = checks.and(SolveInput::new(parameters))?;
     let completed = SolveRequest {
-        robot: Some(input.robot.parameters().into()),
-        maneuver: Some((&input.maneuver).into()),
+        robot: Some(message::Robot { footprint, ..(&robot).into() }),
+        payload: input.payload.as_ref().map(Into::into),
+        maneuver: Some(message::Maneuver { keep_in, ..(&input.maneuver).into() }),
         grid: Some(SolveGrid { control_intervals: Some(count(settings.control_count)), ..grid }),
         solver: Some(solver_message(&settings, time_limit_s)),
         initial_guess,
@@ -119,8 +134,8 @@ fn within_limits(
 /// The completed request, for those who only ask whether it is valid.
 pub fn validated(accepted: AcceptedSolve) -> ValidateResponse {
     let AcceptedSolve { completed, input_hash, .. } = accepted;
-    let SolveRequest { robot, maneuver, grid, solver, initial_guess, view } = completed;
-    ValidateResponse { robot, maneuver, grid, solver, initial_guess, view, input_hash }
+    let SolveRequest { robot, payload, maneuver, grid, solver, initial_guess, view } = completed;
+    ValidateResponse { robot, payload, maneuver, grid, solver, initial_guess, view, input_hash }
 }
 
 fn hash(bytes: &[u8]) -> String {

@@ -46,11 +46,18 @@ pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message
         goal_error: Some(goal_error(error, &accepted.input.maneuver.goal)),
         trajectory: is_full.then(|| trajectory.into()),
         contacts: is_full.then(|| contacts(&trajectory.contact)),
+        robot: accepted.input.payload.is_some().then(|| joined_robot(accepted)),
         report: Some(report(given_report, done.duration.as_secs_f64())),
         applied_limits: Some(message::AppliedLimits { time_limit_s: accepted.time_limit.as_secs_f64() }),
         solver_version: env!("CARGO_PKG_VERSION").to_owned(),
         input_hash: accepted.input_hash.clone(),
     }
+}
+
+/// The robot that moves, in the outline of the one that was given.
+fn joined_robot(accepted: &AcceptedSolve) -> message::Robot {
+    let footprint = accepted.completed.robot.iter().flat_map(|bare| bare.footprint.clone()).collect();
+    message::Robot { footprint, ..accepted.input.robot.parameters().into() }
 }
 
 impl From<SolveProgress> for message::Progress {
@@ -105,7 +112,7 @@ fn report(report: &Report, solve_time_s: f64) -> message::Report {
         slip_reversals,
         switching_sign_violations,
         replay: given_replay,
-        limits: _,
+        limits,
     } = report;
     message::Report {
         method: message::Method::from(*method).into(),
@@ -129,6 +136,7 @@ fn report(report: &Report, solve_time_s: f64) -> message::Report {
         switching_sign_violations: count(*switching_sign_violations),
         replay: given_replay.as_ref().map(replay),
         refinement: message::Refinement::from(*refinement).into(),
+        limits: limits.iter().map(Into::into).collect(),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The answer of a solve as a short table for people.
 
 use super::Solved;
-use crate::jobs::table::{line, row, separations, write_timeline};
+use crate::jobs::table::{line, row, separations, write_limits, write_timeline};
 use crate::service::Done;
 use crate::shooting::Goal;
 use crate::simulation::TorqueSchedule;
@@ -10,7 +10,7 @@ use crate::solver::{Reason, Replay, Report, Solution};
 /// What a certificate says that was cut off.
 const NOT_REACHED: &str = "not computed in time";
 
-/// Status, final time, goal errors, replay and the timeline of contact modes.
+/// Status, final time, goal errors, replay, use of limits and the timeline of contact modes.
 pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
     let Solution { status, replay_confirmed, reason, schedule, report, contact_modes, .. } = &solved.output.solution;
     let mut table = String::new();
@@ -36,6 +36,7 @@ pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
         let error = solved.output.solution.goal_error[component.index()];
         line(&mut table, &format!("  {:<22} {error:>12.3e}", component.field()));
     }
+    write_limits(&mut table, &report.limits);
     write_timeline(&mut table, contact_modes);
     table
 }

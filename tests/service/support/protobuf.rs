@@ -16,6 +16,7 @@ use super::{HANG_BOUND, TestServer};
 pub(crate) fn solve_request(body: &Value) -> pb::SolveRequest {
     pb::SolveRequest {
         robot: present(&body["robot"]).map(robot),
+        payload: present(&body["payload"]).map(payload),
         maneuver: present(&body["maneuver"]).map(maneuver),
         grid: present(&body["grid"]).map(|grid| pb::SolveGrid {
             steps: count(&grid["steps"]),
@@ -67,11 +68,18 @@ fn robot(robot: &Value) -> pb::Robot {
         front_friction_coefficient: number("front_friction_coefficient"),
         tangential_restitution: number("tangential_restitution"),
         gravity_m_s2: number("gravity_m_s2"),
+        motor_stall_torque_n_m: number("motor_stall_torque_n_m"),
+        motor_free_speed_rad_s: number("motor_free_speed_rad_s"),
+        wheel_viscous_friction_n_m_s: number("wheel_viscous_friction_n_m_s"),
+        footprint: pairs(&robot["footprint"], ["right_m", "forward_m"])
+            .map(|[right_m, forward_m]| pb::BodyPoint { right_m, forward_m })
+            .collect(),
     }
 }
 
 fn maneuver(maneuver: &Value) -> pb::Maneuver {
     let point = named(&maneuver["reference_point"], "REFERENCE_POINT", pb::ReferencePoint::from_str_name);
+    let slip = named(&maneuver["slip"], "SLIP_POLICY", pb::SlipPolicy::from_str_name);
     pb::Maneuver {
         reference_point: point.map_or(0, i32::from),
         start: present(&maneuver["start"]).map(state),
@@ -79,11 +87,40 @@ fn maneuver(maneuver: &Value) -> pb::Maneuver {
         torque_limit_left_n_m: maneuver["torque_limit_left_n_m"].as_f64(),
         torque_limit_right_n_m: maneuver["torque_limit_right_n_m"].as_f64(),
         limits: present(&maneuver["limits"]).map(limits),
+        slip: slip.map_or(0, i32::from),
+        keep_in: pairs(&maneuver["keep_in"], ["x_m", "y_m"]).map(|[x_m, y_m]| pb::WorldPoint { x_m, y_m }).collect(),
     }
 }
 
 fn limits(limits: &Value) -> pb::ManeuverLimits {
-    pb::ManeuverLimits { normal_load_share: limits["normal_load_share"].as_f64() }
+    let number = |field: &str| limits[field].as_f64();
+    pb::ManeuverLimits {
+        normal_load_share: number("normal_load_share"),
+        grip_utilization: number("grip_utilization"),
+        wheel_rate_rad_s: number("wheel_rate_rad_s"),
+        speed_m_s: number("speed_m_s"),
+        yaw_rate_rad_s: number("yaw_rate_rad_s"),
+        acceleration_m_s2: number("acceleration_m_s2"),
+        deceleration_m_s2: number("deceleration_m_s2"),
+        yaw_acceleration_rad_s2: number("yaw_acceleration_rad_s2"),
+        torque_rate_n_m_s: number("torque_rate_n_m_s"),
+    }
+}
+
+fn payload(payload: &Value) -> pb::Payload {
+    let number = |field: &str| payload[field].as_f64();
+    pb::Payload {
+        mass_kg: number("mass_kg"),
+        right_m: number("right_m"),
+        forward_m: number("forward_m"),
+        height_m: number("height_m"),
+        yaw_inertia_kg_m2: number("yaw_inertia_kg_m2"),
+    }
+}
+
+fn pairs<'a>(points: &'a Value, fields: [&'a str; 2]) -> impl Iterator<Item = [f64; 2]> + 'a {
+    let points = points.as_array().into_iter().flatten();
+    points.map(move |point| fields.map(|field| point[field].as_f64().unwrap_or_default()))
 }
 
 fn state(state: &Value) -> pb::State {
