@@ -19,8 +19,10 @@
 //! it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
 //! Method", 2003). Rows that stay slack cost no more than a scalar product.
 
+mod basis;
 mod ratio_test;
 
+use basis::Basis;
 use nalgebra::{DMatrix, DVector};
 use ratio_test::{Kink, KinkAt};
 
@@ -46,14 +48,10 @@ pub struct ElasticSolver {
     /// Names and places of the last program's rows, names ascending.
     known: Vec<(usize, RowPlace)>,
     place: Vec<RowPlace>,
-    /// Tight rows and basic variables, as many of each.
-    tight: Vec<usize>,
-    basic: Vec<usize>,
+    basis: Basis,
     is_basic: Vec<bool>,
     /// Where each variable that is not basic rests.
     rest: Vec<Rest>,
-    /// Inverse of the basic columns of the tight rows: a row per basic variable, a column per tight row.
-    inverse: DMatrix<f64>,
     /// Per row: multiplier, its change along the edge, the row's value, its range.
     multiplier: DVector<f64>,
     direction: DVector<f64>,
@@ -159,8 +157,7 @@ impl ElasticSolver {
 
     /// All rows violated or slack as at x = 0.
     fn begin_cold(&mut self, program: &ElasticProgram) {
-        self.tight.clear();
-        self.basic.clear();
+        self.basis.clear();
         self.place.clear();
         self.place
             .extend(program.target.iter().map(|target| if *target < 0.0 { RowPlace::High } else { RowPlace::Low }));
@@ -168,7 +165,7 @@ impl ElasticSolver {
 
     /// The rows and variables of the last program, as far as they are there and independent.
     fn begin_warm(&mut self, program: &ElasticProgram) {
-        let basic = std::mem::take(&mut self.basic);
+        let basic = std::mem::take(&mut self.basis.basic);
         self.begin_cold(program);
         let mut candidates = Vec::new();
         for (row, name) in program.row_name.iter().enumerate() {
@@ -180,8 +177,16 @@ impl ElasticSolver {
         }
         let columns = program.cost.len();
         let is_free = |column: &usize| *column < columns && program.width(*column) > 0.0;
-        let columns = basic.into_iter().filter(is_free).collect();
-        self.pair(program, candidates, columns);
+        let columns: Vec<usize> = basic.into_iter().filter(is_free).collect();
+        let is_whole = candidates.len() == columns.len() && candidates.len() > Basis::SMALL;
+        if is_whole && self.basis.adopt(program, &candidates, &columns) {
+            for (row, column) in candidates.into_iter().zip(columns) {
+                self.place[row] = RowPlace::Tight;
+                self.is_basic[column] = true;
+            }
+        } else {
+            self.pair(program, candidates, columns);
+        }
     }
 
     /// Makes rows tight and variables basic, pair by pair with complete pivoting, while they are independent.
@@ -199,9 +204,8 @@ impl ElasticSolver {
             rest = rest.remove_row(row).remove_column(column);
             let (row, column) = (rows.remove(row), columns.remove(column));
             self.place[row] = RowPlace::Tight;
-            self.tight.push(row);
             self.is_basic[column] = true;
-            self.basic.push(column);
+            self.basis.push(row, column);
         }
     }
 
@@ -220,7 +224,7 @@ impl ElasticSolver {
         for _ in 0..ITERATION_FACTOR * (rows + columns) {
             stop.check()?;
             *iterations += 1;
-            if !self.invert(program) {
+            if !self.basis.invert(program) {
                 return Ok(false);
             }
             self.update_multipliers(program);
@@ -230,24 +234,18 @@ impl ElasticSolver {
             self.update_gradient(program);
             self.update_point(program);
             let Some(leaving) = self.leaving(program, stalled > rows + columns) else {
+                if self.basis.forget_updates() {
+                    continue;
+                }
                 self.x.iter_mut().enumerate().for_each(|(j, x)| *x = x.max(program.lower[j]).min(program.upper[j]));
                 return Ok(true);
             };
             self.update_direction(program, leaving);
             let Some(kink) = self.first_kink_without_rise(program, leaving) else { return Ok(false) };
             stalled = if kink.step > 0.0 { 0 } else { stalled + 1 };
-            self.exchange(leaving, kink.at);
+            self.exchange(program, leaving, kink.at);
         }
         Ok(false)
-    }
-
-    /// Inverts the basic columns of the tight rows; false when they are singular or not finite.
-    fn invert(&mut self, program: &ElasticProgram) -> bool {
-        let size = self.tight.len();
-        let matrix = DMatrix::from_fn(size, size, |row, column| program.matrix[(self.tight[row], self.basic[column])]);
-        let Some(inverse) = matrix.try_inverse() else { return false };
-        self.inverse = inverse;
-        self.inverse.iter().all(|value| value.is_finite())
     }
 
     /// Multipliers at their bounds, and those of the tight rows that make the gradients of the basic variables zero.
@@ -261,9 +259,9 @@ impl ElasticSolver {
             };
         }
         let gradient = |column: &usize| program.cost[*column] + program.matrix.column(*column).dot(&self.multiplier);
-        let missing = DVector::from_iterator(self.basic.len(), self.basic.iter().map(gradient));
-        let tight = self.inverse.tr_mul(&missing);
-        for (row, multiplier) in self.tight.iter().zip(tight.iter()) {
+        let missing = DVector::from_iterator(self.basis.basic.len(), self.basis.basic.iter().map(gradient));
+        let tight = self.basis.inverse.tr_mul(&missing);
+        for (row, multiplier) in self.basis.tight.iter().zip(tight.iter()) {
             self.multiplier[*row] = -multiplier;
         }
     }
@@ -273,17 +271,17 @@ impl ElasticSolver {
     fn drop_row_beyond_box(&mut self, program: &ElasticProgram) -> bool {
         let slack = TOLERANCE * program.penalty_parameter;
         let beyond = |position: &usize| {
-            let (low, high) = program.multiplier_bounds(self.tight[*position]);
-            let multiplier = self.multiplier[self.tight[*position]];
+            let (low, high) = program.multiplier_bounds(self.basis.tight[*position]);
+            let multiplier = self.multiplier[self.basis.tight[*position]];
             (low - multiplier).max(multiplier - high)
         };
-        let worst = (0..self.tight.len()).max_by(|a, b| beyond(a).total_cmp(&beyond(b)));
+        let worst = (0..self.basis.tight.len()).max_by(|a, b| beyond(a).total_cmp(&beyond(b)));
         let Some(position) = worst.filter(|position| beyond(position) > slack) else { return false };
-        let row = self.tight[position];
+        let row = self.basis.tight[position];
         let is_low = self.multiplier[row] < program.multiplier_bounds(row).0;
-        let partner = self.inverse.column(position).iamax();
-        self.is_basic[self.basic.remove(partner)] = false;
-        self.tight.remove(position);
+        let partner = self.basis.inverse.column(position).iamax();
+        self.is_basic[self.basis.basic[partner]] = false;
+        self.basis.remove(position, partner);
         self.place[row] = if is_low { RowPlace::Low } else { RowPlace::High };
         true
     }
@@ -295,7 +293,7 @@ impl ElasticSolver {
                 self.gradient.axpy(*multiplier, &coefficients, 1.0);
             }
         }
-        for column in &self.basic {
+        for column in &self.basis.basic {
             self.gradient[*column] = 0.0;
         }
     }
@@ -318,9 +316,10 @@ impl ElasticSolver {
                 self.x[column] = x;
             }
         }
-        let missing = DVector::from_iterator(self.tight.len(), self.tight.iter().map(|row| self.value[*row]));
-        let basic = &self.inverse * missing;
-        for (column, x) in self.basic.iter().zip(basic.iter()) {
+        let missing =
+            DVector::from_iterator(self.basis.tight.len(), self.basis.tight.iter().map(|row| self.value[*row]));
+        let basic = &self.basis.inverse * missing;
+        for (column, x) in self.basis.basic.iter().zip(basic.iter()) {
             self.x[*column] = -x;
             self.value.axpy(-x, &program.matrix.column(*column), 1.0);
         }
@@ -330,7 +329,7 @@ impl ElasticSolver {
     fn leaving(&self, program: &ElasticProgram, is_first_enough: bool) -> Option<Leaving> {
         let mut worst = TOLERANCE;
         let mut leaving = None;
-        for (position, &column) in self.basic.iter().enumerate() {
+        for (position, &column) in self.basis.basic.iter().enumerate() {
             let below = (program.lower[column] - self.x[column]) / program.width(column);
             let above = (self.x[column] - program.upper[column]) / program.width(column);
             if below.max(above) > worst && !(is_first_enough && leaving.is_some()) {
@@ -357,14 +356,14 @@ impl ElasticSolver {
     fn update_direction(&mut self, program: &ElasticProgram, leaving: Leaving) {
         self.direction.fill(0.0);
         let tight = match leaving {
-            Leaving::Basic { position, sign } => self.inverse.row(position).transpose() * sign,
+            Leaving::Basic { position, sign } => self.basis.inverse.row(position).transpose() * sign,
             Leaving::Row { row, sign } => {
                 self.direction[row] = sign;
-                let coefficients = self.basic.iter().map(|column| -sign * program.matrix[(row, *column)]);
-                self.inverse.tr_mul(&DVector::from_iterator(self.basic.len(), coefficients))
+                let coefficients = self.basis.basic.iter().map(|column| -sign * program.matrix[(row, *column)]);
+                self.basis.inverse.tr_mul(&DVector::from_iterator(self.basis.basic.len(), coefficients))
             }
         };
-        for (row, change) in self.tight.iter().zip(tight.iter()) {
+        for (row, change) in self.basis.tight.iter().zip(tight.iter()) {
             self.direction[*row] = *change;
         }
         self.slope.fill(0.0);
@@ -376,36 +375,41 @@ impl ElasticSolver {
     }
 
     /// Lets one leave its place and the other take it.
-    fn exchange(&mut self, leaving: Leaving, entering: KinkAt) {
+    fn exchange(&mut self, program: &ElasticProgram, leaving: Leaving, entering: KinkAt) {
         let side = |direction: f64| if direction > 0.0 { RowPlace::High } else { RowPlace::Low };
         match (leaving, entering) {
             (Leaving::Basic { position, sign }, KinkAt::Variable(column)) => {
-                self.is_basic[self.basic[position]] = false;
-                self.rest[self.basic[position]] = Rest::by(sign);
+                self.release(position, sign);
                 self.is_basic[column] = true;
-                self.basic[position] = column;
+                self.basis.replace_column(program, position, column);
             }
             (Leaving::Basic { position, sign }, KinkAt::Tight(tight)) => {
-                let column = self.basic.remove(position);
-                self.is_basic[column] = false;
-                self.rest[column] = Rest::by(sign);
-                let row = self.tight.remove(tight);
+                self.release(position, sign);
+                let row = self.basis.tight[tight];
                 self.place[row] = side(self.direction[row]);
+                self.basis.remove(tight, position);
             }
             (Leaving::Row { row, .. }, KinkAt::Variable(column)) => {
                 self.place[row] = RowPlace::Tight;
-                self.tight.push(row);
                 self.is_basic[column] = true;
-                self.basic.push(column);
+                self.basis.add(program, row, column);
             }
             (Leaving::Row { row, .. }, KinkAt::Tight(tight)) => {
-                let other = std::mem::replace(&mut self.tight[tight], row);
+                let other = self.basis.tight[tight];
                 self.place[other] = side(self.direction[other]);
                 self.place[row] = RowPlace::Tight;
+                self.basis.replace_row(program, tight, row);
             }
             (Leaving::Row { row, sign }, KinkAt::OtherBound) => self.place[row] = side(sign),
             (Leaving::Basic { .. }, KinkAt::OtherBound) => unreachable!("a basic variable has no multiplier"),
         }
+    }
+
+    /// A basic variable goes to a bound.
+    fn release(&mut self, position: usize, sign: f64) {
+        let column = self.basis.basic[position];
+        self.is_basic[column] = false;
+        self.rest[column] = Rest::by(sign);
     }
 }
 

@@ -29,7 +29,7 @@ impl ElasticSolver {
         self.list_kinks(program, leaving);
         let mut rise = match leaving {
             Leaving::Basic { position, sign } => {
-                let column = self.basic[position];
+                let column = self.basis.basic[position];
                 if sign > 0.0 { program.lower[column] - self.x[column] } else { self.x[column] - program.upper[column] }
             }
             Leaving::Row { row, sign } => sign * self.value[row],
@@ -77,7 +77,7 @@ impl ElasticSolver {
             (if change > 0.0 { high - at } else { at - low }).max(0.0) / change.abs()
         };
         let ends = |step: f64, pivot: f64, at: KinkAt| Kink { step, fall: f64::INFINITY, pivot, at };
-        for (position, &row) in self.tight.iter().enumerate() {
+        for (position, &row) in self.basis.tight.iter().enumerate() {
             let pivot = self.direction[row].abs();
             if pivot > 0.0 {
                 kinks.push(ends(until(row), pivot, KinkAt::Tight(position)));

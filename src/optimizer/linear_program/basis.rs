@@ -1,0 +1,165 @@
+//! Tight rows, basic variables and the inverse of their matrix.
+//!
+//! A large inverse is updated by the row or column that changes (product form), at the cost of one of its squares in place of its
+//! cube, and inverted afresh after some updates, where a pivot is small, and before an answer is trusted.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::DEPENDENT;
+use crate::optimizer::elastic_program::ElasticProgram;
+
+/// The choice of rows and variables that is a vertex of the dual.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Basis {
+    /// Tight rows and basic variables, as many of each.
+    pub(super) tight: Vec<usize>,
+    pub(super) basic: Vec<usize>,
+    /// Inverse of the basic columns of the tight rows: a row per basic variable, a column per tight row.
+    pub(super) inverse: DMatrix<f64>,
+    is_inverted: bool,
+    /// Since the last inversion.
+    updates: usize,
+}
+
+impl Basis {
+    /// Matrices up to this size are inverted afresh each time: there an update saves next to nothing.
+    pub(super) const SMALL: usize = 24;
+
+    pub(super) fn clear(&mut self) {
+        self.tight.clear();
+        self.basic.clear();
+        self.is_inverted = false;
+    }
+
+    /// Adds a pair; the matrix is not inverted.
+    pub(super) fn push(&mut self, row: usize, column: usize) {
+        self.tight.push(row);
+        self.basic.push(column);
+        self.is_inverted = false;
+    }
+
+    /// Takes these rows and columns, if their matrix is regular by far.
+    pub(super) fn adopt(&mut self, program: &ElasticProgram, rows: &[usize], columns: &[usize]) -> bool {
+        self.tight.extend_from_slice(rows);
+        self.basic.extend_from_slice(columns);
+        let largest = program.matrix.amax();
+        let is_regular = self.invert(program) && self.inverse.amax() * largest < 1.0 / DEPENDENT;
+        if !is_regular {
+            self.clear();
+        }
+        is_regular
+    }
+
+    /// Inverts the matrix, unless its inverse is known; false when it is singular or not finite.
+    pub(super) fn invert(&mut self, program: &ElasticProgram) -> bool {
+        if self.is_inverted {
+            return true;
+        }
+        let size = self.tight.len();
+        let matrix = DMatrix::from_fn(size, size, |row, column| program.matrix[(self.tight[row], self.basic[column])]);
+        let Some(inverse) = matrix.try_inverse() else { return false };
+        self.inverse = inverse;
+        (self.is_inverted, self.updates) = (true, 0);
+        self.inverse.iter().all(|value| value.is_finite())
+    }
+
+    /// Whether the inverse was updated, and is therefore to be made afresh.
+    pub(super) fn forget_updates(&mut self) -> bool {
+        let was_updated = self.updates > 0;
+        if was_updated {
+            self.is_inverted = false;
+        }
+        was_updated
+    }
+
+    /// Another variable becomes basic in place of one.
+    pub(super) fn replace_column(&mut self, program: &ElasticProgram, position: usize, column: usize) {
+        self.basic[position] = column;
+        if !self.is_large() {
+            return;
+        }
+        let change = &self.inverse * self.tight_part(program, column);
+        if self.may_update(change[position], change.amax()) {
+            let row = self.inverse.row(position) / change[position];
+            self.inverse.ger(-1.0, &change, &row.transpose(), 1.0);
+            self.inverse.row_mut(position).copy_from(&row);
+        }
+    }
+
+    /// Another row becomes tight in place of one.
+    pub(super) fn replace_row(&mut self, program: &ElasticProgram, position: usize, row: usize) {
+        self.tight[position] = row;
+        if !self.is_large() {
+            return;
+        }
+        let change = self.inverse.tr_mul(&self.basic_part(program, row));
+        if self.may_update(change[position], change.amax()) {
+            let column = self.inverse.column(position) / change[position];
+            self.inverse.ger(-1.0, &column, &change, 1.0);
+            self.inverse.column_mut(position).copy_from(&column);
+        }
+    }
+
+    /// A row becomes tight and a variable basic.
+    pub(super) fn add(&mut self, program: &ElasticProgram, row: usize, column: usize) {
+        if !self.is_large() {
+            return self.push(row, column);
+        }
+        let size = self.tight.len();
+        let of_column = self.tight_part(program, column);
+        let of_row = self.basic_part(program, row);
+        let by_column = &self.inverse * &of_column;
+        let by_row = self.inverse.tr_mul(&of_row);
+        let corner = program.matrix[(row, column)];
+        let pivot = corner - of_row.dot(&by_column);
+        self.tight.push(row);
+        self.basic.push(column);
+        if self.may_update(pivot, corner.abs().max(of_row.amax())) {
+            self.inverse.ger(1.0 / pivot, &by_column, &by_row, 1.0);
+            self.inverse.resize_mut(size + 1, size + 1, 1.0 / pivot);
+            self.inverse.view_mut((0, size), (size, 1)).copy_from(&(by_column / -pivot));
+            self.inverse.view_mut((size, 0), (1, size)).copy_from(&(by_row / -pivot).transpose());
+        }
+    }
+
+    /// A tight row and a basic variable go, by their positions.
+    pub(super) fn remove(&mut self, tight: usize, basic: usize) {
+        self.tight.remove(tight);
+        self.basic.remove(basic);
+        if !self.is_large() {
+            return;
+        }
+        let pivot = self.inverse[(basic, tight)];
+        if self.may_update(pivot, self.inverse.column(tight).amax()) {
+            let column = self.inverse.column(tight).into_owned();
+            let row = self.inverse.row(basic).transpose();
+            self.inverse.ger(-1.0 / pivot, &column, &row, 1.0);
+            let inverse = std::mem::take(&mut self.inverse);
+            self.inverse = inverse.remove_row(basic).remove_column(tight);
+        }
+    }
+
+    /// Whether there is an inverse that is worth updating; else it is to be made afresh.
+    fn is_large(&mut self) -> bool {
+        self.is_inverted &= self.tight.len() > Self::SMALL;
+        self.is_inverted
+    }
+
+    /// Whether the inverse can be updated by this pivot; else it is to be made afresh.
+    fn may_update(&mut self, pivot: f64, largest: f64) -> bool {
+        self.updates += 1;
+        // Rounding grows with each update, and so many cost about as much as an inversion.
+        self.is_inverted = self.updates <= Self::SMALL && pivot.abs() > DEPENDENT * largest;
+        self.is_inverted
+    }
+
+    /// The entries of a column in the tight rows.
+    fn tight_part(&self, program: &ElasticProgram, column: usize) -> DVector<f64> {
+        DVector::from_iterator(self.tight.len(), self.tight.iter().map(|row| program.matrix[(*row, column)]))
+    }
+
+    /// The entries of a row in the basic columns.
+    fn basic_part(&self, program: &ElasticProgram, row: usize) -> DVector<f64> {
+        DVector::from_iterator(self.basic.len(), self.basic.iter().map(|column| program.matrix[(row, *column)]))
+    }
+}
