@@ -11,6 +11,8 @@ use crate::solver::{Refinement, SolverSettings};
 
 /// Before anything was measured: a small cloud machine takes some 7 us per step.
 const FIRST_PACE_S: f64 = 8e-6;
+/// A worker that wants the processor on a busy machine waits that long for its turn.
+const TURN: Duration = Duration::from_millis(20);
 /// Weight of a measurement below the pace; above it counts at once, because a late answer is worse than an early one.
 const SLOW_DOWN: f64 = 0.1;
 /// The pace is believed within these bounds, s per step: one stall must not take all time from later solves.
@@ -55,7 +57,8 @@ impl FinishingPace {
             Refinement::Fixed => (settings.step_count, LARGEST_SHARE),
             Refinement::UntilConfirmed { step_limit } => (step_limit, LARGEST_AUTOMATIC_SHARE),
         };
-        Finishing { time: Duration::from_secs_f64(pace * step_count as f64), largest_share, least_time: LEAST_TIME }
+        let time = TURN + Duration::from_secs_f64(pace * step_count as f64);
+        Finishing { time, largest_share, least_time: LEAST_TIME }
     }
 }
 
