@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use slipdrive::robot::{Robot, RobotParameters, State};
-use slipdrive::simulation::{EndSensitivity, Rollout, Simulator, TorqueSchedule};
+use slipdrive::simulation::{EndSensitivity, FrictionLaw, Rollout, Simulator, TorqueSchedule};
 use slipdrive::stop::Stop;
 
 /// The paper's grid on the reference robot: full effort, then braking with a sliding wheel.
@@ -29,7 +29,9 @@ fn rollouts(criterion: &mut Criterion) {
         group.bench_function("exact", |bench| bench.iter(|| simulator.end_state(black_box(&rollout), Stop::never())));
         let mut sensitivity = EndSensitivity::default();
         group.bench_function("exact_with_derivatives", |bench| {
-            bench.iter(|| simulator.end_sensitivity(black_box(&rollout), 0.0, &mut sensitivity, Stop::never()));
+            bench.iter(|| {
+                simulator.end_sensitivity(black_box(&rollout), FrictionLaw::Exact, &mut sensitivity, Stop::never())
+            });
         });
         group.sample_size(10);
         group.bench_function("fixed_point", |bench| {

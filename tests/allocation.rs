@@ -10,7 +10,7 @@ use std::alloc::System;
 
 use random::RandomCases;
 use slipdrive::robot::{Robot, RobotParameters};
-use slipdrive::simulation::{EndSensitivity, Rollout, Simulator};
+use slipdrive::simulation::{EndSensitivity, FrictionLaw, PathQuantity, Rollout, Simulator};
 use slipdrive::stop::Stop;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
@@ -32,7 +32,7 @@ struct Counts {
     end_state: usize,
     end_state_by_fixed_point: usize,
     /// Sweeps after the first reuse its memory: the exact one, and a smoothed one.
-    later_sensitivities: [usize; 2],
+    later_sensitivities: [usize; 3],
 }
 
 /// What a random rollout allocates; nothing is kept from a call before.
@@ -49,11 +49,11 @@ fn counts(seed: u64) -> Counts {
     let end_state = allocations(|| end = Some(simulator.end_state(&rollout, Stop::never())));
     let end_state_by_fixed_point =
         allocations(|| end = Some(simulator.end_state_by_fixed_point(&rollout, Stop::never())));
-    let mut sensitivity = EndSensitivity::default();
-    simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity, Stop::never()).unwrap();
-    let later_sensitivities = [0.0, 0.03].map(|smoothing| {
-        allocations(|| simulator.end_sensitivity(&rollout, smoothing, &mut sensitivity, Stop::never()).unwrap())
-    });
+    let mut sensitivity = EndSensitivity::watching(vec![PathQuantity::YawRate, PathQuantity::WheelRate { wheel: 0 }]);
+    simulator.end_sensitivity(&rollout, FrictionLaw::Exact, &mut sensitivity, Stop::never()).unwrap();
+    let laws = [FrictionLaw::Exact, FrictionLaw::Smoothed(0.03), FrictionLaw::Held];
+    let later_sensitivities = laws
+        .map(|law| allocations(|| simulator.end_sensitivity(&rollout, law, &mut sensitivity, Stop::never()).unwrap()));
     Counts { end_state, end_state_by_fixed_point, later_sensitivities }
 }
 

@@ -21,11 +21,17 @@ pub struct Robot {
     tangent_jacobian: TangentJacobian,
     normal_force_projection: NormalForceProjection,
     mass_matrix: SMatrix<f64, 5, 5>,
-    inverse_mass_matrix: SMatrix<f64, 5, 5>,
-    delassus: SMatrix<f64, 5, 5>,
-    impulse_response: SMatrix<f64, 5, 5>,
-    normal_response: SMatrix<f64, 3, 5>,
+    responses: Responses,
     static_moment: [f64; 2],
+}
+
+/// How velocities, slip and normal impulses answer to forces.
+#[derive(Debug, Clone)]
+pub(crate) struct Responses {
+    pub(crate) inverse_mass_matrix: SMatrix<f64, 5, 5>,
+    pub(crate) delassus: SMatrix<f64, 5, 5>,
+    pub(crate) impulse_response: SMatrix<f64, 5, 5>,
+    pub(crate) normal_response: SMatrix<f64, 3, 5>,
 }
 
 impl Robot {
@@ -42,21 +48,8 @@ impl Robot {
         let normal_force_projection = NormalForceProjection::new(&parameters);
         let static_moment = static_moment(&parameters);
         let mass_matrix = mass_matrix(&parameters, static_moment);
-        let inverse_mass_matrix = inverse_mass_matrix(&mass_matrix);
-        let impulse_response = inverse_mass_matrix * tangent_jacobian.matrix().transpose();
-        let delassus = symmetric_part(&(tangent_jacobian.matrix() * impulse_response));
-        let normal_response = normal_force_projection.velocity_change_map * impulse_response;
-        Ok(Self {
-            parameters,
-            tangent_jacobian,
-            normal_force_projection,
-            mass_matrix,
-            inverse_mass_matrix,
-            delassus,
-            impulse_response,
-            normal_response,
-            static_moment,
-        })
+        let responses = Responses::new(&mass_matrix, &tangent_jacobian, &normal_force_projection);
+        Ok(Self { parameters, tangent_jacobian, normal_force_projection, mass_matrix, responses, static_moment })
     }
 
     /// The parameters that the robot was built from.
@@ -81,22 +74,32 @@ impl Robot {
 
     /// The inverse of [`Robot::mass_matrix`].
     pub fn inverse_mass_matrix(&self) -> &SMatrix<f64, 5, 5> {
-        &self.inverse_mass_matrix
+        &self.responses.inverse_mass_matrix
     }
 
     /// `W_T' M^-1 W_T` by direction, 1/kg: slip change per friction impulse.
     pub fn delassus(&self) -> &SMatrix<f64, 5, 5> {
-        &self.delassus
+        &self.responses.delassus
     }
 
     /// `M^-1 W_T`: change of body velocity per friction impulse, columns by direction.
     pub fn impulse_response(&self) -> &SMatrix<f64, 5, 5> {
-        &self.impulse_response
+        &self.responses.impulse_response
     }
 
     /// Change of the normal impulses (left, right, front) per friction impulse, 3x5.
     pub fn normal_response(&self) -> &SMatrix<f64, 3, 5> {
-        &self.normal_response
+        &self.responses.normal_response
+    }
+
+    /// The responses within a step of this length, s, at whose end viscous friction acts: it adds `c dt` to the inertia of each
+    /// wheel. Those of the robot itself at length 0, and without viscous friction.
+    pub(crate) fn responses_within(&self, step_length: f64) -> Responses {
+        let mut inertia = self.mass_matrix;
+        for wheel in [3, 4] {
+            inertia[(wheel, wheel)] += self.parameters.wheel_viscous_friction * step_length;
+        }
+        Responses::new(&inertia, &self.tangent_jacobian, &self.normal_force_projection)
     }
 
     /// First moment of the wheels' mass about the chassis centre of mass (right, forward), kg m.
@@ -112,19 +115,35 @@ impl Robot {
     }
 
     /// The torque limits, capped at a multiple of what a wheel could use if it carried the whole weight, N m: what moves the robot
-    /// by friction, and what speeds up the wheel itself as fast as gravity times the friction coefficient.
+    /// by friction, and what speeds up the wheel itself as fast as gravity times the friction coefficient. As they are with viscous
+    /// friction, against which a fast wheel may need any torque.
     pub fn torques_near_grip(&self, limit: PerWheel<f64>) -> PerWheel<f64> {
         let robot = &self.parameters;
         let acceleration = robot.wheel_friction_coefficient * robot.gravity;
         let grip =
             (robot.total_mass() * robot.wheel_radius + robot.wheel_spin_inertia / robot.wheel_radius) * acceleration;
-        let cap = if grip > 0.0 { GRIP_MULTIPLE * grip } else { f64::INFINITY };
+        let is_capped = grip > 0.0 && robot.wheel_viscous_friction == 0.0;
+        let cap = if is_capped { GRIP_MULTIPLE * grip } else { f64::INFINITY };
         PerWheel::new(limit.left.min(cap), limit.right.min(cap))
     }
 
     /// Kinetic energy of a body velocity, J.
     pub fn kinetic_energy(&self, velocity: &BodyVector) -> f64 {
         0.5 * velocity.dot(&(self.mass_matrix * velocity))
+    }
+}
+
+impl Responses {
+    fn new(
+        inertia: &SMatrix<f64, 5, 5>,
+        tangent_jacobian: &TangentJacobian,
+        normal_force_projection: &NormalForceProjection,
+    ) -> Self {
+        let inverse_mass_matrix = inverse_mass_matrix(inertia);
+        let impulse_response = inverse_mass_matrix * tangent_jacobian.matrix().transpose();
+        let delassus = symmetric_part(&(tangent_jacobian.matrix() * impulse_response));
+        let normal_response = normal_force_projection.velocity_change_map * impulse_response;
+        Self { inverse_mass_matrix, delassus, impulse_response, normal_response }
     }
 }
 

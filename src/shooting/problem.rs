@@ -1,5 +1,5 @@
-//! A maneuver as a direct single-shooting problem: from a decision vector to scaled goal errors, to the distance of the
-//! contacts from separation, and to their Jacobian.
+//! A maneuver as a direct single-shooting problem: from a decision vector to scaled goal errors, to path constraints, and
+//! to their Jacobian.
 //!
 //! Cost and constraint values are dimensionless: the cost is the final time over that of a first guess, the residuals are goal
 //! errors over what the start misses, normal forces are shares of the weight. So all tolerances of the search are shares.
@@ -9,12 +9,11 @@ use nalgebra::{DVector, Vector2};
 
 use super::decision::{decision_len, write_schedule};
 use super::maneuver::{Maneuver, StateComponent};
-use super::normal_force_constraints::NormalForceConstraints;
+use super::path_constraints::PathConstraints;
+use super::path_limits::PathLimits;
 use crate::optimizer::{Constraints, Linearisation, Problem};
 use crate::robot::{PerWheel, RobotParameters, State};
-use crate::simulation::{
-    EndDerivative, EndFrame, EndSensitivity, LeastNormalForces, Rollout, Simulator, TorqueSchedule,
-};
+use crate::simulation::{EndDerivative, EndFrame, EndSensitivity, FrictionLaw, Rollout, Simulator, TorqueSchedule};
 use crate::stop::{Stop, Stopped};
 
 /// Wheel rates count this many times as much as the speeds of their rims: their errors are judged in rad/s, which are smaller,
@@ -28,14 +27,14 @@ pub const SHORTEST_FINAL_TIME: f64 = 1e-7;
 /// Longest final time that is searched, s.
 pub const LONGEST_FINAL_TIME: f64 = 1e4;
 
-/// Goal errors and normal forces of one maneuver as a function of torques and final time.
+/// Goal errors and path constraints of one maneuver as a function of torques and final time.
 #[derive(Debug, Clone)]
 pub struct ShootingProblem<'a> {
     simulator: &'a Simulator,
     start: State,
     reference_offset: Vector2<f64>,
     rows: Vec<GoalRow>,
-    normal_force_constraints: NormalForceConstraints,
+    path_constraints: PathConstraints,
     step_count: usize,
     /// What the cost counts as 1, s.
     time_unit: f64,
@@ -49,9 +48,10 @@ pub struct ShootingProblem<'a> {
     upper: DVector<f64>,
     schedule: TorqueSchedule,
     sensitivity: EndSensitivity,
-    /// The decision and the smoothing of the rollout in `sensitivity`.
-    recorded: Option<(DVector<f64>, f64)>,
-    slip_smoothing: f64,
+    /// The decision and the friction law of the rollout in `sensitivity`.
+    recorded: Option<(DVector<f64>, FrictionLaw)>,
+    law: FrictionLaw,
+    forbids_slip: bool,
 }
 
 /// One constrained component of the end state.
@@ -87,13 +87,13 @@ impl GoalScales {
 }
 
 impl<'a> ShootingProblem<'a> {
-    /// Formulates a maneuver on a grid of `step_count` steps and `control_count` torques per wheel, with the final time of a
+    /// Formulates a maneuver with its limits on the way on a grid of `step_count` steps and `control_count` torques per wheel, with the final time of a
     /// first guess, s, as the unit of time.
     ///
     /// The target heading is the one nearest to the start's heading, modulo whole turns.
     pub fn new(
         simulator: &'a Simulator,
-        maneuver: &Maneuver,
+        (maneuver, limits): (&Maneuver, &PathLimits),
         (step_count, control_count): (usize, usize),
         time_unit: f64,
     ) -> Self {
@@ -105,12 +105,14 @@ impl<'a> ShootingProblem<'a> {
         let mut lower = -&upper;
         lower[final_time_index] = SHORTEST_FINAL_TIME;
         let (rows, length_unit) = goal_rows(maneuver, parameters);
+        let path_constraints = PathConstraints::new(simulator.robot(), maneuver.limits, limits);
+        let sensitivity = EndSensitivity::watching(limits.quantities());
         Self {
             simulator,
             start: maneuver.start_at_center_of_mass(parameters),
             reference_offset: maneuver.reference_point.offset(parameters),
             rows,
-            normal_force_constraints: NormalForceConstraints::new(simulator.robot(), maneuver.limits),
+            path_constraints,
             step_count,
             time_unit,
             length_unit,
@@ -124,9 +126,10 @@ impl<'a> ShootingProblem<'a> {
                 left: vec![0.0; control_count],
                 right: vec![0.0; control_count],
             },
-            sensitivity: EndSensitivity::default(),
+            sensitivity,
             recorded: None,
-            slip_smoothing: 0.0,
+            law: if limits.forbids_slip { FrictionLaw::Held } else { FrictionLaw::Exact },
+            forbids_slip: limits.forbids_slip,
         }
     }
 
@@ -157,10 +160,18 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
+    /// Whether the rollouts hold the wheels: their motion is smooth, and smoothing changes nothing.
+    pub fn forbids_slip(&self) -> bool {
+        self.forbids_slip
+    }
+
     /// Sets the slip smoothing of the friction law as a share of the maneuver's speed, unit of length over unit of time; 0 is the
-    /// exact law.
+    /// exact law. Held wheels stay held.
     pub fn set_slip_smoothing(&mut self, share: f64) {
-        self.slip_smoothing = share * self.length_unit / self.time_unit;
+        if !self.forbids_slip {
+            let slip_smoothing = share * self.length_unit / self.time_unit;
+            self.law = if slip_smoothing > 0.0 { FrictionLaw::Smoothed(slip_smoothing) } else { FrictionLaw::Exact };
+        }
     }
 
     /// What the cost counts as 1, s.
@@ -180,30 +191,30 @@ impl<'a> ShootingProblem<'a> {
 
     /// Whether a point with these constraint values breaks the limits of the maneuver, beyond their tolerance.
     pub fn breaks_limits(&self, constraints: &Constraints) -> bool {
-        self.normal_force_constraints.are_broken(&constraints.inequality)
+        let control_count = self.schedule.control_count();
+        self.path_constraints.are_broken(&self.sensitivity.path, control_count, &constraints.inequality)
     }
 
     /// Rolls out, unless the last rollout was the same: a search linearises at points that it has just evaluated.
     fn record(&mut self, decision: &DVector<f64>, stop: Stop) -> Result<(), Stopped> {
-        let is_recorded =
-            |(recorded, smoothing): &(DVector<f64>, f64)| recorded == decision && *smoothing == self.slip_smoothing;
+        let is_recorded = |(recorded, law): &(DVector<f64>, FrictionLaw)| recorded == decision && *law == self.law;
         if self.recorded.as_ref().is_some_and(is_recorded) {
             return Ok(());
         }
         write_schedule(decision, &mut self.schedule);
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        let recorded = self.simulator.record(&rollout, self.slip_smoothing, &mut self.sensitivity, stop);
+        let recorded = self.simulator.record(&rollout, self.law, &mut self.sensitivity, stop);
         if let Err(stopped) = recorded {
             // A part of a rollout must not pass for the last one.
             self.recorded = None;
             return Err(stopped);
         }
         match &mut self.recorded {
-            Some((recorded, smoothing)) => {
+            Some((recorded, law)) => {
                 recorded.copy_from(decision);
-                *smoothing = self.slip_smoothing;
+                *law = self.law;
             }
-            None => self.recorded = Some((decision.clone(), self.slip_smoothing)),
+            None => self.recorded = Some((decision.clone(), self.law)),
         }
         Ok(())
     }
@@ -241,22 +252,27 @@ impl<'a> ShootingProblem<'a> {
         self.write_column(&by_final_time, jacobian.column_mut(self.cost.len() - 1));
     }
 
-    fn write_normal_force_rows(
+    /// The rows of the working set, of which the first `near_path_count` are of the path.
+    fn write_path_rows(
         &self,
         rollout: &Rollout,
         linearisation: &mut Linearisation,
+        near_path_count: usize,
         stop: Stop,
     ) -> Result<(), Stopped> {
-        let working_set = &linearisation.working_set;
-        if working_set.is_empty() {
-            return Ok(());
+        let Linearisation { working_set, jacobian, .. } = linearisation;
+        let path = &self.sensitivity.path;
+        let (of_path, of_torques) = working_set.split_at(near_path_count);
+        let first = self.rows.len();
+        if !of_path.is_empty() {
+            let derivatives = self.simulator.path_sensitivity(rollout, self.law, &self.sensitivity, of_path, stop)?;
+            for (row, (&index, derivative)) in of_path.iter().zip(&derivatives).enumerate() {
+                self.path_constraints.write_path_row(path.place(index), derivative, jacobian.row_mut(first + row));
+            }
         }
-        let (simulator, smoothing) = (self.simulator, self.slip_smoothing);
-        let derivatives =
-            simulator.normal_force_sensitivity(rollout, smoothing, &self.sensitivity, working_set, stop)?;
-        for (index, derivative) in derivatives.iter().enumerate() {
-            let row = linearisation.jacobian.row_mut(self.rows.len() + index);
-            self.normal_force_constraints.write_row(derivative, row);
+        for (row, &index) in of_torques.iter().enumerate() {
+            let row = jacobian.row_mut(first + near_path_count + row);
+            self.path_constraints.write_torque_rate_row((index, path), rollout.schedule, row);
         }
         Ok(())
     }
@@ -281,15 +297,14 @@ impl Problem for ShootingProblem<'_> {
     }
 
     fn constraints(&self) -> Constraints {
-        let inequality_count = LeastNormalForces::count(self.schedule.control_count());
+        let inequality_count = self.path_constraints.count(&self.sensitivity.path, self.schedule.control_count());
         Constraints { residual: DVector::zeros(self.rows.len()), inequality: DVector::zeros(inequality_count) }
     }
 
     fn evaluate(&mut self, decision: &DVector<f64>, constraints: &mut Constraints, stop: Stop) -> Result<(), Stopped> {
         self.record(decision, stop)?;
         self.write_residual(&self.end_frame().state(&self.sensitivity.end), &mut constraints.residual);
-        self.normal_force_constraints
-            .write_inequality_values(&self.sensitivity.least_normal_forces, &mut constraints.inequality);
+        self.path_constraints.write_values(&self.sensitivity.path, &self.schedule, &mut constraints.inequality);
         Ok(())
     }
 
@@ -301,14 +316,15 @@ impl Problem for ShootingProblem<'_> {
     ) -> Result<(), Stopped> {
         self.record(decision, stop)?;
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        self.simulator.differentiate(&rollout, self.slip_smoothing, &mut self.sensitivity, stop)?;
+        self.simulator.differentiate(&rollout, self.law, &mut self.sensitivity, stop)?;
         let Linearisation { constraints, working_set, jacobian } = linearisation;
-        self.normal_force_constraints
-            .write_inequality_values(&self.sensitivity.least_normal_forces, &mut constraints.inequality);
-        NormalForceConstraints::select_working_set(&constraints.inequality, working_set);
+        let path = &self.sensitivity.path;
+        self.path_constraints.write_values(path, &self.schedule, &mut constraints.inequality);
+        let values = &constraints.inequality;
+        let near_path_count = self.path_constraints.select_working_set(path, &self.schedule, values, working_set);
         jacobian.resize_vertically_mut(self.rows.len() + working_set.len(), 0.0);
         self.write_goal_rows(linearisation);
-        self.write_normal_force_rows(&rollout, linearisation, stop)
+        self.write_path_rows(&rollout, linearisation, near_path_count, stop)
     }
 }
 
@@ -367,7 +383,7 @@ mod tests {
     fn jacobian_agrees_with_differences_at_the_axle_midpoint() {
         let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
         let maneuver = Maneuver { reference_point: ReferencePoint::AxleMidpoint, ..Maneuver::forward_drive() };
-        let mut problem = ShootingProblem::new(&simulator, &maneuver, (50, 5), 1.0);
+        let mut problem = ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (50, 5), 1.0);
         let decision = DVector::from_vec(vec![0.9, 0.3, -0.2, 0.7, -0.6, 0.5, 0.8, 0.1, -0.4, 0.2, 1.7]);
         let mut model = Linearisation::new(problem.constraints(), decision.len());
         problem.linearise(&decision, &mut model, Stop::never()).unwrap();

@@ -3,9 +3,11 @@
 mod chain;
 mod contact_timeline;
 mod end_frame;
-mod least_normal_forces;
+mod friction_law;
 mod moreau_step;
-mod normal_force_sensitivity;
+mod path_extremes;
+mod path_quantity;
+mod path_sensitivity;
 mod rollout;
 mod sensitivity;
 mod step_derivative;
@@ -15,8 +17,10 @@ mod trajectory;
 
 pub use contact_timeline::{ContactModeSpan, NormalLoad, Separation};
 pub use end_frame::EndFrame;
-pub use least_normal_forces::LeastNormalForces;
-pub use normal_force_sensitivity::NormalForceDerivative;
+pub use friction_law::FrictionLaw;
+pub use path_extremes::PathExtremes;
+pub use path_quantity::PathQuantity;
+pub use path_sensitivity::PathDerivative;
 pub use rollout::{ContactMethod, Rollout, Simulator};
 pub use sensitivity::{EndDerivative, EndSensitivity};
 pub use torque_schedule::{TorqueSchedule, control_interval};

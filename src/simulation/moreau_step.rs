@@ -5,17 +5,21 @@
 //! u_E = u_A + M^-1 (h dt + W_T Lambda_T)        M, h, W_T at q_M with u_A, (25)
 //! q_E = q_M + dt/2 u_E
 //! ```
+//!
+//! Viscous friction `-C u_E` of the wheels acts at the end of the step, so that it brakes at any step length. Solved for `u_E` it
+//! is a torque `-c psidot_A` on wheels of inertia `J + c dt`: with it `M` below is `M + C dt`, and `h` is `h - C u_A`.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::chain::Chain;
+use super::path_quantity::PathGradient;
 use crate::contact::{
     ContactPattern, ContactSolution, DelassusOperator, ImpulseDerivative, OneStepProblem, WheelPattern,
 };
 use crate::robot::{BodyVector, PerWheel, Robot, State};
 use crate::stop::Stop;
 
-/// The constant data of the robot that a step needs, with `N` friction directions (3, or 5 with front friction).
+/// The constant data of the robot that a step needs (with viscous friction: a step of one length), with `N` friction directions (3, or 5 with front friction).
 #[derive(Debug, Clone)]
 pub(super) struct StepModel<const N: usize> {
     pub(super) operator: DelassusOperator<N>,
@@ -27,14 +31,17 @@ pub(super) struct StepModel<const N: usize> {
     pub(super) restitution_factor: f64,
     /// Body acceleration (right, forward, yaw) per squared yaw rate.
     pub(super) centrifugal_acceleration: Vector3<f64>,
-    /// 1 / J.
+    /// 1 / J, with viscous friction 1 / (J + c dt).
     pub(super) inverse_spin_inertia: f64,
+    /// c of each wheel, N m s/rad.
+    pub(super) viscous_friction: f64,
     pub(super) free_normal_force: FreeNormalForce,
     /// Derivatives of the motion in the linear contact patterns, which are the same in every step.
     linear_chains: Option<[Chain<5>; WheelPattern::LINEAR.len()]>,
 }
 
-/// Normal forces without friction: affine in the squared rates and the torques.
+/// Normal forces without friction: affine in the squared rates and the net torques. Viscous friction, between chassis and wheels,
+/// changes them by what it changes of the wheel rates.
 #[derive(Debug, Clone)]
 pub(super) struct FreeNormalForce {
     pub(super) at_rest: Vector3<f64>,
@@ -63,24 +70,28 @@ pub(super) trait StepContact<const N: usize> {
 }
 
 impl<const N: usize> StepModel<N> {
-    pub(super) fn new(robot: &Robot) -> Self {
+    /// For steps of this length, s, which matters with viscous friction alone.
+    pub(super) fn new(robot: &Robot, step_length: f64) -> Self {
         let parameters = robot.parameters();
+        let responses = robot.responses_within(step_length);
+        let inverse_spin_inertia = responses.inverse_mass_matrix[(3, 3)];
         let slip_map = robot.tangent_jacobian().matrix().fixed_rows::<N>(0).into_owned();
         let friction = parameters.wheel_friction_coefficient;
         let operator = DelassusOperator::new(
-            robot.delassus().fixed_view::<N, N>(0, 0).into_owned(),
-            robot.normal_response().fixed_columns::<N>(0).into_owned(),
+            responses.delassus.fixed_view::<N, N>(0, 0).into_owned(),
+            responses.normal_response.fixed_columns::<N>(0).into_owned(),
             [friction, friction, parameters.front_friction_coefficient],
         );
-        let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
+        let unit_rate = responses.inverse_mass_matrix * robot.smooth_force(1.0, [0.0, 0.0]);
         let mut model = Self {
             operator,
             slip_map,
-            impulse_response: robot.impulse_response().fixed_columns::<N>(0).into_owned(),
+            impulse_response: responses.impulse_response.fixed_columns::<N>(0).into_owned(),
             restitution_factor: 1.0 + parameters.tangential_restitution,
             centrifugal_acceleration: unit_rate.fixed_rows::<3>(0).into_owned(),
-            inverse_spin_inertia: 1.0 / parameters.wheel_spin_inertia,
-            free_normal_force: FreeNormalForce::new(robot, &unit_rate),
+            inverse_spin_inertia,
+            viscous_friction: parameters.wheel_viscous_friction,
+            free_normal_force: FreeNormalForce::new(robot, &unit_rate, inverse_spin_inertia),
             linear_chains: None,
         };
         model.linear_chains = model.solve_linear_chains();
@@ -101,11 +112,14 @@ impl<const N: usize> StepModel<N> {
         Chain::new((&self.slip_map, self.restitution_factor), &SMatrix::identity(), &SMatrix::zeros(), response)
     }
 
-    /// Derivatives of the normal impulses: `free_normal + R Lambda`.
+    /// Derivatives of a path quantity.
     #[inline]
-    pub(super) fn normal_impulse_chain(&self, impulse: &ImpulseDerivative<N>) -> Chain<3> {
-        let response = (self.operator.normal_response(), impulse);
-        Chain::new((&self.slip_map, self.restitution_factor), &SMatrix::zeros(), &SMatrix::identity(), response)
+    pub(super) fn quantity_chain(&self, gradient: &PathGradient<N>, impulse: &ImpulseDerivative<N>) -> Chain<1> {
+        let PathGradient { by_end_velocity, by_impulse, by_normal_impulse, .. } = gradient;
+        let response =
+            by_impulse + by_end_velocity * self.impulse_response + by_normal_impulse * self.operator.normal_response();
+        let slip = (&self.slip_map, self.restitution_factor);
+        Chain::new(slip, by_end_velocity, by_normal_impulse, (&response, impulse))
     }
 
     fn solve_linear_chains(&self) -> Option<[Chain<5>; WheelPattern::LINEAR.len()]> {
@@ -135,6 +149,7 @@ impl<const N: usize> StepModel<N> {
             u.wheel_rate.right,
         ]);
 
+        let torque = self.net_torque(torque, &start_velocity);
         let smooth_change = dt * self.smooth_acceleration(&start_velocity, torque);
         let problem = self.one_step_problem(&start_velocity, torque, &smooth_change, dt);
         let contact = contact_solver.solve(&self.operator, &problem, stop);
@@ -154,7 +169,18 @@ impl<const N: usize> StepModel<N> {
         Step { end, rotation: (sin, cos), start_velocity, end_velocity, contact }
     }
 
-    /// `M^-1 h`.
+    /// What viscous friction at a velocity leaves of the torques.
+    #[inline]
+    pub(super) fn net_torque(&self, torque: PerWheel<f64>, velocity: &BodyVector) -> PerWheel<f64> {
+        // Without viscous friction the torques stay as they are to the bit.
+        if self.viscous_friction == 0.0 {
+            return torque;
+        }
+        let viscous = self.viscous_friction;
+        PerWheel::new(torque.left - viscous * velocity[3], torque.right - viscous * velocity[4])
+    }
+
+    /// `M^-1 h`, with the net torques.
     #[inline]
     pub(super) fn smooth_acceleration(&self, velocity: &BodyVector, torque: PerWheel<f64>) -> BodyVector {
         let rate_squared = velocity[2] * velocity[2];
@@ -200,10 +226,9 @@ impl<const N: usize> StepModel<N> {
 }
 
 impl FreeNormalForce {
-    fn new(robot: &Robot, unit_rate: &BodyVector) -> Self {
+    fn new(robot: &Robot, unit_rate: &BodyVector, inverse_spin: f64) -> Self {
         let projection = robot.normal_force_projection();
         let by_change = &projection.velocity_change_map;
-        let inverse_spin = 1.0 / robot.parameters().wheel_spin_inertia;
         Self {
             at_rest: projection.static_force,
             by_yaw_rate_squared: projection.centrifugal + by_change * unit_rate,
@@ -212,7 +237,7 @@ impl FreeNormalForce {
         }
     }
 
-    /// Normal forces without friction, N.
+    /// Normal forces without friction at net torques, N.
     #[inline]
     pub(super) fn at(&self, velocity: &BodyVector, torque: PerWheel<f64>) -> Vector3<f64> {
         let yaw_rate = velocity[2];

@@ -1,5 +1,7 @@
 //! Rollouts: a torque schedule integrated from a start state.
 
+use std::borrow::Cow;
+
 use nalgebra::{Vector2, Vector3};
 
 use super::contact_timeline::separates;
@@ -7,8 +9,8 @@ use super::moreau_step::{Step, StepContact, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
 use crate::contact::{
-    ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, Guess, OneStepProblem,
-    PerContact, SmoothedSolver, natural_map,
+    ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, Guess, HeldSolver,
+    OneStepProblem, PerContact, SmoothedSolver, natural_map,
 };
 use crate::robot::{Robot, State, TangentJacobian};
 use crate::stop::{Stop, Stopped};
@@ -50,15 +52,27 @@ pub struct Rollout<'a> {
     pub step_count: usize,
 }
 
+impl Rollout<'_> {
+    /// s.
+    pub(super) fn step_length(&self) -> f64 {
+        self.schedule.final_time / self.step_count as f64
+    }
+}
+
+impl Model {
+    fn new(robot: &Robot, step_length: f64) -> Self {
+        if robot.parameters().front_friction_coefficient > 0.0 {
+            Self::WheelsAndFront(Box::new(StepModel::new(robot, step_length)))
+        } else {
+            Self::Wheels(Box::new(StepModel::new(robot, step_length)))
+        }
+    }
+}
+
 impl Simulator {
     /// Prepares the step model of a robot.
     pub fn new(robot: &Robot) -> Self {
-        let model = if robot.parameters().front_friction_coefficient > 0.0 {
-            Model::WheelsAndFront(Box::new(StepModel::new(robot)))
-        } else {
-            Model::Wheels(Box::new(StepModel::new(robot)))
-        };
-        Self { robot: robot.clone(), model }
+        Self { robot: robot.clone(), model: Model::new(robot, 0.0) }
     }
 
     /// The robot.
@@ -66,11 +80,16 @@ impl Simulator {
         &self.robot
     }
 
-    pub(super) fn model(&self) -> &Model {
-        &self.model
+    /// The step model of a rollout: with viscous friction one of its own, since that depends on the step length.
+    pub(super) fn model(&self, rollout: &Rollout) -> Cow<'_, Model> {
+        if self.robot.parameters().wheel_viscous_friction > 0.0 {
+            Cow::Owned(Model::new(&self.robot, rollout.step_length()))
+        } else {
+            Cow::Borrowed(&self.model)
+        }
     }
 
-    /// The state at the end of a rollout; allocates nothing.
+    /// The state at the end of a rollout; allocates nothing in its steps, and nothing at all without viscous friction.
     ///
     /// # Errors
     /// When it was stopped before the end.
@@ -99,7 +118,7 @@ impl Simulator {
         stop: Stop,
         mut note: impl FnMut(&Vector3<f64>),
     ) -> Result<State, Stopped> {
-        match &self.model {
+        match &*self.model(rollout) {
             Model::Wheels(model) => {
                 let note = |_, step: &Step<3>| note(&step.contact.normal_impulse);
                 integrate(model, rollout, &mut ExactContact::default(), stop, note)
@@ -117,7 +136,7 @@ impl Simulator {
     /// When it was stopped before the end.
     pub fn end_state_by_fixed_point(&self, rollout: &Rollout, stop: Stop) -> Result<State, Stopped> {
         let mut solver = FixedPointSolver::new(FixedPointSettings::default());
-        match &self.model {
+        match &*self.model(rollout) {
             Model::Wheels(model) => integrate(model, rollout, &mut solver, stop, |_, _| {}),
             Model::WheelsAndFront(model) => integrate(model, rollout, &mut solver, stop, |_, _| {}),
         }
@@ -129,7 +148,7 @@ impl Simulator {
     /// When it was stopped before the end.
     pub fn trajectory(&self, rollout: &Rollout, method: ContactMethod, stop: Stop) -> Result<Trajectory, Stopped> {
         let jacobian = self.robot.tangent_jacobian();
-        let mut trajectory = match &self.model {
+        let mut trajectory = match &*self.model(rollout) {
             Model::Wheels(model) => record(model, jacobian, rollout, method, stop),
             Model::WheelsAndFront(model) => record(model, jacobian, rollout, method, stop),
         }?;
@@ -150,7 +169,7 @@ pub(super) fn integrate<const N: usize>(
     mut on_step: impl FnMut(usize, &Step<N>),
 ) -> Result<State, Stopped> {
     let steps = rollout.step_count;
-    let dt = rollout.schedule.final_time / steps as f64;
+    let dt = rollout.step_length();
     let mut state = *rollout.start;
     for index in 0..steps {
         let interval = control_interval(index, steps, rollout.schedule.control_count());
@@ -198,6 +217,19 @@ impl<const N: usize> StepContact<N> for SmoothedSolver<N> {
         _stop: &Stop,
     ) -> ContactSolution<N> {
         SmoothedSolver::solve(self, operator, problem)
+    }
+}
+
+impl<const N: usize> StepContact<N> for HeldSolver<N> {
+    /// At most some dozen Newton steps: they need no stop.
+    #[inline]
+    fn solve(
+        &mut self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        _stop: &Stop,
+    ) -> ContactSolution<N> {
+        HeldSolver::solve(self, operator, problem)
     }
 }
 
@@ -257,7 +289,7 @@ fn record_with<const N: usize>(
     stop: Stop,
 ) -> Result<Trajectory, Stopped> {
     let steps = rollout.step_count;
-    let dt = rollout.schedule.final_time / steps as f64;
+    let dt = rollout.step_length();
     let mut trajectory = Trajectory {
         time: (0..=steps).map(|node| rollout.schedule.final_time * (node as f64 / steps as f64)).collect(),
         state: Vec::with_capacity(steps + 1),

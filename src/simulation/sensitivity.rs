@@ -6,7 +6,7 @@
 //! differentiable map
 //!
 //! ```text
-//! u_E = u_A + dt a(omega_A, torque) + P Lambda(free_slip, free_normal)       in the body frame of the midpoint
+//! u_E = u_A + dt a(u_A, torque) + P Lambda(free_slip, free_normal)       in the body frame of the midpoint
 //! ```
 //!
 //! One backward sweep carries ten rows, the derivatives of the end state by the current state. Position and wheel
@@ -15,13 +15,15 @@
 
 use nalgebra::SVector;
 
-use super::least_normal_forces::LeastNormalForces;
+use super::friction_law::FrictionLaw;
 use super::moreau_step::{Step, StepModel};
+use super::path_extremes::PathExtremes;
+use super::path_quantity::PathQuantity;
 use super::rollout::{ExactContact, Model, Rollout, Simulator, integrate};
 use super::step_derivative::StepDerivative;
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
-use crate::contact::SmoothedSolver;
+use crate::contact::{HeldSolver, SmoothedSolver};
 use crate::robot::{BodyVector, PerWheel, State};
 use crate::stop::{Stop, Stopped};
 
@@ -42,44 +44,50 @@ pub struct EndSensitivity {
     pub by_right_torque: Vec<EndDerivative>,
     /// By the final time, per s.
     pub by_final_time: EndDerivative,
-    /// The least normal forces on the way.
-    pub least_normal_forces: LeastNormalForces,
+    /// The largest values of the path quantities on the way.
+    pub path: PathExtremes,
     pub(super) tape: Vec<TapeEntry>,
 }
 
+impl EndSensitivity {
+    /// With the path extremes of these quantities beside the normal forces.
+    pub fn watching(others: Vec<PathQuantity>) -> Self {
+        Self { path: PathExtremes::new(others), ..Self::default() }
+    }
+}
+
 impl Simulator {
-    /// Integrates a rollout and differentiates its end state, reusing the memory of `sensitivity`; `slip_smoothing` in
-    /// m/s, 0 for the exact friction law.
+    /// Integrates a rollout and differentiates its end state, reusing the memory of `sensitivity`.
     ///
     /// # Errors
     /// When it was stopped before the end; `sensitivity` is then unusable.
     pub fn end_sensitivity(
         &self,
         rollout: &Rollout,
-        slip_smoothing: f64,
+        law: FrictionLaw,
         sensitivity: &mut EndSensitivity,
         stop: Stop,
     ) -> Result<(), Stopped> {
-        self.record(rollout, slip_smoothing, sensitivity, stop)?;
-        self.differentiate(rollout, slip_smoothing, sensitivity, stop)
+        self.record(rollout, law, sensitivity, stop)?;
+        self.differentiate(rollout, law, sensitivity, stop)
     }
 
-    /// Integrates a rollout and keeps what its derivatives need: end state and least normal forces are those of the
-    /// rollout; the derivatives are valid only after [`Simulator::differentiate`]. Allocates nothing once the memory is
-    /// there.
+    /// Integrates a rollout and keeps what its derivatives need: end state and path extremes are those of the
+    /// rollout; the derivatives are valid only after [`Simulator::differentiate`]. Once the memory is there it allocates nothing
+    /// but the step model of a robot with viscous friction.
     ///
     /// # Errors
     /// When it was stopped before the end; nothing usable is kept then.
     pub fn record(
         &self,
         rollout: &Rollout,
-        slip_smoothing: f64,
+        law: FrictionLaw,
         sensitivity: &mut EndSensitivity,
         stop: Stop,
     ) -> Result<(), Stopped> {
-        match self.model() {
-            Model::Wheels(model) => record(model, rollout, slip_smoothing, sensitivity, stop),
-            Model::WheelsAndFront(model) => record(model, rollout, slip_smoothing, sensitivity, stop),
+        match &*self.model(rollout) {
+            Model::Wheels(model) => record(model, rollout, law, sensitivity, stop),
+            Model::WheelsAndFront(model) => record(model, rollout, law, sensitivity, stop),
         }
     }
 
@@ -90,13 +98,13 @@ impl Simulator {
     pub fn differentiate(
         &self,
         rollout: &Rollout,
-        slip_smoothing: f64,
+        law: FrictionLaw,
         sensitivity: &mut EndSensitivity,
         stop: Stop,
     ) -> Result<(), Stopped> {
-        match self.model() {
-            Model::Wheels(model) => differentiate(model, rollout, slip_smoothing, sensitivity, stop),
-            Model::WheelsAndFront(model) => differentiate(model, rollout, slip_smoothing, sensitivity, stop),
+        match &*self.model(rollout) {
+            Model::Wheels(model) => differentiate(model, rollout, law, sensitivity, stop),
+            Model::WheelsAndFront(model) => differentiate(model, rollout, law, sensitivity, stop),
         }
     }
 }
@@ -104,22 +112,25 @@ impl Simulator {
 fn record<const N: usize>(
     model: &StepModel<N>,
     rollout: &Rollout,
-    slip_smoothing: f64,
+    law: FrictionLaw,
     sensitivity: &mut EndSensitivity,
     stop: Stop,
 ) -> Result<(), Stopped> {
-    let EndSensitivity { end, least_normal_forces, tape, .. } = sensitivity;
+    let EndSensitivity { end, path, tape, .. } = sensitivity;
     tape.clear();
     tape.reserve(rollout.step_count);
-    least_normal_forces.clear(rollout);
+    path.clear(rollout);
     let note = |index: usize, step: &Step<N>| {
-        least_normal_forces.note(index, &step.contact.normal_impulse);
-        tape.push(TapeEntry::new(step));
+        let entry = TapeEntry::new(step);
+        path.note(index, step, &entry, rollout);
+        tape.push(entry);
     };
-    *end = if slip_smoothing > 0.0 {
-        integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), stop, note)?
-    } else {
-        integrate(model, rollout, &mut ExactContact::default(), stop, note)?
+    *end = match law {
+        FrictionLaw::Exact => integrate(model, rollout, &mut ExactContact::default(), stop, note)?,
+        FrictionLaw::Smoothed(slip_smoothing) => {
+            integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), stop, note)?
+        }
+        FrictionLaw::Held => integrate(model, rollout, &mut HeldSolver::default(), stop, note)?,
     };
     Ok(())
 }
@@ -127,7 +138,7 @@ fn record<const N: usize>(
 fn differentiate<const N: usize>(
     model: &StepModel<N>,
     rollout: &Rollout,
-    slip_smoothing: f64,
+    law: FrictionLaw,
     sensitivity: &mut EndSensitivity,
     stop: Stop,
 ) -> Result<(), Stopped> {
@@ -137,8 +148,8 @@ fn differentiate<const N: usize>(
         derivatives.clear();
         derivatives.resize(control_count, EndDerivative::zeros());
     }
-    let dt = rollout.schedule.final_time / rollout.step_count as f64;
-    let mut sweep = BackwardSweep::new(slip_smoothing);
+    let dt = rollout.step_length();
+    let mut sweep = BackwardSweep::new(law);
     for (index, entry) in tape.iter().enumerate().rev() {
         stop.check()?;
         let interval = control_interval(index, rollout.step_count, control_count);
@@ -155,18 +166,18 @@ struct BackwardSweep {
     by_heading: EndDerivative,
     by_velocity: ByVelocity,
     by_step_length: EndDerivative,
-    slip_smoothing: f64,
+    law: FrictionLaw,
 }
 
 impl BackwardSweep {
-    fn new(slip_smoothing: f64) -> Self {
+    fn new(law: FrictionLaw) -> Self {
         let mut by_heading = EndDerivative::zeros();
         by_heading[2] = 1.0;
         let mut by_velocity = ByVelocity::default();
         for (axis, derivative) in by_velocity.iter_mut().enumerate() {
             derivative[5 + axis] = 1.0;
         }
-        Self { by_heading, by_velocity, by_step_length: EndDerivative::zeros(), slip_smoothing }
+        Self { by_heading, by_velocity, by_step_length: EndDerivative::zeros(), law }
     }
 
     /// Goes back over one step; returns the derivatives by its torques.
@@ -196,7 +207,7 @@ impl BackwardSweep {
         let mut by_midpoint_heading = by_end[1] * end[0] - by_end[0] * end[1];
         rotate_into_body(&mut by_end, sin, cos);
 
-        let derivative = StepDerivative::of_motion(model, entry, (torque, dt), self.slip_smoothing);
+        let derivative = StepDerivative::of_motion(model, entry, (torque, dt), self.law);
         let PerWheel { left, right } = &derivative.by_torque;
         let by_torque = PerWheel::new(through(&by_end, left.as_ref()), through(&by_end, right.as_ref()));
         self.by_step_length += through(&by_end, derivative.by_step_length.as_ref());

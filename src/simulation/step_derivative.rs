@@ -3,7 +3,9 @@
 use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::chain::{Chain, product};
+use super::friction_law::FrictionLaw;
 use super::moreau_step::StepModel;
+use super::path_quantity::PathGradient;
 use super::tape::TapeEntry;
 use crate::contact::ImpulseDerivative;
 use crate::robot::{BodyVector, PerWheel};
@@ -24,32 +26,35 @@ impl StepDerivative<5> {
         model: &StepModel<N>,
         entry: &TapeEntry,
         controls: (PerWheel<f64>, f64),
-        slip_smoothing: f64,
+        law: FrictionLaw,
     ) -> Self {
         if let Some(chain) = model.linear_chain(entry.pattern) {
             return Self::along(chain, model, entry, controls);
         }
-        let impulse = impulse_derivative(model, entry, slip_smoothing);
+        let impulse = impulse_derivative(model, entry, law);
         Self::along(&model.motion_chain(&impulse), model, entry, controls)
     }
 }
 
-impl StepDerivative<3> {
-    /// Of the normal impulses.
+impl StepDerivative<1> {
+    /// Of a path quantity.
     #[inline]
-    pub(super) fn of_normal_impulse<const N: usize>(
+    pub(super) fn of_quantity<const N: usize>(
         model: &StepModel<N>,
         entry: &TapeEntry,
         controls: (PerWheel<f64>, f64),
-        slip_smoothing: f64,
+        (gradient, law): (&PathGradient<N>, FrictionLaw),
     ) -> Self {
-        let impulse = impulse_derivative(model, entry, slip_smoothing);
-        Self::along(&model.normal_impulse_chain(&impulse), model, entry, controls)
+        let impulse = impulse_derivative(model, entry, law);
+        Self::along(&model.quantity_chain(gradient, &impulse), model, entry, controls)
     }
 }
 
 impl<const K: usize> StepDerivative<K> {
     /// With `free_normal = dt n(u_A, torque)`.
+    ///
+    /// By the step length, with `M = M_0 + C dt` and the friction impulse as it is,
+    /// `du_E/ddt = M^-1 (h - C u_A - C (u_E - u_A)) = M^-1 (h - C u_E)`: viscous friction counts with the rates at the end.
     #[inline]
     fn along<const N: usize>(
         chain: &Chain<K>,
@@ -78,13 +83,17 @@ impl<const K: usize> StepDerivative<K> {
         let by_torque = |wheel: usize, force: &Vector3<f64>| {
             smooth.column(wheel) * (dt * model.inverse_spin_inertia) + product(by_normal, &(force * dt))
         };
-        let by_step_length = product(smooth, &model.smooth_acceleration(velocity, torque))
-            + product(by_normal, &model.free_normal_force.at(velocity, torque));
-        Self {
-            by_velocity,
-            by_torque: PerWheel::new(by_torque(3, &free.by_torque.left), by_torque(4, &free.by_torque.right)),
-            by_step_length,
+        let by_torque = PerWheel::new(by_torque(3, &free.by_torque.left), by_torque(4, &free.by_torque.right));
+        if model.viscous_friction > 0.0 {
+            for (wheel, by_torque) in [(3, &by_torque.left), (4, &by_torque.right)] {
+                let mut column = by_velocity.column_mut(wheel);
+                column -= by_torque * model.viscous_friction;
+            }
         }
+        let torque = model.net_torque(torque, &entry.end_velocity);
+        let by_step_length = product(smooth, &model.smooth_acceleration(velocity, torque))
+            + product(by_normal, &free.at(velocity, torque));
+        Self { by_velocity, by_torque, by_step_length }
     }
 }
 
@@ -92,8 +101,8 @@ impl<const K: usize> StepDerivative<K> {
 fn impulse_derivative<const N: usize>(
     model: &StepModel<N>,
     entry: &TapeEntry,
-    slip_smoothing: f64,
+    law: FrictionLaw,
 ) -> ImpulseDerivative<N> {
     let impact_slip = entry.impact_slip.fixed_rows::<N>(0).into_owned();
-    model.operator.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse, slip_smoothing)
+    model.operator.impulse_derivative(entry.pattern, &impact_slip, &entry.normal_impulse, law.slip_smoothing())
 }

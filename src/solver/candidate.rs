@@ -8,7 +8,7 @@ use nalgebra::DVector;
 use super::local_search::STRICT_PENALTY;
 use super::progress::is_nearer;
 use crate::optimizer::{CriticalityMeasure, CriticalitySettings};
-use crate::shooting::{NORMAL_LOAD_TOLERANCE, ShootingProblem};
+use crate::shooting::{LIMIT_TOLERANCE, ShootingProblem};
 
 /// Largest accepted criticality measure, as a share of the final time.
 pub(super) const CRITICALITY_TOLERANCE: f64 = 1e-4;
@@ -44,7 +44,7 @@ impl Stationarity {
             penalty_parameter: STRICT_PENALTY,
             negligible_decrease: 0.5 * CRITICALITY_TOLERANCE * final_time / problem.time_unit(),
             residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
-            inequality_tolerance: NORMAL_LOAD_TOLERANCE,
+            inequality_tolerance: LIMIT_TOLERANCE,
         }
     }
 }

@@ -6,23 +6,28 @@ use nalgebra::{DVector, SVector};
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
 use super::goal_miss::goal_missed;
+use super::limit_uses::{largest_excess, limit_uses};
 use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
 use super::search::SearchResult;
 use super::settings::{Refinement, SolveInput, SolverSettings};
-use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
+use super::solution::{
+    DistinctOptimum, LimitUse, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
+};
+use crate::contact::ContactName;
 use crate::optimizer::{Budget, CriticalityMeasure, Interruption, criticality_measure, sign_violations};
 use crate::robot::State;
 use crate::shooting::{
-    LONGEST_FINAL_TIME, NORMAL_LOAD_TOLERANCE, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent,
-    schedule_from_decision,
+    LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision,
 };
-use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
+use crate::simulation::{ContactMethod, NormalLoad, Rollout, Simulator, TorqueSchedule, Trajectory};
 use crate::stop::{Stop, Stopped};
 
 /// The replay's grid is this much finer than the plan's.
 const REPLAY_REFINEMENT: usize = 16;
 /// A replay that misses a speed is judged by how far the robot would drift in this time, s.
 const REPLAY_DRIFT_TIME: f64 = 1.0;
+/// Share of a limit by which the replay may exceed it: limits of motors and floors are known no better.
+const REPLAY_EXCESS: f64 = 5e-3;
 /// Largest accepted residual of the contact law, relative to m g dt.
 const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// Rollouts that the criticality measure of a stopped solve may take.
@@ -54,7 +59,9 @@ pub(super) fn certified(
             Some(replay) => replay,
             None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
         };
-        Ok(Certificate { optimality, bound, replay })
+        let fine = (&motion.schedule, REPLAY_REFINEMENT * step_count);
+        let replay_limits = limit_uses_of_plan(input, simulator, fine, cut)?;
+        Ok(Certificate { optimality, bound, replay, replay_limits })
     };
     let certificate = certificate().map_err(|Stopped| Optimality::unknown(&best.decision));
     Ok(motion.solution(input, result, certificate))
@@ -65,6 +72,8 @@ struct Certificate {
     optimality: Optimality,
     bound: LowerBound,
     replay: Replay,
+    /// What the replay uses of the limits, in the order of those of the plan.
+    replay_limits: Vec<LimitUse>,
 }
 
 /// How far a decision is from a local optimum.
@@ -163,9 +172,11 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
     let certificate = Certificate {
         optimality: Optimality { measure: 0.0, is_stationary: true, sign_violations: 0 },
         bound: largest_lower_bound(input, Grid::Steps(input.settings.step_count)),
-        replay: replay_of_miss(input, &goal_error, (0, 0)),
+        replay: replay_of_miss(input, &goal_error, (0, 0, 0.0)),
+        replay_limits: Vec::new(),
     };
-    let motion = Motion { schedule: TorqueSchedule::empty(), trajectory, goal_error };
+    let schedule = TorqueSchedule::empty();
+    let motion = Motion { schedule, trajectory, goal_error, limits: Vec::new(), sticks: true };
     let mut solution = motion.solution(input, result, Ok(certificate));
     solution.report.control_count = 0;
     solution
@@ -177,6 +188,9 @@ struct Motion {
     /// States at the reference point.
     trajectory: Trajectory,
     goal_error: SVector<f64, { State::LEN }>,
+    limits: Vec<LimitUse>,
+    /// Whether neither wheel slips.
+    sticks: bool,
 }
 
 impl Motion {
@@ -190,26 +204,36 @@ impl Motion {
         let start = input.maneuver.start_at_center_of_mass(parameters);
         let rollout = Rollout { start: &start, schedule: &schedule, step_count };
         let mut trajectory = simulator.trajectory(&rollout, ContactMethod::Exact, cut)?;
+        let limits = limit_uses(simulator, &input.path_limits(), &rollout, cut)?;
         trajectory.move_states_by(input.maneuver.reference_point.offset(parameters));
         let goal_error = input.maneuver.goal_error(&trajectory.end_state);
-        Ok(Self { schedule, trajectory, goal_error })
+        let slips = |contact| trajectory.slip_time(contact) > 0.0;
+        let sticks = !slips(ContactName::Left) && !slips(ContactName::Right);
+        Ok(Self { schedule, trajectory, goal_error, limits, sticks })
     }
 
-    /// Whether every contact carries its least load.
+    /// Whether every contact carries its least load and all limits are kept.
     fn keeps_limits(&self, input: &SolveInput) -> bool {
         let least = input.maneuver.limits.least_normal_loads(&input.robot);
-        self.trajectory.normal_loads().all(|load| load.share >= least[load.contact as usize] - NORMAL_LOAD_TOLERANCE)
+        let carries = |load: NormalLoad| load.share >= least[load.contact as usize] - LIMIT_TOLERANCE;
+        let sticks = !input.maneuver.forbids_slip() || self.sticks;
+        sticks && self.trajectory.normal_loads().all(carries) && largest_excess(&self.limits) <= LIMIT_TOLERANCE
     }
 
     /// The answer; its certificate may have been cut off.
     fn solution(
-        self,
+        mut self,
         input: &SolveInput,
         result: SearchResult,
         certificate: Result<Certificate, Optimality>,
     ) -> Solution {
         let (optimality, shown) = match certificate {
-            Ok(Certificate { optimality, bound, replay }) => (optimality, Some((bound, replay))),
+            Ok(Certificate { optimality, bound, replay, replay_limits }) => {
+                for (used, replayed) in self.limits.iter_mut().zip(&replay_limits) {
+                    used.replay_excess = Some(replayed.excess);
+                }
+                (optimality, Some((bound, replay)))
+            }
             Err(unknown) => (unknown, None),
         };
         let (bound, replay) = shown.unzip();
@@ -250,7 +274,7 @@ impl Motion {
                 slip_reversals: self.trajectory.slip_reversals(),
                 switching_sign_violations: optimality.sign_violations,
                 replay,
-                limits: Vec::new(),
+                limits: std::mem::take(&mut self.limits),
             },
             trajectory: self.trajectory,
             schedule: self.schedule,
@@ -274,14 +298,26 @@ pub(super) fn replay(
     let (end, separations) = simulator.end_state_and_separations(&fine, stop)?;
     let end = simulator.end_frame(&fine, input.maneuver.reference_point.offset(parameters)).state(&end);
     let miss = input.maneuver.goal_error(&end).map(finite_or_largest);
-    Ok(replay_of_miss(input, &miss, (fine.step_count, separations)))
+    let excess = largest_excess(&limit_uses_of_plan(input, simulator, (schedule, fine.step_count), stop)?);
+    Ok(replay_of_miss(input, &miss, (fine.step_count, separations, finite_or_largest(excess))))
+}
+
+/// What a plan uses of its limits on some grid.
+fn limit_uses_of_plan(
+    input: &SolveInput,
+    simulator: &Simulator,
+    (schedule, step_count): (&TorqueSchedule, usize),
+    stop: Stop,
+) -> Result<Vec<LimitUse>, Stopped> {
+    let start = input.maneuver.start_at_center_of_mass(input.robot.parameters());
+    limit_uses(simulator, &input.path_limits(), &Rollout { start: &start, schedule, step_count }, stop)
 }
 
 /// The replay whose end misses the goal by `miss`.
 fn replay_of_miss(
     input: &SolveInput,
     miss: &SVector<f64, { State::LEN }>,
-    (step_count, separations): (usize, usize),
+    (step_count, separations, limit_excess): (usize, usize, f64),
 ) -> Replay {
     let of = |component: StateComponent| miss[component.index()].abs();
     let distance = |x, y| finite_or_largest(of(x).hypot(of(y)));
@@ -294,6 +330,7 @@ fn replay_of_miss(
         miss_yaw_rate: of(StateComponent::YawRate),
         miss_wheel_speed: finite_or_largest(input.robot.parameters().wheel_radius * wheel_rate),
         separations,
+        limit_excess,
         within_tolerance: false,
     };
     replay.within_tolerance = replay.relative_miss(&input.settings) <= 1.0 && separations == 0;
@@ -306,7 +343,8 @@ impl Replay {
         let drift = |speed: f64| REPLAY_DRIFT_TIME * speed;
         let position = self.miss_position.max(drift(self.miss_speed)).max(drift(self.miss_wheel_speed));
         let heading = self.miss_heading.max(drift(self.miss_yaw_rate));
-        (position / settings.replay_tolerance_position).max(heading / settings.replay_tolerance_heading)
+        let miss = (position / settings.replay_tolerance_position).max(heading / settings.replay_tolerance_heading);
+        miss.max(self.limit_excess / REPLAY_EXCESS)
     }
 }
 

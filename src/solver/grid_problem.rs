@@ -20,7 +20,7 @@ pub(super) fn problem_on<'a>(
     let bound = largest_lower_bound(input, Grid::Steps(step_count));
     let time_unit = starts(input, 1)[0].schedule.final_time.max(bound.time);
     let grid = (step_count, input.settings.control_count);
-    let mut problem = ShootingProblem::new(simulator, &input.maneuver, grid, time_unit);
+    let mut problem = ShootingProblem::new(simulator, (&input.maneuver, &input.path_limits()), grid, time_unit);
     problem.rule_out_before(SHARE_OF_BOUND * bound.time);
     (problem, bound)
 }

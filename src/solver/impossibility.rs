@@ -3,6 +3,7 @@
 //! Each claim is proved for the equations of motion without separation (`docs/bounds.md`); maneuvers without such a proof
 //! are left to the search.
 
+use super::excluded_ends::excluded_end;
 use super::largest_normal_force::{Rates, largest_normal_forces};
 use super::lower_bound::{Grid, LowerBound, Wanted, lower_bounds};
 use super::settings::SolveInput;
@@ -16,7 +17,8 @@ const NORMAL_FORCE_ROUNDING: f64 = 1e-9;
 
 /// Why no plan can meet the goal; none where that is not proven.
 pub(super) fn impossibility(input: &SolveInput) -> Option<Reason> {
-    start_unloads(input)
+    excluded_end(input)
+        .or_else(|| start_unloads(input))
         .or_else(|| cannot_move(input))
         .or_else(|| takes_too_long(input))
         .or_else(|| goal_unloads(input))

@@ -6,7 +6,8 @@
 //! N = static + omega^2 centrifugal + omega Psi gyroscopic + by_torque' torque + by_friction' friction
 //! ```
 //!
-//! (`docs/model.md`). Without separation the friction forces obey `|F_c| <= mu_c N_c` with normal forces that add up to the
+//! (`docs/model.md`). Viscous friction c takes `c psidot` from the torque of a wheel, and both wheels' torques tilt the chassis alike:
+//! that adds `-by_torque c Psi`. Without separation the friction forces obey `|F_c| <= mu_c N_c` with normal forces that add up to the
 //! weight, so their part is at most `max_c(mu_c |by_friction_c|) m g`. Where the sum stays negative, no plan keeps the
 //! contact closed.
 
@@ -37,7 +38,12 @@ fn largest_normal_force(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rate
     projection.static_force[contact]
         + largest_by_rates(centrifugal, projection.gyroscopic[contact], rates)
         + by_torque / inertia
+        + largest_by_viscous_friction(-by_left / inertia * robot.parameters().wheel_viscous_friction, rates)
         + largest_by_friction(robot, contact)
+}
+
+fn largest_by_viscous_friction(per_rate: f64, rates: &Rates) -> f64 {
+    if per_rate == 0.0 { 0.0 } else { (per_rate * rates.wheels.0).max(per_rate * rates.wheels.1) }
 }
 
 /// Largest value of a omega^2 + b omega Psi: at a corner, or where the parabola in omega turns.
@@ -84,6 +90,20 @@ mod tests {
     fn a_fast_spin_separates_a_contact() {
         let rates = Rates { yaw: (200.0, 200.0), wheels: (0.0, 0.0) };
         assert!(largest_normal_forces(&robot(), PerWheel::new(1.0, 1.0), &rates).iter().any(|force| *force < 0.0));
+    }
+
+    #[test]
+    fn viscous_friction_shifts_load_as_a_torque_does() {
+        let (viscous, rate) = (0.02, 30.0);
+        let damped =
+            Robot::new(RobotParameters { wheel_viscous_friction: viscous, ..RobotParameters::default() }).unwrap();
+        let no_torque = PerWheel::new(0.0, 0.0);
+        let rates = Rates { yaw: (0.0, 0.0), wheels: (2.0 * rate, 2.0 * rate) };
+        let without = largest_normal_forces(&robot(), no_torque, &rates);
+        let with = largest_normal_forces(&damped, no_torque, &rates);
+        let shift = 2.0 * viscous * rate / damped.parameters().axle_to_front_support;
+        // Braked wheels press the front support down.
+        assert!((with[2] - without[2] - shift).abs() < 1e-12 && with[0] < without[0], "{with:?} {without:?}");
     }
 
     #[test]

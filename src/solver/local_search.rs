@@ -12,7 +12,7 @@ use crate::optimizer::{
     Budget, Constraints, Ending, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem, Restoration,
     SequentialLinearResult, SequentialLinearSettings, minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{GoalScales, NORMAL_LOAD_TOLERANCE, Penalty, ShootingProblem};
+use crate::shooting::{GoalScales, LIMIT_TOLERANCE, Penalty, ShootingProblem};
 use crate::stop::Stop;
 
 /// First penalty parameter: standing still costs this many times the final time of a first guess, more than any multiplier of
@@ -89,7 +89,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let mut passed = None;
         let mut report_improvement = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
-            let breaks_limits = constraints.largest_inequality_violation() > NORMAL_LOAD_TOLERANCE;
+            let breaks_limits = constraints.largest_inequality_violation() > LIMIT_TOLERANCE;
             if goal_error > tolerance || !breaks_limits {
                 report(control, start, x, goal_error);
             }
@@ -118,7 +118,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             largest_penalty_parameter: STRICT_PENALTY * PENALTY,
             first_radius: 1.0,
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
-            inequality_tolerance: NORMAL_LOAD_TOLERANCE,
+            inequality_tolerance: LIMIT_TOLERANCE,
             smallest_prediction,
             merit_to_beat: f64::INFINITY,
             iteration_limit: usize::MAX,

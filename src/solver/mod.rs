@@ -3,11 +3,13 @@
 mod candidate;
 mod carried;
 mod certificate;
+mod excluded_ends;
 mod goal_miss;
 mod grid_problem;
 mod helpers;
 mod impossibility;
 mod largest_normal_force;
+mod limit_uses;
 mod local_search;
 mod lower_bound;
 mod parts;

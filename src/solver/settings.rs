@@ -4,7 +4,7 @@ use super::carried::{check_robot, joined};
 use super::schedule_check::{self, check_schedule};
 use crate::robot::{Payload, Robot, RobotParameters};
 use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
-use crate::shooting::{Aisle, AisleCorners, Maneuver};
+use crate::shooting::{Aisle, AisleCorners, Maneuver, PathLimits};
 use crate::simulation::TorqueSchedule;
 
 /// The optimiser.
@@ -219,6 +219,11 @@ impl SolveInput {
         let SolveParameters { robot, payload, maneuver, aisle: _, settings, initial_guess } = parameters;
         let robot = Robot::new(joined(&robot, payload.as_ref()))?;
         Ok(Self { robot, payload, maneuver, aisle, settings, initial_guess })
+    }
+
+    /// What the plan must keep on the way, beside the normal forces.
+    pub fn path_limits(&self) -> PathLimits {
+        PathLimits::of_maneuver(&self.robot, &self.maneuver, self.payload.as_ref(), self.aisle.as_ref())
     }
 
     /// [`SolveParameters::forward_drive`], validated.

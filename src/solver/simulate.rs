@@ -1,11 +1,12 @@
 //! One rollout of a given torque schedule.
 
 use super::carried::{check_robot, joined};
+use super::limit_uses::limit_uses;
 use super::schedule_check::{self, check_schedule};
 use super::{LimitUse, SolverSettings};
 use crate::robot::{Payload, Robot, RobotParameters, State};
 use crate::rules::{Checks, Rule, RuleSet, Violations};
-use crate::shooting::{Aisle, AisleCorners, ManeuverLimits, ReferencePoint, check_state, rules_of_state};
+use crate::shooting::{Aisle, AisleCorners, ManeuverLimits, PathLimits, ReferencePoint, check_state, rules_of_state};
 use crate::simulation::{ContactMethod, ContactModeSpan, Rollout, Separation, Simulator, TorqueSchedule, Trajectory};
 use crate::stop::{Stop, Stopped};
 
@@ -158,13 +159,17 @@ pub fn simulate(input: &SimulateInput, stop: Stop) -> Result<Simulation, Stopped
     let offset = input.reference_point.offset(input.robot.parameters());
     let start = input.start.moved_by(-offset);
     let rollout = Rollout { start: &start, schedule: &input.schedule, step_count: input.step_count };
-    let mut trajectory = Simulator::new(&input.robot).trajectory(&rollout, input.contact_method, stop)?;
+    let simulator = Simulator::new(&input.robot);
+    let mut trajectory = simulator.trajectory(&rollout, input.contact_method, stop)?;
+    let limited = (&input.limits, input.reference_point);
+    let limits = PathLimits::new(&input.robot, limited, input.payload.as_ref(), input.aisle.as_ref());
+    let limits = limit_uses(&simulator, &limits, &rollout, stop)?;
     trajectory.move_states_by(offset);
     Ok(Simulation {
         contact_modes: trajectory.contact_modes(),
         separations: trajectory.separations(),
         slip_reversals: trajectory.slip_reversals(),
-        limits: Vec::new(),
+        limits,
         trajectory,
     })
 }

@@ -141,6 +141,8 @@ pub struct Replay {
     pub miss_wheel_speed: f64,
     /// How often a contact separates.
     pub separations: usize,
+    /// Largest excess over a limit as a share of it; at most 0 where all are kept.
+    pub limit_excess: f64,
     /// Whether all misses are within the asked tolerances and no contact separates.
     pub within_tolerance: bool,
 }

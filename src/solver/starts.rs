@@ -12,8 +12,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::segments::{Segment, resampled, schedule_from_segments};
 use super::settings::{Method, SolveInput};
-use crate::robot::{PerWheel, RobotParameters, State, Velocity};
-use crate::shooting::{Maneuver, StateComponent, wrapped_angle};
+use crate::robot::{Motor, PerWheel, RobotParameters, State, Velocity};
+use crate::shooting::{Maneuver, ManeuverLimits, StateComponent, wrapped_angle};
 use crate::simulation::TorqueSchedule;
 
 /// A first guess, with the winding of the goal heading that it aims at.
@@ -87,6 +87,9 @@ struct Rolling {
     mass: f64,
     /// About the axle midpoint, kg m2.
     yaw_inertia: f64,
+    /// What speed and yaw rate may be, m/s and rad/s.
+    top_speed: f64,
+    top_yaw_rate: f64,
 }
 
 /// The first starts of a search, at most `count`, in the order in which they are tried: the caller's guess, the fastest
@@ -268,11 +271,14 @@ impl Rolling {
         let axle_load = robot.total_mass() * robot.gravity
             - robot.chassis_mass * robot.gravity * robot.center_of_mass_forward / robot.axle_to_front_support;
         let grip = robot.wheel_friction_coefficient * axle_load / 2.0 * robot.wheel_radius;
-        let limited = |limit: f64| amplitude * limit.min(if grip > 0.0 { grip } else { f64::INFINITY });
+        let limits = &input.maneuver.limits;
+        let share = amplitude * limits.grip_utilization.unwrap_or(1.0);
+        let limited = |limit: f64| share * limit.min(if grip > 0.0 { grip } else { f64::INFINITY });
         let limit = input.robot.torques_near_grip(input.maneuver.torque_limit);
         let torque = PerWheel::new(limited(limit.left), limited(limit.right));
         let spin = 2.0 * robot.wheel_spin_inertia / robot.wheel_radius.powi(2);
         let force = (torque.left + torque.right) / robot.wheel_radius;
+        let rim_speed = robot.wheel_radius * top_wheel_rate(robot, limits, torque);
         Self {
             torque,
             force,
@@ -282,21 +288,40 @@ impl Rolling {
                 + robot.chassis_mass * axle.norm_squared()
                 + 2.0 * robot.wheel_diametral_inertia
                 + (2.0 * robot.wheel_mass + spin) * half_track * half_track,
+            top_speed: rim_speed.min(limits.speed.unwrap_or(f64::INFINITY)),
+            top_yaw_rate: (rim_speed / half_track).min(limits.yaw_rate.unwrap_or(f64::INFINITY)),
         }
+        .gentle(limits)
     }
 
-    /// Full effort over half the distance, full braking over the rest.
+    /// With as much of the torques as the limits of the accelerations allow.
+    fn gentle(mut self, limits: &ManeuverLimits) -> Self {
+        let largest = |limit: Option<f64>, acceleration: f64| limit.map_or(1.0, |limit| limit / acceleration);
+        let along = self.force / self.mass;
+        let share = largest(limits.acceleration, along)
+            .min(largest(limits.deceleration, along))
+            .min(largest(limits.yaw_acceleration, self.moment / self.yaw_inertia));
+        if share < 1.0 {
+            self.torque = PerWheel::new(share * self.torque.left, share * self.torque.right);
+            (self.force, self.moment) = (share * self.force, share * self.moment);
+        }
+        self
+    }
+
+    /// Full effort over half the distance, full braking over the rest; at the top speed in between.
     fn drive(&self, distance: f64, segments: &mut Vec<Segment>) {
         let sign = distance.signum();
         let torque = PerWheel::new(sign * self.torque.left, sign * self.torque.right);
-        push_bang_bang((distance.abs() * self.mass / self.force).sqrt(), torque, segments);
+        let half = (distance.abs() * self.mass / self.force).sqrt();
+        push_trapezoid((half, distance.abs() / self.top_speed), torque, segments);
     }
 
     /// Positive angles turn left: the right wheel drives forward.
     fn turn(&self, angle: f64, segments: &mut Vec<Segment>) {
         let sign = angle.signum();
         let torque = PerWheel::new(-sign * self.torque.left, sign * self.torque.right);
-        push_bang_bang((angle.abs() * self.yaw_inertia / self.moment).sqrt(), torque, segments);
+        let half = (angle.abs() * self.yaw_inertia / self.moment).sqrt();
+        push_trapezoid((half, angle.abs() / self.top_yaw_rate), torque, segments);
     }
 
     /// Brakes a moving state to rest; returns where the axle then stands.
@@ -324,11 +349,28 @@ impl Rolling {
     }
 }
 
-fn push_bang_bang(half: f64, torque: PerWheel<f64>, segments: &mut Vec<Segment>) {
+/// The rate at which a wheel may turn under its torque, rad/s.
+fn top_wheel_rate(robot: &RobotParameters, limits: &ManeuverLimits, torque: PerWheel<f64>) -> f64 {
+    let of_motor = |motor: Motor| {
+        let share = torque.left.max(torque.right) / motor.stall_torque;
+        motor.free_speed * (1.0 - share).max(1.0 - AMPLITUDES[0])
+    };
+    let of_motor = robot.motor.map_or(f64::INFINITY, of_motor);
+    of_motor.min(limits.wheel_rate.unwrap_or(f64::INFINITY))
+}
+
+/// Full effort and full braking of a half each; where that passes the top speed, at which the way takes `at_top_speed`, coasting in
+/// between. Times in s.
+fn push_trapezoid((half, at_top_speed): (f64, f64), torque: PerWheel<f64>, segments: &mut Vec<Segment>) {
     if half > 0.0 {
         let braking = PerWheel::new(-torque.left, -torque.right);
-        segments.push(Segment { duration: half, torque });
-        segments.push(Segment { duration: half, torque: braking });
+        // The speed in the middle is the way over a half; at the top speed the effort is as much shorter.
+        let effort = half * (half / at_top_speed).min(1.0);
+        segments.push(Segment { duration: effort, torque });
+        if effort < half {
+            segments.push(Segment { duration: at_top_speed - effort, torque: PerWheel::new(0.0, 0.0) });
+        }
+        segments.push(Segment { duration: effort, torque: braking });
     }
 }
 

@@ -251,6 +251,8 @@ impl LocalSearch<'_, '_, '_> {
         (mut first_radius, iteration_limit): (f64, usize),
     ) -> Result<Candidate, Interruption> {
         let (mut decision, mut merit) = (guess.clone(), f64::INFINITY);
+        // Held wheels have one law.
+        let smoothings = if self.problem.forbids_slip() { &smoothings[..1] } else { smoothings };
         for &smoothing in smoothings {
             let settings = SequentialLinearSettings {
                 first_radius,

@@ -2,7 +2,7 @@
 
 use slipdrive::robot::{Robot, RobotParameters, State};
 use slipdrive::simulation::{
-    ContactMethod, EndDerivative, EndSensitivity, LeastNormalForces, NormalForceDerivative, Rollout, Simulator,
+    ContactMethod, EndDerivative, EndSensitivity, FrictionLaw, PathDerivative, PathExtremes, Rollout, Simulator,
     TorqueSchedule, Trajectory,
 };
 use slipdrive::stop::Stop;
@@ -13,6 +13,8 @@ use crate::random::RandomCases;
 const DIFFERENCE_STEP: f64 = 1e-6;
 /// Relative to the larger of 1 and the derivative; the acceptance of the derivatives.
 const TOLERANCE: f64 = 1e-6;
+/// N m s/rad: over a step of 0.01 s a tenth of the reference robot's spin inertia.
+const VISCOUS_FRICTION: f64 = 0.03;
 
 struct Case<'a> {
     simulator: &'a Simulator,
@@ -55,7 +57,7 @@ fn assert_agree(what: &str, derivative: &EndDerivative, difference: &EndDerivati
 fn compare_all(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
     let mut sensitivity = EndSensitivity::default();
     let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
-    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity, Stop::never()).unwrap();
+    case.simulator.end_sensitivity(&rollout, FrictionLaw::Exact, &mut sensitivity, Stop::never()).unwrap();
     assert_eq!(sensitivity.end, case.simulator.end_state(&rollout, Stop::never()).unwrap());
     let mut compared = 0;
     for interval in 0..schedule.control_count() {
@@ -107,14 +109,26 @@ fn derivatives_agree_with_differences_with_a_frictionless_front() {
 }
 
 #[test]
+fn derivatives_agree_with_differences_with_viscous_friction() {
+    for front in [0.0, 0.15] {
+        let (compared, total) = compare_random(400..430, 100, |robot| {
+            robot.front_friction_coefficient = front;
+            robot.wheel_viscous_friction = VISCOUS_FRICTION;
+        });
+        println!("{compared} of {total} derivatives were comparable");
+        assert!(compared * 2 > total, "most rollouts keep their modes: {compared} of {total}");
+    }
+}
+
+#[test]
 fn derivatives_agree_with_differences_with_a_gripping_front() {
     let (compared, total) = compare_random(100..140, 100, |robot| robot.front_friction_coefficient = 0.15);
     println!("{compared} of {total} derivatives were comparable");
     assert!(compared * 2 > total, "most rollouts keep their modes: {compared} of {total}");
 }
 
-/// Slip smoothing of the comparisons under smoothed friction, m/s.
-const SMOOTHING: f64 = 0.05;
+/// The law of the comparisons under smoothed friction.
+const SMOOTHED: FrictionLaw = FrictionLaw::Smoothed(0.05);
 /// Newton stops at updates of 1e-9, which the difference divides by its step.
 const SMOOTHED_TOLERANCE: f64 = 1e-4;
 
@@ -122,7 +136,7 @@ const SMOOTHED_TOLERANCE: f64 = 1e-4;
 fn smoothed(case: &Case, schedule: &TorqueSchedule) -> EndSensitivity {
     let mut sensitivity = EndSensitivity::default();
     let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
-    case.simulator.record(&rollout, SMOOTHING, &mut sensitivity, Stop::never()).unwrap();
+    case.simulator.record(&rollout, SMOOTHED, &mut sensitivity, Stop::never()).unwrap();
     sensitivity
 }
 
@@ -131,16 +145,15 @@ fn smoothed(case: &Case, schedule: &TorqueSchedule) -> EndSensitivity {
 fn compare_smoothed(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
     let mut sensitivity = EndSensitivity::default();
     let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
-    case.simulator.end_sensitivity(&rollout, SMOOTHING, &mut sensitivity, Stop::never()).unwrap();
-    let chosen: Vec<usize> = (0..LeastNormalForces::count(schedule.control_count())).collect();
-    let forces =
-        case.simulator.normal_force_sensitivity(&rollout, SMOOTHING, &sensitivity, &chosen, Stop::never()).unwrap();
-    let least = &sensitivity.least_normal_forces;
+    case.simulator.end_sensitivity(&rollout, SMOOTHED, &mut sensitivity, Stop::never()).unwrap();
+    let chosen: Vec<usize> = (0..sensitivity.path.count(schedule.control_count())).collect();
+    let forces = case.simulator.path_sensitivity(&rollout, SMOOTHED, &sensitivity, &chosen, Stop::never()).unwrap();
+    let least = &sensitivity.path;
     let mut compared = 0;
     let mut compare = |what: &str,
                        change: &dyn Fn(&mut TorqueSchedule, f64),
                        of_end: &EndDerivative,
-                       of_force: &dyn Fn(&NormalForceDerivative) -> f64| {
+                       of_force: &dyn Fn(&PathDerivative) -> f64| {
         let [above, below] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
             let mut changed = schedule.clone();
             change(&mut changed, step);
@@ -150,12 +163,12 @@ fn compare_smoothed(case: &Case, schedule: &TorqueSchedule, label: &str) -> usiz
         let gap = (of_end - difference).amax();
         assert!(gap <= SMOOTHED_TOLERANCE * difference.amax().max(1.0), "{label}, {what}: {gap}");
         for (index, derivative) in forces.iter().enumerate() {
-            let moved = [&above, &below].map(|moved| &moved.least_normal_forces);
+            let moved = [&above, &below].map(|moved| &moved.path);
             // Where the least force moves to another step, its derivative jumps.
             if moved.iter().any(|moved| moved.step(index) != least.step(index)) {
                 continue;
             }
-            let difference = (moved[0].force(index) - moved[1].force(index)) / (2.0 * DIFFERENCE_STEP);
+            let difference = (moved[0].value(index) - moved[1].value(index)) / (2.0 * DIFFERENCE_STEP);
             let gap = (of_force(derivative) - difference).abs();
             // Forces are 100 times as large as the components of the state, and so is their rounding.
             assert!(
@@ -183,14 +196,18 @@ fn all_derivatives_agree_under_smoothed_friction() {
     let (mut compared, mut total) = (0, 0);
     for (seed, front) in (300..330).flat_map(|seed| [(seed, 0.0), (seed, 0.15)]) {
         let mut cases = RandomCases::new(seed);
-        let parameters = RobotParameters { front_friction_coefficient: front, ..*cases.robot().parameters() };
+        let parameters = RobotParameters {
+            front_friction_coefficient: front,
+            wheel_viscous_friction: if seed % 2 == 0 { 0.0 } else { VISCOUS_FRICTION },
+            ..*cases.robot().parameters()
+        };
         let Ok(robot) = Robot::new(parameters) else { continue };
         let simulator = Simulator::new(&robot);
         let start = cases.state(&robot, 1.0);
         let schedule = cases.schedule(4, 1.0, 2.0);
         let case = Case { simulator: &simulator, start, step_count: 100 };
         compared += compare_smoothed(&case, &schedule, &format!("seed {seed}, front {front}"));
-        total += (2 * schedule.control_count() + 1) * LeastNormalForces::count(schedule.control_count());
+        total += (2 * schedule.control_count() + 1) * PathExtremes::default().count(schedule.control_count());
     }
     println!("{compared} of {total} derivatives of normal forces were comparable");
     assert!(compared * 2 > total, "most least forces stay in their steps: {compared} of {total}");
@@ -207,40 +224,40 @@ fn derivatives_agree_on_the_reference_robot_and_grid() {
 fn compare_normal_forces(case: &Case, schedule: &TorqueSchedule, label: &str) -> usize {
     let mut sensitivity = EndSensitivity::default();
     let rollout = Rollout { start: &case.start, schedule, step_count: case.step_count };
-    case.simulator.end_sensitivity(&rollout, 0.0, &mut sensitivity, Stop::never()).unwrap();
-    let chosen: Vec<usize> = (0..LeastNormalForces::count(schedule.control_count())).collect();
+    case.simulator.end_sensitivity(&rollout, FrictionLaw::Exact, &mut sensitivity, Stop::never()).unwrap();
+    let chosen: Vec<usize> = (0..sensitivity.path.count(schedule.control_count())).collect();
     let derivatives =
-        case.simulator.normal_force_sensitivity(&rollout, 0.0, &sensitivity, &chosen, Stop::never()).unwrap();
+        case.simulator.path_sensitivity(&rollout, FrictionLaw::Exact, &sensitivity, &chosen, Stop::never()).unwrap();
     let mut compared = 0;
-    let mut compare =
-        |what: &str, change: &dyn Fn(&mut TorqueSchedule, f64), of: &dyn Fn(&NormalForceDerivative) -> f64| {
-            let [(above, modes_above), (below, modes_below)] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
-                let mut changed = schedule.clone();
-                change(&mut changed, step);
-                let rollout = Rollout { schedule: &changed, ..rollout };
-                (
-                    case.simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap(),
-                    case.end_and_modes(&changed).1,
-                )
-            });
-            if modes_above != modes_below {
-                return;
-            }
-            for (index, derivative) in derivatives.iter().enumerate() {
-                let force = |trajectory: &Trajectory| {
-                    let sample = &trajectory.contact[sensitivity.least_normal_forces.step(index)];
-                    [sample.left, sample.right, sample.front][LeastNormalForces::contact(index)].normal_force
-                };
-                let difference = (force(&above) - force(&below)) / (2.0 * DIFFERENCE_STEP);
-                let scale = difference.abs().max(1.0);
-                // Forces of some 100 N round to 1e-14 of that, and the difference to 1e-6 of it.
-                assert!(
-                    (of(derivative) - difference).abs() <= 10.0 * TOLERANCE * scale,
-                    "{label}, {what}, normal force {index}"
-                );
-                compared += 1;
-            }
-        };
+    let mut compare = |what: &str, change: &dyn Fn(&mut TorqueSchedule, f64), of: &dyn Fn(&PathDerivative) -> f64| {
+        let [(above, modes_above), (below, modes_below)] = [DIFFERENCE_STEP, -DIFFERENCE_STEP].map(|step| {
+            let mut changed = schedule.clone();
+            change(&mut changed, step);
+            let rollout = Rollout { schedule: &changed, ..rollout };
+            (
+                case.simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap(),
+                case.end_and_modes(&changed).1,
+            )
+        });
+        if modes_above != modes_below {
+            return;
+        }
+        for (index, derivative) in derivatives.iter().enumerate() {
+            let force = |trajectory: &Trajectory| {
+                let sample = &trajectory.contact[sensitivity.path.step(index)];
+                let contact = sensitivity.path.place(index);
+                -[sample.left, sample.right, sample.front][contact].normal_force
+            };
+            let difference = (force(&above) - force(&below)) / (2.0 * DIFFERENCE_STEP);
+            let scale = difference.abs().max(1.0);
+            // Forces of some 100 N round to 1e-14 of that, and the difference to 1e-6 of it.
+            assert!(
+                (of(derivative) - difference).abs() <= 10.0 * TOLERANCE * scale,
+                "{label}, {what}, normal force {index}"
+            );
+            compared += 1;
+        }
+    };
     for interval in 0..schedule.control_count() {
         compare("left", &|s, step| s.left[interval] += step, &|d| d.by_left_torque[interval]);
         compare("right", &|s, step| s.right[interval] += step, &|d| d.by_right_torque[interval]);
@@ -254,7 +271,8 @@ fn normal_forces_are_differentiated_like_the_end() {
     let mut compared = 0;
     for seed in 0..20 {
         let mut cases = RandomCases::new(seed);
-        let robot = cases.robot();
+        let wheel_viscous_friction = if seed % 2 == 0 { 0.0 } else { VISCOUS_FRICTION };
+        let robot = Robot::new(RobotParameters { wheel_viscous_friction, ..*cases.robot().parameters() }).unwrap();
         let simulator = Simulator::new(&robot);
         let start = cases.state(&robot, 1.0);
         let schedule = cases.schedule(5, 1.0, 2.0);

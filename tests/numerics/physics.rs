@@ -68,6 +68,69 @@ fn wheel_without_friction_spins_up_on_the_spot() {
 }
 
 #[test]
+fn viscous_friction_brakes_a_free_wheel_at_the_end_of_each_step() {
+    let robot =
+        RobotParameters { wheel_friction_coefficient: 0.0, wheel_viscous_friction: 0.05, ..RobotParameters::default() };
+    let (torque, dt) = (0.3, 0.01);
+    let mut start = State::default();
+    start.velocity.wheel_rate = PerWheel::new(-20.0, 30.0);
+    let trajectory = roll(robot, &start, &constant(50.0 * dt, torque, 0.0), 50);
+    let (mut left, mut right) = (-20.0, 30.0);
+    let inertia = robot.wheel_spin_inertia + robot.wheel_viscous_friction * dt;
+    let static_load = trajectory.contact[49].front.normal_force;
+    for (state, contact) in trajectory.state[1..].iter().zip(&trajectory.contact) {
+        let before = left + right;
+        left = (robot.wheel_spin_inertia * left + torque * dt) / inertia;
+        right = robot.wheel_spin_inertia * right / inertia;
+        assert_near(state.velocity.wheel_rate.left, left, ROUNDING);
+        assert_near(state.velocity.wheel_rate.right, right, ROUNDING);
+        // The chassis carries what spins the wheels up, and nothing else.
+        let spin_up = robot.wheel_spin_inertia * (left + right - before) / dt;
+        let front = robot.chassis_mass * robot.gravity * robot.center_of_mass_forward - spin_up;
+        assert_near(contact.front.normal_force, front / robot.axle_to_front_support, ROUNDING);
+    }
+    // Near the rate at which friction balances the torque.
+    assert_near(left, torque / robot.wheel_viscous_friction, 1e-2);
+    assert!(static_load > 0.0);
+}
+
+#[test]
+fn a_rolling_drive_loses_to_viscous_friction_what_both_wheels_do() {
+    let robot = RobotParameters { wheel_viscous_friction: 0.04, ..symmetric() };
+    let (torque, dt, radius) = (0.4, 0.005, robot.wheel_radius);
+    let trajectory = roll(robot, &State::default(), &constant(200.0 * dt, torque, torque), 200);
+    let mass = robot.total_mass() + 2.0 * robot.wheel_spin_inertia / radius.powi(2);
+    let (mut speed, mut place) = (0.0, 0.0);
+    for state in &trajectory.state[1..] {
+        let before = speed;
+        // Implicit Euler of m v' = 2 (M - c v / R) / R.
+        speed = (mass * speed + 2.0 * torque / radius * dt)
+            / (mass + 2.0 * robot.wheel_viscous_friction / radius.powi(2) * dt);
+        place += 0.5 * dt * (before + speed);
+        assert_near(state.velocity.y, speed, ROUNDING);
+        assert_near(state.configuration.y, place, ROUNDING);
+    }
+    assert!(speed < 0.95 * 2.0 * torque / radius / mass, "the friction counts");
+}
+
+#[test]
+fn fixed_point_agrees_with_viscous_friction() {
+    for seed in 0..40 {
+        let mut cases = RandomCases::new(seed);
+        let wheel_viscous_friction = cases.between(0.0, 0.2);
+        let robot = Robot::new(RobotParameters { wheel_viscous_friction, ..*cases.robot().parameters() }).unwrap();
+        let (start, schedule) = (cases.state(&robot, 1.0), cases.schedule(5, 0.5, 2.0));
+        let rollout = Rollout { start: &start, schedule: &schedule, step_count: 50 };
+        let simulator = Simulator::new(&robot);
+        let exact = simulator.end_state(&rollout, Stop::never()).unwrap();
+        let fixed_point = simulator.end_state_by_fixed_point(&rollout, Stop::never()).unwrap();
+        // Sweeps end at residuals of 1e-10, which some dozen steps add up and slip modes spread.
+        let difference = (exact.to_vector() - fixed_point.to_vector()).amax();
+        assert!(difference <= 1e-6, "seed {seed}: {difference}");
+    }
+}
+
+#[test]
 fn spinning_wheels_push_with_friction_times_load() {
     let robot = symmetric();
     let torque = 5.0;
@@ -145,7 +208,11 @@ fn kinetic_energy(robot: &Robot, state: &State) -> f64 {
 fn zero_torque_never_gains_energy() {
     for seed in 0..300 {
         let mut cases = RandomCases::new(seed);
-        let parameters = RobotParameters { tangential_restitution: 0.0, ..*cases.robot().parameters() };
+        let parameters = RobotParameters {
+            tangential_restitution: 0.0,
+            wheel_viscous_friction: if seed % 3 == 0 { 0.05 } else { 0.0 },
+            ..*cases.robot().parameters()
+        };
         let robot = Robot::new(parameters).unwrap();
         let start = cases.state(&robot, 1.5);
         let trajectory = roll(parameters, &start, &constant(1.0, 0.0, 0.0), 1000);
@@ -156,6 +223,18 @@ fn zero_torque_never_gains_energy() {
         }
         assert!(energy[1000] < energy[0], "seed {seed}");
     }
+}
+
+#[test]
+fn viscous_friction_stops_wheels_at_any_step_length() {
+    let parameters = RobotParameters { wheel_viscous_friction: 1e3, ..RobotParameters::default() };
+    let robot = Robot::new(parameters).unwrap();
+    let mut start = State::default();
+    start.velocity.wheel_rate = PerWheel::new(40.0, -25.0);
+    let trajectory = roll(parameters, &start, &constant(10.0, 0.0, 0.0), 10);
+    let energy: Vec<f64> = trajectory.state.iter().map(|state| kinetic_energy(&robot, state)).collect();
+    assert!(energy.windows(2).all(|pair| pair[1] <= pair[0]), "{energy:?}");
+    assert!(energy[10] < 1e-9 * energy[0], "{energy:?}");
 }
 
 fn mirrored_state(state: &State) -> State {

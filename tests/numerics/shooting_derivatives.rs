@@ -4,7 +4,9 @@
 use nalgebra::DVector;
 use slipdrive::optimizer::{Linearisation, Problem};
 use slipdrive::robot::{PerWheel, Robot};
-use slipdrive::shooting::{Goal, Maneuver, ReferencePoint, ShootingProblem, StateComponent, decision_from_schedule};
+use slipdrive::shooting::{
+    Goal, Maneuver, PathLimits, ReferencePoint, ShootingProblem, StateComponent, decision_from_schedule,
+};
 use slipdrive::simulation::Simulator;
 use slipdrive::stop::Stop;
 
@@ -75,7 +77,8 @@ fn jacobian_agrees_with_differences_under_every_smoothing() {
         for point in [ReferencePoint::ChassisCenterOfMass, ReferencePoint::AxleMidpoint] {
             let maneuver = maneuver(&mut cases, &robot, point);
             let decision = decision_from_schedule(&cases.schedule(CONTROL_COUNT, 1.2, 2.0));
-            let mut problem = ShootingProblem::new(&simulator, &maneuver, (STEP_COUNT, CONTROL_COUNT), 1.0);
+            let mut problem =
+                ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (STEP_COUNT, CONTROL_COUNT), 1.0);
             for smoothing in SMOOTHINGS {
                 problem.set_slip_smoothing(smoothing);
                 normal_forces +=

@@ -154,6 +154,8 @@ fn replay(replay: &Replay) -> message::Replay {
         miss_yaw_rate,
         miss_wheel_speed,
         separations,
+        // By field in `limits`.
+        limit_excess: _,
         within_tolerance,
     } = *replay;
     message::Replay {

@@ -72,6 +72,7 @@ mod tests {
             miss_yaw_rate: 0.0,
             miss_wheel_speed: 0.0,
             separations: 0,
+            limit_excess: 0.0,
             within_tolerance: true,
         };
         assert_eq!(replay_miss(&replay), "2.00e-4 m, 0.00e0 rad, 1.00e-3 m/s on 3200 steps: within tolerance");

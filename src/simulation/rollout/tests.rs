@@ -3,7 +3,7 @@
 use super::*;
 use crate::robot::RobotParameters;
 use crate::robot::unlucky::short_track;
-use crate::simulation::EndSensitivity;
+use crate::simulation::{EndSensitivity, FrictionLaw};
 use crate::stop::probe;
 
 const STEPS: usize = 30;
@@ -75,19 +75,20 @@ fn fixed_point_asks_every_64_sweeps() {
 fn backward_sweeps_ask_at_each_step() {
     with_rollout(short_track(), |simulator, rollout| {
         let mut sensitivity = EndSensitivity::default();
-        simulator.record(rollout, 0.0, &mut sensitivity, Stop::never()).unwrap();
-        let (end, asked) = probe::unstopped(|stop| simulator.differentiate(rollout, 0.0, &mut sensitivity, stop));
+        simulator.record(rollout, FrictionLaw::Exact, &mut sensitivity, Stop::never()).unwrap();
+        let (end, asked) =
+            probe::unstopped(|stop| simulator.differentiate(rollout, FrictionLaw::Exact, &mut sensitivity, stop));
         assert_eq!((end, asked), (Ok(()), STEPS as u64));
         let chosen = [0, 1, 2, 3 * STEPS - 1];
-        let forces = |stop: Stop| simulator.normal_force_sensitivity(rollout, 0.0, &sensitivity, &chosen, stop);
+        let forces = |stop: Stop| simulator.path_sensitivity(rollout, FrictionLaw::Exact, &sensitivity, &chosen, stop);
         let (derivatives, asked) = probe::unstopped(forces);
-        let last_step = chosen.map(|index| sensitivity.least_normal_forces.step(index)).into_iter().max().unwrap();
+        let last_step = chosen.map(|index| sensitivity.path.step(index)).into_iter().max().unwrap();
         assert!(derivatives.is_ok() && asked == last_step as u64 + 1, "{asked}");
         for last in 1..=STEPS as u64 {
             assert!(last > asked || probe::stopped_at(last, forces) == (Err(Stopped), last));
             let again = probe::stopped_at(last, |stop| {
                 let mut sensitivity = sensitivity.clone();
-                simulator.differentiate(rollout, 0.0, &mut sensitivity, stop)
+                simulator.differentiate(rollout, FrictionLaw::Exact, &mut sensitivity, stop)
             });
             assert_eq!(again, (Err(Stopped), last));
         }

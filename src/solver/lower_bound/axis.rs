@@ -4,6 +4,9 @@
 //! The speed grows by at most the acceleration from the start, and must fall back by at most as much to the end; the
 //! torques bound it by a curve of their own. The distance covered in a time T is then at most the area under the lowest
 //! curve, plus what the grid's errors add to the one that is the lowest.
+//!
+//! Viscous friction of the coordinate brakes it beyond its acceleration, but never drives it: then only what takes the speed away
+//! from zero needs time.
 
 use super::curve::{Curve, Level};
 use super::envelope::{Envelope, Piece};
@@ -50,6 +53,8 @@ pub(super) struct Axis {
     pub(super) displacement: (f64, f64),
     /// Speed per unit of the drive norm, at most; none where the torques are not asked.
     pub(super) drive_scale: Option<f64>,
+    /// Whether viscous friction acts on the coordinate beside the acceleration.
+    pub(super) is_damped: bool,
 }
 
 /// Which part of a goal takes the time.
@@ -146,7 +151,17 @@ impl Axis {
 
     /// What the goal asks for, in either direction.
     fn change_of_speed(&self) -> f64 {
-        (self.end_speed.0 - self.start_speed).max(self.start_speed - self.end_speed.1)
+        (self.end_speed.0 - self.rise_from()).max(self.fall_from() - self.end_speed.1)
+    }
+
+    /// The speed from which a rise takes time: viscous friction may stop the coordinate in no time.
+    fn rise_from(&self) -> f64 {
+        if self.is_damped { self.start_speed.max(0.0) } else { self.start_speed }
+    }
+
+    /// The speed from which a fall takes time.
+    fn fall_from(&self) -> f64 {
+        if self.is_damped { self.start_speed.min(0.0) } else { self.start_speed }
     }
 
     /// The largest change of speed within a duration.
@@ -180,9 +195,11 @@ impl Axis {
             return 0.0;
         }
         let error = error(to);
-        let forward = Curve::by_time(&self.start_push.towards, self.start_speed, error.dt(), to);
+        let forward = Curve::by_time(&self.start_push.towards, self.rise_from(), error.dt(), to);
         let backward = match self.end_speed.1 {
-            speed if speed.is_finite() => Curve::by_time(&self.end_push.against, speed, error.dt(), to).reversed(),
+            speed if speed.is_finite() && !self.is_damped => {
+                Curve::by_time(&self.end_push.against, speed, error.dt(), to).reversed()
+            }
             _ => Curve::above_all(to),
         };
         let drive = self.drive_scale.and_then(|scale| Some(error.drive()?.scaled(scale)));

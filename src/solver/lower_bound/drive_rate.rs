@@ -24,8 +24,8 @@ pub(super) fn drive_rates(norm: &DriveNorm, loads: &Loads) -> Vec<Level> {
     let margin = loads.law_error() * norm.largest_slips();
     let unloaded = norm.gain().left * loads.torque_limit().x + norm.gain().right * loads.torque_limit().y;
     let without_end = |rate: f64| Level { until: f64::INFINITY, rate: margin + rate };
-    if unloaded == 0.0 {
-        return vec![without_end(0.0)];
+    if unloaded == 0.0 || !loads.bounds_wheel_loads() {
+        return vec![without_end(unloaded)];
     }
     let bounds = WEIGHTS.map(|weights| Bound::new(norm, loads, weights));
     let level = |norm_squared: f64| {
@@ -142,6 +142,13 @@ mod tests {
     use crate::robot::{Robot, RobotParameters};
     use crate::shooting::ManeuverLimits;
     use crate::solver::lower_bound::capacity::bodies;
+
+    #[test]
+    fn viscous_friction_may_take_all_load_off_the_wheels() {
+        let damped = RobotParameters { wheel_viscous_friction: 1e-3, ..RobotParameters::default() };
+        let levels = rates(RobotParameters::default(), 1.0);
+        assert_eq!(rates(damped, 1.0), levels[levels.len() - 1..]);
+    }
 
     fn rates(parameters: RobotParameters, torque: f64) -> Vec<Level> {
         let robot = Robot::new(parameters).unwrap();

@@ -1,5 +1,8 @@
 //! What the loads of the contacts allow friction to do, and what friction leaves of the loads (`docs/bounds.md`).
 //!
+//! Viscous friction takes from the torques of the wheels, at fast wheels as much as you like: with it only the balance of weight
+//! bounds what friction can do, since torques do not enter that.
+//!
 //! Normal forces are affine in torques and friction forces. The front support's one follows from the balances of weight
 //! and pitch alone, so it does not depend on wheel rates; with it the wheels' sum of normal forces is known too.
 
@@ -7,7 +10,7 @@ use nalgebra::Vector2;
 
 use crate::contact::ContactName;
 use crate::robot::{PerWheel, Robot};
-use crate::shooting::{ManeuverLimits, NORMAL_LOAD_TOLERANCE};
+use crate::shooting::{LIMIT_TOLERANCE, ManeuverLimits};
 
 /// Balances that are tried between weight alone and weight with pitch, each of which gives a bound: twice as many gain nothing
 /// in the median over the suite.
@@ -45,6 +48,7 @@ pub(super) struct Loads {
     /// Normal force per friction force, by the contact of the normal force.
     by_friction: [PerContact; 3],
     torque_limit: Vector2<f64>,
+    has_viscous_friction: bool,
     least: [f64; 3],
     /// How far a friction force may be from the friction law, N.
     law_error: f64,
@@ -76,7 +80,7 @@ impl Loads {
         let static_force = projection.static_force.into();
         // Plans may miss their least loads by the search's tolerance.
         let least_loads = limits.least_normal_loads(robot);
-        let least = contacts.map(|contact| (least_loads[contact] * weight - NORMAL_LOAD_TOLERANCE * weight).max(0.0));
+        let least = contacts.map(|contact| (least_loads[contact] * weight - LIMIT_TOLERANCE * weight).max(0.0));
         let (wheel, front) = (parameters.wheel_friction_coefficient, parameters.front_friction_coefficient);
         Self {
             friction: [wheel, wheel, front],
@@ -87,6 +91,7 @@ impl Loads {
             gyroscopic: projection.gyroscopic.into(),
             by_friction: contacts.map(|contact| [[0, 2], [1, 2], [3, 4]].map(|columns| of_contact(contact, columns))),
             torque_limit: Vector2::new(torque_limit.left, torque_limit.right),
+            has_viscous_friction: parameters.wheel_viscous_friction > 0.0,
             least,
             law_error: law_error_share * weight,
         }
@@ -104,6 +109,11 @@ impl Loads {
 
     pub(super) fn torque_limit(&self) -> Vector2<f64> {
         self.torque_limit
+    }
+
+    /// Whether the normal forces of the wheels, beside yaw, depend on nothing but torques and friction within their limits.
+    pub(super) fn bounds_wheel_loads(&self) -> bool {
+        !self.has_viscous_friction
     }
 
     pub(super) fn friction(&self, contact: usize) -> f64 {
@@ -171,8 +181,8 @@ impl Loads {
     ///
     /// Of all balances the one with the least bound.
     fn bound(&self, gain: impl Fn(usize, f64, Vector2<f64>) -> f64) -> ByTorque {
-        // Yaw that relieves the front support would add to the wheels' loads without limit.
-        let balances = if self.centrifugal[FRONT] < 0.0 { 0 } else { BALANCES };
+        // Yaw that relieves the front support would add to the wheels' loads without limit, and so would viscous friction.
+        let balances = if self.centrifugal[FRONT] < 0.0 || self.has_viscous_friction { 0 } else { BALANCES };
         let shares = (0..=balances).map(|index| f64::from(index) / f64::from(BALANCES));
         let bounds = shares.filter_map(|share| self.bound_of_balance(share, &gain));
         let least = |a: ByTorque, b: ByTorque| {
@@ -249,7 +259,7 @@ mod tests {
         let share = 0.01;
         let limits = ManeuverLimits { normal_load_share: share, ..ManeuverLimits::default() };
         let least = Loads::new(&Robot::new(parameters).unwrap(), PerWheel::new(1.0, 1.0), limits, 0.0);
-        assert!((least.least_of_wheel(0) - (share - NORMAL_LOAD_TOLERANCE) * least.weight()).abs() < 1e-12);
+        assert!((least.least_of_wheel(0) - (share - LIMIT_TOLERANCE) * least.weight()).abs() < 1e-12);
     }
 
     /// Friction forces and torques with normal forces that keep all contacts closed; none where they do not.

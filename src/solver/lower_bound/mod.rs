@@ -211,6 +211,7 @@ impl<'a> Bounds<'a> {
             end_speed: self.targets.end_velocity(direction),
             displacement: self.targets.displacement(direction),
             drive_scale: self.drive_scale(self.capacity.norm.translation_scale()),
+            is_damped: false,
         }
     }
 
@@ -249,6 +250,7 @@ impl<'a> Bounds<'a> {
             end_speed: self.targets.component(StateComponent::YawRate),
             displacement: (f64::NEG_INFINITY, f64::INFINITY),
             drive_scale: self.drive_scale(self.capacity.norm.yaw_scale()),
+            is_damped: false,
         };
         let name = |demand| match demand {
             Demand::Displacement => StateComponent::Heading,
@@ -358,6 +360,7 @@ impl<'a> Bounds<'a> {
                 end_speed: self.targets.component(rate_component),
                 displacement: (low - angle, high - angle),
                 drive_scale: None,
+                is_damped: self.input.robot.parameters().wheel_viscous_friction > 0.0,
             };
             let (time, demand) = self.least_time(&axis, GridLaw::Exact, found.floor());
             let component = if demand == Demand::Displacement { angle_component } else { rate_component };

@@ -77,6 +77,7 @@ fn small_report() -> Report {
             miss_yaw_rate: 0.0,
             miss_wheel_speed: 0.0,
             separations: 0,
+            limit_excess: 0.0,
             within_tolerance: true,
         }),
         limits: Vec::new(),

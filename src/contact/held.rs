@@ -1,0 +1,76 @@
+//! Wheels held on the floor: they stick, whatever friction that takes; the front support keeps its own law.
+//!
+//! Where the friction that this takes is within the wheels' grip, it is a solution of the exact law.
+
+use nalgebra::SVector;
+
+use super::delassus::DelassusOperator;
+use super::natural_map::friction_radius;
+use super::newton::{NEWTON_LIMIT, Newton};
+use super::one_step_problem::OneStepProblem;
+use super::pattern::{ContactMode, ContactPattern, WheelPattern};
+use super::solution::ContactSolution;
+
+/// Newton's update relative to m g dt at which it has converged to rounding.
+const SMALL_UPDATE: f64 = 1e-9;
+
+/// Solves steps with sticking wheels, warm-started from the last step.
+#[derive(Debug, Clone)]
+pub struct HeldSolver<const N: usize> {
+    impulse: SVector<f64, N>,
+}
+
+impl<const N: usize> Default for HeldSolver<N> {
+    fn default() -> Self {
+        Self { impulse: SVector::zeros() }
+    }
+}
+
+impl<const N: usize> HeldSolver<N> {
+    /// Solves one step; without wheel friction the wheels are not held. The residual of the answer is 0, or NaN where no friction
+    /// of the front support was found.
+    #[inline]
+    pub fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
+        let [sticking, ..] = DelassusOperator::<N>::linear_patterns();
+        let impulse = operator.linear_derivative(sticking).map_or_else(SVector::zeros, |map| {
+            map.by_free_slip * problem.free_slip + map.by_free_normal * problem.free_normal
+        });
+        let solution = solution(operator, problem, (sticking, impulse));
+        if N == 3 || front_sticks(operator, &solution) {
+            self.impulse = impulse;
+            return solution;
+        }
+        self.with_slipping_front(operator, problem)
+    }
+
+    fn with_slipping_front(
+        &mut self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+    ) -> ContactSolution<N> {
+        let pattern = ContactPattern { wheels: WheelPattern::BothStick, front: ContactMode::Slip };
+        let newton = Newton { operator, problem, pattern, slip_smoothing: 0.0, iteration_limit: NEWTON_LIMIT };
+        let found = [self.impulse, SVector::zeros()]
+            .iter()
+            .find_map(|start| newton.solve(start, SMALL_UPDATE * problem.weight_impulse(), Some));
+        self.impulse = found.unwrap_or(self.impulse);
+        let residual = if found.is_some() { 0.0 } else { f64::NAN };
+        ContactSolution { residual, ..solution(operator, problem, (pattern, self.impulse)) }
+    }
+}
+
+fn solution<const N: usize>(
+    operator: &DelassusOperator<N>,
+    problem: &OneStepProblem<N>,
+    (pattern, impulse): (ContactPattern, SVector<f64, N>),
+) -> ContactSolution<N> {
+    let impact_slip = operator.impact_slip(problem, &impulse);
+    let normal_impulse = operator.normal_impulse(problem, &impulse);
+    ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual: 0.0 }
+}
+
+/// Whether the friction of a sticking front support is within its grip.
+fn front_sticks<const N: usize>(operator: &DelassusOperator<N>, solution: &ContactSolution<N>) -> bool {
+    let friction = solution.impulse[N - 2].hypot(solution.impulse[N - 1]);
+    friction <= friction_radius(operator, 2, &solution.normal_impulse)
+}

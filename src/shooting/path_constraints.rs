@@ -1,0 +1,135 @@
+//! Path constraints of the search: what a plan must keep on the way, as inequalities.
+//!
+//! A constraint is `quantity / unit + offset <= 0` for the largest value of its quantity in each stretch of a rollout, so all
+//! values are shares of what is allowed. Changes of the torques, which no rollout is needed for, follow after these.
+
+use nalgebra::{DVector, Dyn, MatrixViewMut, U1};
+
+use super::maneuver::{ManeuverLimits, static_loads};
+use super::path_limits::{PathLimit, PathLimits};
+use super::torque_rate::TorqueRateConstraints;
+use crate::robot::Robot;
+use crate::simulation::{PathDerivative, PathExtremes, TorqueSchedule};
+
+/// How exactly the search keeps its limits, as a share of each, of the weight for normal forces: a thousandth of what counts, and
+/// far above the rounding of a rollout.
+pub const LIMIT_TOLERANCE: f64 = 1e-6;
+/// Contacts with less than this share of the weight above their least load may fall below it within one step of the search.
+const NORMAL_LOAD_MARGIN: f64 = 0.1;
+/// What follows speeds and positions changes little within one step of the search.
+const SMOOTH_MARGIN: f64 = 0.3;
+/// What jumps with the torques may come from anywhere.
+const JUMP_MARGIN: f64 = 1.0;
+
+type Row<'a> = MatrixViewMut<'a, f64, U1, Dyn, U1, Dyn>;
+
+/// The path constraints of one maneuver.
+#[derive(Debug, Clone)]
+pub(super) struct PathConstraints {
+    /// In the order of their quantities in [`PathExtremes`].
+    path: Vec<PathConstraint>,
+    torque_rate: TorqueRateConstraints,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct PathConstraint {
+    /// What counts as 1, in the unit of the quantity.
+    unit: f64,
+    offset: f64,
+    /// By how much it may be missed.
+    tolerance: f64,
+    /// It may be missed within one step of the search where it holds by less than this.
+    margin: f64,
+}
+
+impl PathConstraints {
+    pub(super) fn new(robot: &Robot, limits: ManeuverLimits, path: &PathLimits) -> Self {
+        let mut constraints = least_loads(robot, limits).to_vec();
+        constraints.extend(path.path.iter().map(PathConstraint::of_limit));
+        Self { path: constraints, torque_rate: TorqueRateConstraints::new(path.torque_rate) }
+    }
+
+    /// Number of values for a schedule.
+    pub(super) fn count(&self, extremes: &PathExtremes, control_count: usize) -> usize {
+        extremes.count(control_count) + self.torque_rate.count(control_count)
+    }
+
+    pub(super) fn write_values(&self, extremes: &PathExtremes, schedule: &TorqueSchedule, values: &mut DVector<f64>) {
+        let (path, torque_rate) = values.as_mut_slice().split_at_mut(extremes.count(schedule.control_count()));
+        for (index, value) in path.iter_mut().enumerate() {
+            let constraint = &self.path[extremes.place(index)];
+            *value = constraint.offset + extremes.value(index) / constraint.unit;
+        }
+        self.torque_rate.write_values(schedule, torque_rate);
+    }
+
+    /// The constraints that are violated or nearly active, ascending; and how many of them are of the path.
+    pub(super) fn select_working_set(
+        &self,
+        extremes: &PathExtremes,
+        schedule: &TorqueSchedule,
+        values: &DVector<f64>,
+        working_set: &mut Vec<usize>,
+    ) -> usize {
+        working_set.clear();
+        let path_count = extremes.count(schedule.control_count());
+        let is_near = |index: &usize| values[*index] > -self.path[extremes.place(*index)].margin;
+        working_set.extend((0..path_count).filter(is_near));
+        let near_path_count = working_set.len();
+        working_set.extend(path_count..values.len());
+        near_path_count
+    }
+
+    /// A row of the Jacobian: the derivatives of the value of a quantity.
+    pub(super) fn write_path_row(&self, place: usize, derivative: &PathDerivative, mut row: Row) {
+        let unit = self.path[place].unit;
+        let torques = derivative.by_left_torque.iter().chain(&derivative.by_right_torque);
+        for (value, derivative) in row.iter_mut().zip(torques.chain([&derivative.by_final_time])) {
+            *value = derivative / unit;
+        }
+    }
+
+    /// A row of the Jacobian: the derivatives of a change of torque.
+    pub(super) fn write_torque_rate_row(
+        &self,
+        (index, extremes): (usize, &PathExtremes),
+        schedule: &TorqueSchedule,
+        row: Row,
+    ) {
+        self.torque_rate.write_row(index - extremes.count(schedule.control_count()), schedule, row);
+    }
+
+    /// Whether any is missed by more than its tolerance.
+    pub(super) fn are_broken(&self, extremes: &PathExtremes, control_count: usize, values: &DVector<f64>) -> bool {
+        let path_count = extremes.count(control_count);
+        let tolerance = |index: usize| {
+            if index < path_count { self.path[extremes.place(index)].tolerance } else { LIMIT_TOLERANCE }
+        };
+        values.iter().enumerate().any(|(index, value)| *value > tolerance(index))
+    }
+}
+
+impl PathConstraint {
+    /// Kept with a margin of the tolerance, so that what the search accepts exceeds no limit.
+    fn of_limit(limit: &PathLimit) -> Self {
+        let margin = if limit.quantity.jumps_with_torque() { JUMP_MARGIN } else { SMOOTH_MARGIN };
+        let offset = LIMIT_TOLERANCE - limit.largest / limit.unit;
+        Self { unit: limit.unit, offset, tolerance: LIMIT_TOLERANCE, margin }
+    }
+}
+
+/// `least load - normal force / weight <= 0` for each contact.
+fn least_loads(robot: &Robot, limits: ManeuverLimits) -> [PathConstraint; 3] {
+    let parameters = robot.parameters();
+    let unit = parameters.total_mass() * parameters.gravity;
+    // Without a least load the search keeps its tolerance away from separation; a contact that carries next to nothing has a
+    // smaller one.
+    let tolerance = static_loads(robot).map(|load| (0.5 * load).clamp(0.0, LIMIT_TOLERANCE));
+    let least = limits.least_normal_loads(robot).sup(&tolerance);
+    std::array::from_fn(|contact| PathConstraint {
+        unit,
+        offset: least[contact],
+        tolerance: tolerance[contact],
+        margin: NORMAL_LOAD_MARGIN,
+    })
+}

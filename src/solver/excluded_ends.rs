@@ -1,0 +1,151 @@
+//! Starts and goals that the limits of a maneuver exclude, found without any rollout.
+
+use nalgebra::{Rotation2, Vector2};
+
+use super::settings::SolveInput;
+use super::solution::Reason;
+use crate::robot::{BodyVector, State};
+use crate::shooting::{LIMIT_TOLERANCE, LONGEST_FINAL_TIME, StateComponent};
+
+/// An end of the maneuver: its state at the reference point, as far as it is given.
+struct End<'a> {
+    name: &'static str,
+    state: State,
+    is_given: &'a dyn Fn(StateComponent) -> bool,
+    /// s.
+    time: f64,
+}
+
+const POSE: [StateComponent; 3] = [StateComponent::X, StateComponent::Y, StateComponent::Heading];
+const VELOCITY: [StateComponent; 3] = [StateComponent::VelocityX, StateComponent::VelocityY, StateComponent::YawRate];
+const WHEEL_RATES: [StateComponent; 2] = [StateComponent::WheelRateLeft, StateComponent::WheelRateRight];
+
+/// What a limit makes impossible at the start, or else at the goal.
+pub(super) fn excluded_end(input: &SolveInput) -> Option<Reason> {
+    let goal = &input.maneuver.goal;
+    let mut state = State::default().to_vector();
+    for (component, value) in goal.constrained() {
+        state[component.index()] = value;
+    }
+    let is_given = |component: StateComponent| goal.value(component).is_some();
+    [
+        End { name: "start", state: input.maneuver.start, is_given: &|_| true, time: 0.0 },
+        End { name: "goal", state: State::from_vector(&state), is_given: &is_given, time: LONGEST_FINAL_TIME },
+    ]
+    .iter()
+    .find_map(|end| end.leaves_aisle(input).or_else(|| end.exceeds_rates(input)).or_else(|| end.slips(input)))
+}
+
+impl End<'_> {
+    fn has(&self, components: &[StateComponent]) -> bool {
+        components.iter().all(|component| (self.is_given)(*component))
+    }
+
+    /// The corner that is furthest outside.
+    fn leaves_aisle(&self, input: &SolveInput) -> Option<Reason> {
+        let aisle = input.aisle.as_ref().filter(|_| self.has(&POSE))?;
+        let parameters = input.robot.parameters();
+        let from_reference = parameters.axle_midpoint() - input.maneuver.reference_point.offset(parameters);
+        let pose = &self.state.configuration;
+        let turn = Rotation2::new(pose.heading);
+        let corners = aisle.footprint.corners().iter().enumerate();
+        let places =
+            corners.map(|(index, corner)| (index, Vector2::new(pose.x, pose.y) + turn * (from_reference + corner)));
+        let outside = places.flat_map(|(index, place)| {
+            aisle.keep_in.edges().map(move |edge| (index, edge.normal.dot(&place) - edge.offset))
+        });
+        let (corner, distance) = outside.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let [right, forward] = aisle.footprint.corners()[corner].into();
+        (distance > input.settings.goal_tolerance).then(|| Reason {
+            code: if self.name == "start" { "start_outside" } else { "goal_outside" },
+            field: "maneuver.keep_in".to_owned(),
+            message: format!(
+                "at the {} the corner of `robot.footprint` at ({right}, {forward}) m (right, forward) is {distance} m outside \
+                 `maneuver.keep_in`, must be inside; a wider aisle or another pose helps",
+                self.name
+            ),
+            time: self.time,
+            value: distance,
+            limit: 0.0,
+        })
+    }
+
+    fn exceeds_rates(&self, input: &SolveInput) -> Option<Reason> {
+        let (limits, velocity) = (&input.maneuver.limits, &self.state.velocity);
+        let wheel_rate = velocity.wheel_rate.left.abs().max(velocity.wheel_rate.right.abs());
+        [
+            ("wheel_rate_rad_s", wheel_rate, limits.wheel_rate, &WHEEL_RATES[..]),
+            ("yaw_rate_rad_s", velocity.yaw_rate.abs(), limits.yaw_rate, &VELOCITY[2..]),
+            ("speed_m_s", self.speed_of_payload(input), limits.speed, &VELOCITY[..]),
+        ]
+        .into_iter()
+        .find_map(|(field, value, limit, components)| {
+            let limit = limit.filter(|_| self.has(components))?;
+            let slack = LIMIT_TOLERANCE * limit + input.settings.goal_tolerance;
+            (value > limit + slack).then(|| self.reason(field, value, limit))
+        })
+    }
+
+    fn reason(&self, field: &str, value: f64, limit: f64) -> Reason {
+        Reason {
+            code: if self.name == "start" { "start_exceeds_limit" } else { "goal_exceeds_limit" },
+            field: format!("maneuver.limits.{field}"),
+            message: format!(
+                "`maneuver.limits.{field}` is {limit}, which the {} exceeds with {value}; a larger limit or a slower {} helps",
+                self.name, self.name
+            ),
+            time: self.time,
+            value,
+            limit,
+        }
+    }
+
+    /// Speed of the point that the limits speak of, m/s. A payload's centre turns around the reference point.
+    fn speed_of_payload(&self, input: &SolveInput) -> f64 {
+        let parameters = input.robot.parameters();
+        let body = self.body_velocity();
+        let from_reference = input.payload.map_or(Vector2::zeros(), |payload| {
+            let point = parameters.axle_midpoint() + Vector2::new(payload.right, payload.forward);
+            point - input.maneuver.reference_point.offset(parameters)
+        });
+        let (right, forward) = (body[0] - from_reference.y * body[2], body[1] + from_reference.x * body[2]);
+        right.hypot(forward)
+    }
+
+    /// At the reference point, in the frame of the heading.
+    fn body_velocity(&self) -> BodyVector {
+        let (heading, velocity) = (self.state.configuration.heading, &self.state.velocity);
+        let planar = Rotation2::new(-heading) * Vector2::new(velocity.x, velocity.y);
+        let wheels = velocity.wheel_rate;
+        BodyVector::from([planar.x, planar.y, velocity.yaw_rate, wheels.left, wheels.right])
+    }
+
+    /// A wheel that slips where none may.
+    fn slips(&self, input: &SolveInput) -> Option<Reason> {
+        let is_known = self.has(&POSE[2..]) && self.has(&VELOCITY) && self.has(&WHEEL_RATES);
+        if !input.maneuver.forbids_slip() || !is_known {
+            return None;
+        }
+        let offset = input.maneuver.reference_point.offset(input.robot.parameters());
+        let mut velocity = self.body_velocity();
+        velocity[0] += offset.y * velocity[2];
+        velocity[1] -= offset.x * velocity[2];
+        let slips = input.robot.tangent_jacobian().wheel_slip(&velocity);
+        let slip = slips.into_iter().map(f64::abs).fold(0.0, f64::max);
+        // Each component of a state may be off by the tolerance.
+        let [radius, width] = [input.robot.parameters().wheel_radius, input.robot.parameters().track_width];
+        let slack = input.settings.goal_tolerance * (2.0 + radius + width);
+        (slip > slack).then(|| Reason {
+            code: if self.name == "start" { "start_slips" } else { "goal_slips" },
+            field: "maneuver.slip".to_owned(),
+            message: format!(
+                "`maneuver.slip` is forbidden, but at the {} a wheel slips by {slip} m/s, must be at most {slack}; wheel rates \
+                 that fit the velocity help, or free ones at the goal",
+                self.name
+            ),
+            time: self.time,
+            value: slip,
+            limit: slack,
+        })
+    }
+}

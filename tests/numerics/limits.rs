@@ -1,0 +1,247 @@
+//! Plans with limits against closed forms, and what answers say of limits.
+
+use nalgebra::Vector2;
+use slipdrive::robot::{Motor, Payload, PerWheel, RobotParameters};
+use slipdrive::shooting::{AisleCorners, Goal, SlipPolicy, StateComponent};
+use slipdrive::solver::{
+    RunControl, SimulateInput, SimulateParameters, Solution, SolveInput, SolveParameters, Status, simulate, solve,
+};
+use slipdrive::stop::Stop;
+
+/// What a plan may exceed a limit by on its own grid, as a share.
+const EXCESS: f64 = 1e-6;
+
+/// One start on the paper's grid, without slip, of a robot whose mass is on the centreline.
+fn symmetric() -> SolveParameters {
+    let mut parameters = SolveParameters::forward_drive();
+    parameters.robot.center_of_mass_right = 0.0;
+    parameters.maneuver.slip = SlipPolicy::Forbidden;
+    parameters
+}
+
+/// The inertia of a straight drive: the mass and what the wheels add, kg.
+fn rolling_mass(robot: &RobotParameters) -> f64 {
+    robot.total_mass() + 2.0 * robot.wheel_spin_inertia / robot.wheel_radius.powi(2)
+}
+
+/// Of a straight drive with both torques of this size, m/s2.
+fn acceleration(robot: &RobotParameters, torque: f64) -> f64 {
+    2.0 * torque / (robot.wheel_radius * rolling_mass(robot))
+}
+
+fn solved(parameters: SolveParameters) -> Solution {
+    solve(&SolveInput::new(parameters).unwrap(), &RunControl::unattended()).unwrap()
+}
+
+/// A converged plan that keeps its limits.
+fn converged(parameters: SolveParameters) -> Solution {
+    let solution = solved(parameters);
+    assert_eq!(solution.status, Status::Converged, "{:?}", solution.reason);
+    for used in &solution.report.limits {
+        assert!(used.excess <= EXCESS, "{used:?}");
+    }
+    solution
+}
+
+/// Asserts a time of at most `share` above the closed form, and not below it by more than what limits may be exceeded.
+fn assert_near(found: f64, expected: f64, share: f64) {
+    let gap = found / expected - 1.0;
+    assert!(gap > -EXCESS && gap < share, "{found} s, expected {expected} s: {gap:e}");
+}
+
+#[test]
+fn symmetric_drive_without_slip_rolls_bang_bang() {
+    let parameters = symmetric();
+    let expected = 2.0 * (5.0 / acceleration(&parameters.robot, 1.0)).sqrt();
+    assert!((expected - 2.813_894).abs() < 1e-6, "{expected}");
+    let solution = converged(parameters);
+    assert!((solution.schedule.final_time - expected).abs() < 1e-5, "{}", solution.schedule.final_time);
+    assert!(solution.contact_modes.iter().all(|span| span.degrees_of_freedom == 2));
+}
+
+#[test]
+fn wheel_rate_limits_make_a_trapezoid() {
+    for (distance, rate) in [(5.0, 30.0), (2.0, 20.0), (8.0, 35.0)] {
+        let mut parameters = symmetric();
+        parameters.maneuver.goal = Goal::at_rest(0.0, distance, 0.0);
+        parameters.maneuver.limits.wheel_rate = Some(rate);
+        let (speed, acceleration) = (rate * parameters.robot.wheel_radius, acceleration(&parameters.robot, 1.0));
+        let expected = distance / speed + speed / acceleration;
+        // 40 intervals do not switch where the trapezoid does: with n of them in a phase that costs at most 1 / (160 n).
+        assert_near(converged(parameters).schedule.final_time, expected, 1e-3);
+    }
+}
+
+#[test]
+fn yaw_rate_limits_make_turns_trapezoids() {
+    let mut parameters = symmetric();
+    parameters.maneuver.reference_point = slipdrive::shooting::ReferencePoint::AxleMidpoint;
+    parameters.maneuver.goal = Goal::at_rest(0.0, 0.0, 3.0);
+    parameters.maneuver.torque_limit = PerWheel::new(0.5, 0.5);
+    // A mass ahead of the axle would take torque to keep it on its circle.
+    parameters.robot.center_of_mass_forward = 1e-3;
+    parameters.maneuver.limits.yaw_rate = Some(2.5);
+    let robot = parameters.robot;
+    let half_track = robot.track_width / 2.0;
+    let wheels = 2.0 * (robot.wheel_mass + robot.wheel_spin_inertia / robot.wheel_radius.powi(2));
+    let inertia = robot.chassis_yaw_inertia
+        + robot.chassis_mass * robot.center_of_mass_forward.powi(2)
+        + 2.0 * robot.wheel_diametral_inertia
+        + wheels * half_track * half_track;
+    let acceleration = 2.0 * 0.5 * half_track / robot.wheel_radius / inertia;
+    assert_near(converged(parameters).schedule.final_time, 3.0 / 2.5 + 2.5 / acceleration, 1e-3);
+}
+
+#[test]
+fn run_up_follows_the_motor() {
+    let mut parameters = symmetric();
+    let motor = Motor { stall_torque: 1.5, free_speed: 40.0 };
+    parameters.robot.motor = Some(motor);
+    let (speed, robot) = (1.8, parameters.robot);
+    let rate = speed / robot.wheel_radius;
+    let goal = &mut parameters.maneuver.goal;
+    goal.set(StateComponent::Y, None);
+    goal.set(StateComponent::VelocityY, Some(speed));
+    goal.set(StateComponent::WheelRateLeft, Some(rate));
+    goal.set(StateComponent::WheelRateRight, Some(rate));
+    // In each interval the torque that the motor still has at its end: omega' = omega + a dt M(omega').
+    let per_torque = acceleration(&robot, 1.0) / robot.wheel_radius;
+    let reached = |time: f64| {
+        let interval = time / 40.0;
+        (0..40).fold(0.0, |omega: f64, _| {
+            let on_curve = (omega + per_torque * interval * motor.stall_torque)
+                / (1.0 + per_torque * interval * motor.stall_torque / motor.free_speed);
+            on_curve.min(omega + per_torque * interval * 1.0)
+        })
+    };
+    let (mut below, mut above) = (0.1, 10.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (below + above);
+        if reached(middle) < rate { below = middle } else { above = middle }
+    }
+    let found = converged(parameters).schedule.final_time;
+    assert!((found / above - 1.0).abs() < 2e-6, "{found} s, expected {above} s");
+}
+
+#[test]
+fn grip_margins_are_kept_and_cost_time() {
+    let plan = |share: Option<f64>| {
+        let mut parameters = SolveParameters::forward_drive();
+        parameters.maneuver.slip = SlipPolicy::Forbidden;
+        parameters.maneuver.limits.grip_utilization = share;
+        converged(parameters)
+    };
+    let (whole, half) = (plan(None), plan(Some(0.5)));
+    assert!(half.schedule.final_time > whole.schedule.final_time + 1e-3);
+    let used = half.report.limits.iter().find(|used| used.limit.ends_with("grip_utilization")).unwrap();
+    // The limit binds: the plan of the whole grip uses more.
+    assert!((used.largest - 0.5).abs() < 1e-5, "{used:?}");
+    assert!(half.contact_modes.iter().all(|span| span.degrees_of_freedom == 2));
+}
+
+#[test]
+fn accelerations_and_torque_rates_are_kept() {
+    let mut parameters = symmetric();
+    let limits = &mut parameters.maneuver.limits;
+    (limits.acceleration, limits.deceleration) = (Some(1.5), Some(1.0));
+    limits.torque_rate = Some(20.0);
+    (parameters.settings.step_count, parameters.settings.control_count) = (60, 12);
+    let solution = converged(parameters);
+    // Without the torque rate: v = sqrt(2 d a b / (a + b)), t = v / a + v / b.
+    let speed = (2.0_f64 * 5.0 * 1.5 * 1.0 / 2.5).sqrt();
+    assert_near(solution.schedule.final_time, speed / 1.5 + speed / 1.0, 0.1);
+    assert_eq!(solution.report.limits.len(), 4);
+}
+
+#[test]
+fn a_payload_at_the_centre_of_mass_is_a_heavier_chassis() {
+    let robot = RobotParameters::default();
+    let payload = Payload {
+        mass: 5.0,
+        right: robot.center_of_mass_right,
+        forward: robot.center_of_mass_forward,
+        height: robot.center_of_mass_height,
+        yaw_inertia: 0.1,
+    };
+    let loaded = SolveParameters { payload: Some(payload), ..SolveParameters::forward_drive() };
+    let mut heavier = SolveParameters::forward_drive();
+    heavier.robot.chassis_mass += 5.0;
+    heavier.robot.chassis_yaw_inertia += 0.1;
+    let [loaded, heavier] = [loaded, heavier].map(solved);
+    // The joined parameters round differently, and the search may take any other way from there.
+    assert!((loaded.schedule.final_time / heavier.schedule.final_time - 1.0).abs() < 1e-3);
+}
+
+fn rectangle((left, right): (f64, f64), (low, high): (f64, f64)) -> Vec<Vector2<f64>> {
+    [(left, low), (right, low), (right, high), (left, high)].map(|(x, y)| Vector2::new(x, y)).to_vec()
+}
+
+/// Half a metre to the side on 3 m, in an aisle from 0.3 m on the left to this on the right.
+fn shift_in_aisle(right: f64) -> SolveParameters {
+    let mut parameters = SolveParameters::forward_drive();
+    parameters.maneuver.goal = Goal::at_rest(0.5, 3.0, 0.0);
+    let footprint = rectangle((-0.2, 0.2), (-0.1, 0.35));
+    parameters.aisle = AisleCorners { keep_in: rectangle((-0.3, right), (-1.0, 4.0)), footprint };
+    parameters
+}
+
+#[test]
+fn narrow_aisles_are_kept() {
+    let wide = converged(shift_in_aisle(5.0));
+    let narrow = converged(shift_in_aisle(0.73));
+    assert!(narrow.schedule.final_time > wide.schedule.final_time);
+    let used = narrow.report.limits.iter().find(|used| used.limit == "maneuver.keep_in").unwrap();
+    assert!(used.largest.abs() < 1e-5, "the aisle does not bind: {used:?}");
+}
+
+#[test]
+fn ends_that_limits_exclude_are_infeasible() {
+    let code = |parameters| {
+        let solution = solved(parameters);
+        assert_eq!(solution.status, Status::Infeasible);
+        solution.reason.unwrap().code
+    };
+    assert_eq!(code(shift_in_aisle(0.6)), "goal_outside");
+    let mut wide = shift_in_aisle(5.0);
+    wide.aisle.keep_in = rectangle((-0.15, 0.15), (-1.0, 4.0));
+    assert_eq!(code(wide), "start_outside");
+    let mut fast = symmetric();
+    fast.maneuver.start.velocity.y = 1.0;
+    assert_eq!(code(fast.clone()), "start_slips");
+    let rate = 1.0 / fast.robot.wheel_radius;
+    fast.maneuver.start.velocity.wheel_rate = PerWheel::new(rate, rate);
+    fast.maneuver.limits.speed = Some(0.9);
+    assert_eq!(code(fast.clone()), "start_exceeds_limit");
+    fast.maneuver.limits.speed = Some(1.5);
+    fast.maneuver.goal.set(StateComponent::WheelRateLeft, Some(1.0));
+    assert_eq!(code(fast), "goal_slips");
+}
+
+#[test]
+fn a_simulation_reports_the_same_uses() {
+    let mut parameters = symmetric();
+    parameters.maneuver.slip = SlipPolicy::Allowed;
+    parameters.maneuver.limits.speed = Some(1.5);
+    parameters.maneuver.limits.yaw_rate = Some(2.0);
+    let limits = parameters.maneuver.limits;
+    let robot = parameters.robot;
+    let solution = converged(parameters);
+    let simulation = simulate(
+        &SimulateInput::new(SimulateParameters {
+            robot,
+            limits,
+            schedule: solution.schedule.clone(),
+            ..SimulateParameters::default()
+        })
+        .unwrap(),
+        Stop::never(),
+    )
+    .unwrap();
+    assert_eq!(simulation.limits.len(), 2);
+    for (planned, simulated) in solution.report.limits.iter().zip(&simulation.limits) {
+        assert_eq!(
+            (planned.limit, planned.largest, planned.time),
+            (simulated.limit, simulated.largest, simulated.time)
+        );
+    }
+}
