@@ -57,6 +57,8 @@ pub(crate) enum Mode {
     Random(RandomArguments),
     /// Compares warm re-solves of changed robots with cold ones.
     Warm(WarmArguments),
+    /// Compares random maneuvers with limits with the same ones without.
+    Limited(LimitedArguments),
     /// Compares the answers of both transports to many requests with the digests on file.
     Answers(AnswersArguments),
 }
@@ -85,6 +87,23 @@ pub(crate) struct RandomArguments {
     /// Seed of the maneuvers.
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
+}
+
+/// Maneuvers with limits.
+#[derive(Debug, Args)]
+pub(crate) struct LimitedArguments {
+    /// Maneuvers of each of five robots.
+    #[arg(long, value_name = "N", default_value_t = 40)]
+    pub(crate) per_robot: usize,
+    /// Seed of the maneuvers and limits.
+    #[arg(long, default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// All of them without slip, with limits of speed and motor.
+    #[arg(long)]
+    pub(crate) no_slip: bool,
+    /// Prints a line for each.
+    #[arg(long)]
+    pub(crate) all: bool,
 }
 
 /// Warm re-solves.

@@ -6,6 +6,7 @@ mod answers;
 mod arguments;
 mod draw;
 mod improve;
+mod limited;
 mod measure;
 mod random;
 mod report;
@@ -48,6 +49,10 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
         Some(Mode::Warm(warm)) => {
             let (_, cases) = read_cases()?;
             warm::measure(&selected(cases, &warm.selection), warm)?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Some(Mode::Limited(limited)) => {
+            limited::run(limited, arguments.effort.starts)?;
             Ok(ExitCode::SUCCESS)
         }
         Some(Mode::Answers(arguments)) => answers::run(arguments),
