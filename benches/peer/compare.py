@@ -2,7 +2,7 @@
 """Slipdrive and the CasADi + IPOPT peer side by side on a sample of maneuvers, in one table.
 
 Both answers are judged by the same physics: the torques of either are simulated by `slipdrive simulate` on the grid of
-the request, and the goal miss is read from the end of that rollout.
+the request, and the goal miss, the use of the limits and slip are read from that rollout.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ SAMPLE = (
     "slippery/forward-3m",
     "reference/turn-90deg",
 )
+# Maneuvers with limits; slipdrive may take its largest time limit for each.
+LIMITED = HERE / "limited"
 # Exit code of `slipdrive solve` for a plan that misses its goal; the answer is there all the same.
 EXIT_NO_PLAN = 2
 
@@ -49,7 +51,8 @@ class Run:
 
     `solve_s`: what the solver reports for the solve alone (slipdrive: wall time, the peer: CPU time). `process_cpu_s`:
     user and system time of the whole process. `goal_miss`: magnitude of each constrained component of the simulated
-    end minus the goal, in the request's units. `separations`: steps in which a contact would lift.
+    end minus the goal, in the request's units. `separations`: steps in which a contact would lift. `limit_excess`: what
+    is used above each limit, as a share of it (the motor's of its stall torque). `slip_s`: how long a wheel slips.
     """
 
     status: str
@@ -58,6 +61,13 @@ class Run:
     process_cpu_s: float
     goal_miss: dict[str, float]
     separations: int
+    limit_excess: dict[str, float]
+    slip_s: float
+
+    @property
+    def largest_excess(self) -> float:
+        """Largest excess of a limit, NaN without limits."""
+        return max(self.limit_excess.values(), default=math.nan)
 
     @property
     def largest_miss(self) -> float:
@@ -84,7 +94,8 @@ def compare(name: str, slipdrive: Path, cpu_limit: float) -> Comparison:
     with tempfile.TemporaryDirectory() as directory:
         body = request_of(name)
         request = write_body(Path(directory) / "request.json", body)
-        one_start = write_body(Path(directory) / "one_start.json", body | {"solver": {"starts": 1}})
+        solver = body.get("solver", {}) | {"starts": 1}
+        one_start = write_body(Path(directory) / "one_start.json", body | {"solver": solver})
         return Comparison(
             name,
             run_slipdrive(slipdrive, one_start),
@@ -120,8 +131,8 @@ def children_cpu() -> float:
 def run_slipdrive(slipdrive: Path, request: Path) -> Run:
     """Solves with slipdrive."""
     answer, cpu = run_for_answer([str(slipdrive), "solve", str(request)], accepted=(0, EXIT_NO_PLAN))
-    miss, separations = simulated_miss(slipdrive, request, answer["torque_schedule"])
-    return Run(answer["status"], answer["final_time_s"], answer["report"]["solve_time_s"], cpu, miss, separations)
+    simulated = simulate(slipdrive, request, answer["torque_schedule"])
+    return Run(answer["status"], answer["final_time_s"], answer["report"]["solve_time_s"], cpu, *simulated)
 
 
 def run_peer(slipdrive: Path, request: Path, cpu_limit: float) -> Run:
@@ -130,12 +141,14 @@ def run_peer(slipdrive: Path, request: Path, cpu_limit: float) -> Run:
     answer, cpu = run_for_answer(command)
     left, right = answer["torque_left_n_m"], answer["torque_right_n_m"]
     schedule = {"interval_s": answer["final_time_s"] / len(left), "left_n_m": left, "right_n_m": right}
-    miss, separations = simulated_miss(slipdrive, request, schedule)
-    return Run(answer["status"], answer["final_time_s"], answer["cpu_s"], cpu, miss, separations)
+    simulated = simulate(slipdrive, request, schedule)
+    return Run(answer["status"], answer["final_time_s"], answer["cpu_s"], cpu, *simulated)
 
 
-def simulated_miss(slipdrive: Path, request: Path, schedule: dict[str, Any]) -> tuple[dict[str, float], int]:
-    """Goal miss and separations of a schedule on slipdrive's exact rollout."""
+def simulate(
+    slipdrive: Path, request: Path, schedule: dict[str, Any]
+) -> tuple[dict[str, float], int, dict[str, float], float]:
+    """Goal miss, separations, excesses of limits and time of slip of a schedule on slipdrive's exact rollout."""
     asked = json.loads(request.read_text())
     maneuver = maneuver_from_request(asked)
     body = {
@@ -145,16 +158,27 @@ def simulated_miss(slipdrive: Path, request: Path, schedule: dict[str, Any]) -> 
         "grid": {"steps": maneuver.step_count},
         "contact_solver": "exact",
     }
+    body |= {name: asked[name] for name in ("payload",) if name in asked}
+    body |= {name: asked["maneuver"][name] for name in ("limits", "reference_point") if name in asked["maneuver"]}
     with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
         json.dump(body, file)
         file.flush()
         answer, _ = run_for_answer([str(slipdrive), "simulate", file.name])
-    return goal_miss(maneuver, answer["trajectory"]), len(answer["separations"])
+    excess: dict[str, float] = {}
+    for limit in answer.get("limits", []):
+        excess[limit["limit"]] = max(limit["excess"], excess.get(limit["limit"], -math.inf))
+    return goal_miss(maneuver, answer["trajectory"]), len(answer["separations"]), excess, slip_time(answer)
+
+
+def slip_time(answer: dict[str, Any]) -> float:
+    """How long a wheel slips, s."""
+    spans = [span for span in answer["contact_modes"] if "slip" in (span["left"], span["right"])]
+    return sum(span["end_s"] - span["start_s"] for span in spans)
 
 
 def goal_miss(maneuver: Maneuver, trajectory: dict[str, list[float]]) -> dict[str, float]:
     """Magnitude of the end minus the goal by constrained field; headings modulo whole turns."""
-    goal = maneuver.goal / state_scale(maneuver.robot)
+    goal = maneuver.goal_asked / state_scale(maneuver.robot)
     miss = {}
     for field, target in zip(STATE_FIELDS, goal, strict=True):
         if math.isnan(target):
@@ -162,6 +186,11 @@ def goal_miss(maneuver: Maneuver, trajectory: dict[str, list[float]]) -> dict[st
         difference = trajectory[field][-1] - target
         miss[field] = abs(math.remainder(difference, math.tau) if field == "heading_rad" else difference)
     return miss
+
+
+def limited_maneuvers() -> list[str]:
+    """The files of the maneuvers with limits."""
+    return [str(path) for path in sorted(LIMITED.glob("*.json"))]
 
 
 def build_slipdrive() -> Path:
@@ -172,11 +201,12 @@ def build_slipdrive() -> Path:
     return Path(next(path for message in messages if (path := message.get("executable"))))
 
 
-RUN_COLUMNS = f"{'t_f s':>9}{'CPU s':>8}{'miss':>9} {'status':<10}"
+RUN_COLUMNS = f"{'t_f s':>9}{'CPU s':>8}{'miss':>9}{'excess':>9} {'status':<10}"
 COLUMNS = (
-    f"{'':26}{'slipdrive, one start':^36}{'slipdrive, default search':^36}{'peer (CasADi + IPOPT)':^36}"
-    f"{'CPU, peer / slipdrive':>22}\n"
-    f"{'maneuver':26}{RUN_COLUMNS}{RUN_COLUMNS}{RUN_COLUMNS}{'one start':>12}{'default':>10}"
+    f"{'':32}{'slipdrive, one start':^46}{'slipdrive, default search':^46}{'peer (CasADi + IPOPT)':^46}"
+    f"{'time over peer, %':>19}{'CPU, peer / slipdrive':>22}\n"
+    f"{'maneuver':32}{RUN_COLUMNS}{RUN_COLUMNS}{RUN_COLUMNS}"
+    f"{'one start':>10}{'default':>9}{'one start':>12}{'default':>10}"
 )
 
 
@@ -184,20 +214,22 @@ def table_row(comparison: Comparison) -> str:
     """One line of the table."""
     ours, peers = [comparison.one_start, comparison.slipdrive], comparison.peer
     columns = "".join(run_columns(run, run.process_cpu_s) for run in ours) + run_columns(peers, peers.solve_s)
+    over = [100.0 * (run.final_time_s / peers.final_time_s - 1.0) for run in ours]
     one_start, default = (comparison.cpu_ratio(run) for run in ours)
-    return f"{comparison.maneuver:26}{columns}{one_start:11.0f}x{default:9.0f}x"
+    ratios = f"{over[0]:10.3f}{over[1]:9.3f}{one_start:11.1f}x{default:9.1f}x"
+    return f"{Path(comparison.maneuver).stem:32}{columns}{ratios}"
 
 
 def run_columns(run: Run, cpu_s: float) -> str:
     """The columns of one solver."""
-    return f"{run.final_time_s:9.4f}{cpu_s:8.3f}{run.largest_miss:9.1e} {run.status:<10}"
+    return f"{run.final_time_s:9.4f}{cpu_s:8.3f}{run.largest_miss:9.1e}{run.largest_excess:9.1e} {run.status:<10}"
 
 
 def median_row(comparisons: list[Comparison]) -> str:
     """The medians of the ratios."""
     one_start = statistics.median(each.cpu_ratio(each.one_start) for each in comparisons)
     default = statistics.median(each.cpu_ratio(each.slipdrive) for each in comparisons)
-    return f"{'median':26}{'':108}{one_start:11.0f}x{default:9.0f}x"
+    return f"{'median':32}{'':157}{one_start:11.1f}x{default:9.1f}x"
 
 
 def ratio(numerator: float, denominator: float) -> float:
@@ -207,7 +239,8 @@ def ratio(numerator: float, denominator: float) -> float:
 
 LEGEND = (
     "CPU s: slipdrive's whole process (user + system); the peer's formulation and solves, without Python's start.\n"
-    "miss: largest goal error (m, rad, m/s, rad/s) after slipdrive's exact rollout of the torques."
+    "miss: largest goal error (m, rad, m/s, rad/s) after slipdrive's exact rollout of the torques.\n"
+    "excess: largest use of a limit above it in that rollout, as a share of the limit."
 )
 
 
@@ -215,6 +248,7 @@ def arguments() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("requests", nargs="*", help="cases of the suite or .json files, default: a sample of the suite")
+    parser.add_argument("--limits", action="store_true", help="the maneuvers with limits in place of the sample")
     parser.add_argument("--slipdrive", type=Path, help="the binary; default: built from this repository by cargo")
     parser.add_argument("--cpu-limit", type=float, default=300.0, metavar="S", help="of the peer, default %(default)g")
     parser.add_argument("--json", type=Path, metavar="OUT", help="where all figures are written")
@@ -227,12 +261,12 @@ def main() -> int:
     slipdrive = asked.slipdrive.resolve() if asked.slipdrive else build_slipdrive()
     comparisons, failed = [], False
     print(COLUMNS, flush=True)
-    for name in asked.requests or SAMPLE:
+    for name in asked.requests or (limited_maneuvers() if asked.limits else SAMPLE):
         try:
             comparisons.append(compare(name, slipdrive, asked.cpu_limit))
         except (RunFailure, Refusal) as error:
             failed = True
-            print(f"{name:26}no answer: {error}", flush=True)
+            print(f"{Path(name).stem:32}no answer: {error}", flush=True)
             continue
         print(table_row(comparisons[-1]), flush=True)
     if comparisons:

@@ -2,7 +2,8 @@
 """Solves the maneuver of a slipdrive request with CasADi and IPOPT, at its best case.
 
 A homotopy over the friction law: smooth with a slip scale from 0.3 to 0.01 m/s, then exact Coulomb with its
-complementarity relaxed from 0.1 m/s down. Every stage starts from the last one's iterate.
+complementarity relaxed from 0.1 m/s down. Every stage starts from the last one's iterate. Where slip is forbidden the
+wheels stick by equations, and one stage does.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ IPOPT_OPTIONS = {
 }
 # Barrier at the start of a stage. The smooth law starts from a rough guess; exact stages follow a path, where a large
 # barrier would throw away what the last stage found.
-FIRST_BARRIER = {Law.SMOOTH: 1e-2, Law.COULOMB: 1e-4}
+FIRST_BARRIER = {Law.SMOOTH: 1e-2, Law.COULOMB: 1e-4, Law.STICKING: 1e-2}
 SUCCESS = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
 DEFAULT_CPU_LIMIT = 300.0
@@ -58,7 +59,7 @@ DEFAULT_CPU_LIMIT = 300.0
 
 @dataclass(frozen=True)
 class Stage:
-    """One solve of the homotopy; `parameter` is the slip scale or the relaxation, m/s."""
+    """One solve; `parameter` is the slip scale or the relaxation, m/s, or the grip that sticking wheels may use."""
 
     law: str
     parameter: float
@@ -77,10 +78,10 @@ class Stage:
 class Outcome:
     """What the peer found.
 
-    `status`: `solved` (at the last relaxation), `relaxed` (only at a larger one), `failed` (no exact stage succeeded;
-    torques and final time are those of the last iterate), or `time_limit` (the CPU limit came before the last stage;
-    `relaxation_m_s` tells what the answer is worth). `relaxation_m_s` is that of the answer, None if no exact stage
-    succeeded. `cpu_s` covers formulation and all solves.
+    `status`: `solved` (at the last relaxation, or sticking), `relaxed` (only at a larger one), `failed` (no exact stage
+    succeeded; torques and final time are those of the last iterate), or `time_limit` (the CPU limit came before the
+    last stage; `relaxation_m_s` tells what the answer is worth). `relaxation_m_s` is that of the answer, None if no
+    exact stage succeeded and 0 for sticking wheels. `cpu_s` covers formulation and all solves.
     """
 
     status: str
@@ -155,7 +156,26 @@ def lifted(values: Values, slip_scale: float) -> Values:
 
 
 def solve(maneuver: Maneuver, cpu_limit: float, observe: Callable[[Stage], None]) -> Outcome:
-    """Follows the homotopy to its end or to `cpu_limit` (s); `observe` is told of every stage."""
+    """Solves to the end or to `cpu_limit` (s); `observe` is told of every stage."""
+    grip = maneuver.limits.grip_utilization
+    if grip is not None:
+        return solve_sticking(maneuver, grip, cpu_limit, observe)
+    return solve_sliding(maneuver, cpu_limit, observe)
+
+
+def solve_sticking(maneuver: Maneuver, grip: float, cpu_limit: float, observe: Callable[[Stage], None]) -> Outcome:
+    """One stage with sticking wheels that use at most `grip` of their friction."""
+    begin = time.process_time()
+    solver = StageSolver(Program(maneuver, Law.STICKING))
+    values, stage = solver.run(first_values(maneuver, turn_drive_turn(maneuver)), grip, cpu_limit)
+    observe(stage)
+    cpu_s = time.process_time() - begin
+    status = "solved" if stage.succeeded else "failed" if cpu_s < cpu_limit else "time_limit"
+    return outcome(maneuver, values, status, 0.0 if stage.succeeded else None, [stage], cpu_s)
+
+
+def solve_sliding(maneuver: Maneuver, cpu_limit: float, observe: Callable[[Stage], None]) -> Outcome:
+    """Follows the homotopy over the friction law."""
     begin = time.process_time()
     values = answer = first_values(maneuver, turn_drive_turn(maneuver))
     relaxation, stages, in_time = None, [], True
