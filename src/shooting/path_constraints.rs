@@ -1,7 +1,7 @@
 //! Path constraints of the search: what a plan must keep on the way, as inequalities.
 //!
-//! A constraint is `quantity / unit + offset <= 0` for the largest value of its quantity in each stretch of a rollout, so all
-//! values are shares of what is allowed. Changes of the torques, which no rollout is needed for, follow after these.
+//! A constraint is `quantity / unit + offset <= 0` for the values that [`PathExtremes`] has of its quantity, so all values are
+//! shares of what is allowed. Changes of the torques, which no rollout is needed for, follow after these.
 
 use nalgebra::{DVector, Dyn, MatrixViewMut, U1};
 

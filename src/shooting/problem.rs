@@ -51,7 +51,6 @@ pub struct ShootingProblem<'a> {
     /// The decision and the friction law of the rollout in `sensitivity`.
     recorded: Option<(DVector<f64>, FrictionLaw)>,
     law: FrictionLaw,
-    forbids_slip: bool,
 }
 
 /// One constrained component of the end state.
@@ -87,8 +86,8 @@ impl GoalScales {
 }
 
 impl<'a> ShootingProblem<'a> {
-    /// Formulates a maneuver with its limits on the way on a grid of `step_count` steps and `control_count` torques per wheel, with the final time of a
-    /// first guess, s, as the unit of time.
+    /// Formulates a maneuver with its limits on a grid of `step_count` steps and `control_count` torques per wheel, with the
+    /// final time of a first guess, s, as the unit of time.
     ///
     /// The target heading is the one nearest to the start's heading, modulo whole turns.
     pub fn new(
@@ -129,7 +128,6 @@ impl<'a> ShootingProblem<'a> {
             sensitivity,
             recorded: None,
             law: if limits.forbids_slip { FrictionLaw::Held } else { FrictionLaw::Exact },
-            forbids_slip: limits.forbids_slip,
         }
     }
 
@@ -162,13 +160,13 @@ impl<'a> ShootingProblem<'a> {
 
     /// Whether the rollouts hold the wheels: their motion is smooth, and smoothing changes nothing.
     pub fn forbids_slip(&self) -> bool {
-        self.forbids_slip
+        self.law == FrictionLaw::Held
     }
 
     /// Sets the slip smoothing of the friction law as a share of the maneuver's speed, unit of length over unit of time; 0 is the
     /// exact law. Held wheels stay held.
     pub fn set_slip_smoothing(&mut self, share: f64) {
-        if !self.forbids_slip {
+        if !self.forbids_slip() {
             let slip_smoothing = share * self.length_unit / self.time_unit;
             self.law = if slip_smoothing > 0.0 { FrictionLaw::Smoothed(slip_smoothing) } else { FrictionLaw::Exact };
         }
