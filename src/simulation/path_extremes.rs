@@ -50,6 +50,11 @@ impl PathExtremes {
         Self { others, ..Self::default() }
     }
 
+    /// Whether there are quantities other than normal forces.
+    pub(super) fn has_others(&self) -> bool {
+        !self.others.is_empty()
+    }
+
     /// Number of values for a schedule.
     pub fn count(&self, control_count: usize) -> usize {
         CONTACT_COUNT * control_count.min(STRETCH_LIMIT) + PLACES * self.others.len() * control_count

@@ -169,6 +169,23 @@ impl PathQuantity {
         }
     }
 
+    /// Whether the quantity depends on where the robot is.
+    pub(super) const fn depends_on_pose(self) -> bool {
+        match self {
+            Self::Outside { .. } => true,
+            Self::Unloading { .. }
+            | Self::MotorTorque { .. }
+            | Self::WheelRate { .. }
+            | Self::Speed { .. }
+            | Self::YawRate
+            | Self::Acceleration { .. }
+            | Self::Deceleration { .. }
+            | Self::YawAcceleration { .. }
+            | Self::GripUtilization { .. }
+            | Self::LengthwiseUtilization { .. } => false,
+        }
+    }
+
     /// A difference from a value that is negligible.
     pub(super) fn negligible(self, value: f64) -> f64 {
         let unit = match self {

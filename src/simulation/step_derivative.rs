@@ -43,10 +43,9 @@ impl StepDerivative<1> {
         model: &StepModel<N>,
         entry: &TapeEntry,
         controls: (PerWheel<f64>, f64),
-        (gradient, law): (&PathGradient<N>, FrictionLaw),
+        (gradient, impulse): (&PathGradient<N>, &ImpulseDerivative<N>),
     ) -> Self {
-        let impulse = impulse_derivative(model, entry, law);
-        Self::along(&model.quantity_chain(gradient, &impulse), model, entry, controls)
+        Self::along(&model.quantity_chain(gradient, impulse), model, entry, controls)
     }
 }
 
@@ -98,7 +97,7 @@ impl<const K: usize> StepDerivative<K> {
 }
 
 #[inline]
-fn impulse_derivative<const N: usize>(
+pub(super) fn impulse_derivative<const N: usize>(
     model: &StepModel<N>,
     entry: &TapeEntry,
     law: FrictionLaw,
