@@ -38,9 +38,11 @@ const ROUNDING: f64 = 1e-13;
 const TOLERANCE: f64 = 1e-9;
 /// Rows of a warm start whose pivot falls below this share of the largest entry are dependent.
 const DEPENDENT: f64 = 1e-7;
-/// Iterations per variable and row after which the simplex gives up; where one of each brings no progress, the first violation is
-/// taken instead of the largest (Bland 1977), against cycling.
+/// Iterations per variable and row after which the simplex gives up.
 const ITERATION_FACTOR: usize = 20;
+/// Where as many iterations as there are variables bring no progress, costs and the bounds of multipliers change by up to twice this share
+/// of the largest cost, each by its own, so that no vertex is degenerate and none comes back.
+const PERTURBATION: f64 = 1e-6;
 
 /// Memory of the simplex: the vertex of the last program, from which the next one begins.
 #[derive(Debug, Clone, Default)]
@@ -64,6 +66,8 @@ pub struct ElasticSolver {
     slope: DVector<f64>,
     x: DVector<f64>,
     kinks: Vec<Kink>,
+    /// Unit of the perturbation of costs and multipliers, 0 before there is one.
+    perturbation: f64,
 }
 
 /// Where the multiplier of a row is: at its lower bound, inside its box, or at its upper bound.
@@ -109,8 +113,7 @@ impl ElasticSolver {
             begin(self, program);
             if self.climb(program, &mut iterations, stop)? {
                 let objective = program.objective(&self.x);
-                let rounding = ROUNDING * program.penalty_parameter * self.range.amax();
-                if objective <= staying + rounding {
+                if objective <= staying + self.rounding(program) {
                     self.remember(program);
                     return Ok(ElasticSolution {
                         x: self.x.clone(),
@@ -220,6 +223,7 @@ impl ElasticSolver {
         self.value.copy_from(program.target);
         self.value.neg_mut();
         self.x.fill(0.0);
+        self.perturbation = 0.0;
         let mut stalled = 0;
         for _ in 0..ITERATION_FACTOR * (rows + columns) {
             stop.check()?;
@@ -233,7 +237,7 @@ impl ElasticSolver {
             }
             self.update_gradient(program);
             self.update_point(program);
-            let Some(leaving) = self.leaving(program, stalled > rows + columns) else {
+            let Some(leaving) = self.leaving(program) else {
                 if self.basis.forget_updates() {
                     continue;
                 }
@@ -242,23 +246,48 @@ impl ElasticSolver {
             };
             self.update_direction(program, leaving);
             let Some(kink) = self.first_kink_without_rise(program, leaving) else { return Ok(false) };
-            stalled = if kink.step > 0.0 { 0 } else { stalled + 1 };
+            let rises = kink.step * self.rise(program, leaving) > self.rounding(program);
+            stalled = if rises { 0 } else { stalled + 1 };
             self.exchange(program, leaving, kink.at);
+            if stalled > columns {
+                self.perturbation = PERTURBATION * program.cost.amax();
+            }
         }
         Ok(false)
+    }
+
+    /// What the objective may miss.
+    fn rounding(&self, program: &ElasticProgram) -> f64 {
+        ROUNDING * program.penalty_parameter * self.range.amax()
+    }
+
+    /// The program's bounds of a row's multiplier, moved outwards by the perturbation.
+    fn multiplier_bounds(&self, program: &ElasticProgram, row: usize) -> (f64, f64) {
+        let (low, high) = program.multiplier_bounds(row);
+        let change = if self.range[row] > 0.0 { self.perturbation_of(row) / self.range[row] } else { 0.0 };
+        (low - change, high + change)
+    }
+
+    /// The perturbation of a cost, or of a row's multiplier times its range: multiples of the golden ratio spread evenly.
+    fn perturbation_of(&self, index: usize) -> f64 {
+        let share = (index + 1) as f64 * std::f64::consts::GOLDEN_RATIO;
+        self.perturbation * (1.0 + share.fract())
     }
 
     /// Multipliers at their bounds, and those of the tight rows that make the gradients of the basic variables zero.
     fn update_multipliers(&mut self, program: &ElasticProgram) {
         for (row, place) in self.place.iter().enumerate() {
-            let (low, high) = program.multiplier_bounds(row);
+            let (low, high) = self.multiplier_bounds(program, row);
             self.multiplier[row] = match place {
                 RowPlace::Low => low,
                 RowPlace::Tight => 0.0,
                 RowPlace::High => high,
             };
         }
-        let gradient = |column: &usize| program.cost[*column] + program.matrix.column(*column).dot(&self.multiplier);
+        let gradient = |column: &usize| {
+            let cost = program.cost[*column] + self.perturbation_of(*column);
+            cost + program.matrix.column(*column).dot(&self.multiplier)
+        };
         let missing = DVector::from_iterator(self.basis.basic.len(), self.basis.basic.iter().map(gradient));
         let tight = self.basis.inverse.tr_mul(&missing);
         for (row, multiplier) in self.basis.tight.iter().zip(tight.iter()) {
@@ -271,14 +300,14 @@ impl ElasticSolver {
     fn drop_row_beyond_box(&mut self, program: &ElasticProgram) -> bool {
         let slack = TOLERANCE * program.penalty_parameter;
         let beyond = |position: &usize| {
-            let (low, high) = program.multiplier_bounds(self.basis.tight[*position]);
+            let (low, high) = self.multiplier_bounds(program, self.basis.tight[*position]);
             let multiplier = self.multiplier[self.basis.tight[*position]];
             (low - multiplier).max(multiplier - high)
         };
         let worst = (0..self.basis.tight.len()).max_by(|a, b| beyond(a).total_cmp(&beyond(b)));
         let Some(position) = worst.filter(|position| beyond(position) > slack) else { return false };
         let row = self.basis.tight[position];
-        let is_low = self.multiplier[row] < program.multiplier_bounds(row).0;
+        let is_low = self.multiplier[row] < self.multiplier_bounds(program, row).0;
         let partner = self.basis.inverse.column(position).iamax();
         self.is_basic[self.basis.basic[partner]] = false;
         self.basis.remove(position, partner);
@@ -288,6 +317,11 @@ impl ElasticSolver {
 
     fn update_gradient(&mut self, program: &ElasticProgram) {
         self.gradient.copy_from(program.cost);
+        if self.perturbation > 0.0 {
+            for column in 0..self.gradient.len() {
+                self.gradient[column] += self.perturbation_of(column);
+            }
+        }
         for (multiplier, coefficients) in self.multiplier.iter().zip(self.by_row.column_iter()) {
             if *multiplier != 0.0 {
                 self.gradient.axpy(*multiplier, &coefficients, 1.0);
@@ -325,14 +359,14 @@ impl ElasticSolver {
         }
     }
 
-    /// The variable or row that contradicts its place most, as a share of its range, or the first one; none at the optimum.
-    fn leaving(&self, program: &ElasticProgram, is_first_enough: bool) -> Option<Leaving> {
+    /// The variable or row that contradicts its place most, as a share of its range; none at the optimum.
+    fn leaving(&self, program: &ElasticProgram) -> Option<Leaving> {
         let mut worst = TOLERANCE;
         let mut leaving = None;
         for (position, &column) in self.basis.basic.iter().enumerate() {
             let below = (program.lower[column] - self.x[column]) / program.width(column);
             let above = (self.x[column] - program.upper[column]) / program.width(column);
-            if below.max(above) > worst && !(is_first_enough && leaving.is_some()) {
+            if below.max(above) > worst {
                 worst = below.max(above);
                 leaving = Some(Leaving::Basic { position, sign: if below > above { 1.0 } else { -1.0 } });
             }
@@ -344,7 +378,7 @@ impl ElasticSolver {
                 RowPlace::High => -1.0,
             };
             let violation = sign * self.value[row] / self.range[row];
-            if violation > worst && self.range[row] > 0.0 && !(is_first_enough && leaving.is_some()) {
+            if violation > worst && self.range[row] > 0.0 {
                 worst = violation;
                 leaving = Some(Leaving::Row { row, sign });
             }

@@ -27,13 +27,7 @@ impl ElasticSolver {
     /// The kink at which D stops to rise; none where no pivot is large enough.
     pub(super) fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
         self.list_kinks(program, leaving);
-        let mut rise = match leaving {
-            Leaving::Basic { position, sign } => {
-                let column = self.basis.basic[position];
-                if sign > 0.0 { program.lower[column] - self.x[column] } else { self.x[column] - program.upper[column] }
-            }
-            Leaving::Row { row, sign } => sign * self.value[row],
-        };
+        let mut rise = self.rise(program, leaving);
         let stop = self.kinks.iter().position(|kink| {
             rise -= kink.fall;
             rise <= 0.0
@@ -47,6 +41,17 @@ impl ElasticSolver {
         let same = |kink: &&Kink| (kink.step - last.step).abs() <= TOLERANCE * last.step;
         let near = self.kinks.iter().filter(same);
         near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
+    }
+
+    /// The slope of D along the edge, at first.
+    pub(super) fn rise(&self, program: &ElasticProgram, leaving: Leaving) -> f64 {
+        match leaving {
+            Leaving::Basic { position, sign } => {
+                let column = self.basis.basic[position];
+                if sign > 0.0 { program.lower[column] - self.x[column] } else { self.x[column] - program.upper[column] }
+            }
+            Leaving::Row { row, sign } => sign * self.value[row],
+        }
     }
 
     fn list_kinks(&mut self, program: &ElasticProgram, leaving: Leaving) {
@@ -72,14 +77,14 @@ impl ElasticSolver {
             }
         }
         let until = |row: usize| {
-            let (low, high) = program.multiplier_bounds(row);
+            let (low, high) = self.multiplier_bounds(program, row);
             let (at, change) = (self.multiplier[row], self.direction[row]);
             (if change > 0.0 { high - at } else { at - low }).max(0.0) / change.abs()
         };
         let ends = |step: f64, pivot: f64, at: KinkAt| Kink { step, fall: f64::INFINITY, pivot, at };
         for (position, &row) in self.basis.tight.iter().enumerate() {
             let pivot = self.direction[row].abs();
-            if pivot > 0.0 {
+            if pivot * self.range[row] > smallest {
                 kinks.push(ends(until(row), pivot, KinkAt::Tight(position)));
             }
         }

@@ -46,6 +46,22 @@ fn unreachable_targets_are_approached() {
 }
 
 #[test]
+fn degenerate_vertices_and_parallel_rows_do_not_cycle() {
+    // Only the last variable has a cost, rows come in nearly parallel pairs: nearly every vertex is degenerate.
+    let (rows, columns) = (160, 40);
+    let coefficient = |row: usize, column: usize| ((7 * (row / 2) + 3 * column) as f64).sin();
+    let nearly = |row: usize| 1.0 + 1e-10 * (row % 2) as f64;
+    let matrix = DMatrix::from_fn(rows, columns, |row, column| nearly(row) * coefficient(row, column));
+    let mut cost = vec![0.0; columns];
+    cost[columns - 1] = 1.0;
+    for bound in [1e-3, 1.0, 1e3] {
+        let solution = solve(&matrix, &vec![0.1; rows], &cost, bound, 30.0);
+        assert!(solution.iterations < 10 * (rows + columns), "{} iterations", solution.iterations);
+        assert!(solution.objective < 30.0 * 0.1 * rows as f64, "{}", solution.objective);
+    }
+}
+
+#[test]
 fn each_iteration_asks_whether_it_is_stopped() {
     let (rows, columns) = (6, 60);
     let matrix = DMatrix::from_fn(rows, columns, |row, column| ((7 * row + 3 * column) as f64).sin());
