@@ -16,10 +16,14 @@ use tonic_prost_build::Builder;
 
 const PACKAGE: &str = "slipdrive.v1";
 /// Fields of requests that have no default.
-const REQUIRED: [&str; 9] = [
+const REQUIRED: [&str; 13] = [
     "Payload.mass_kg",
     "Payload.height_m",
     "SimulateRequest.torque_schedule",
+    "SimulatedPlan.answer",
+    "SimulatedPlan.request",
+    "SolvedPlan.answer",
+    "SolvedPlan.request",
     "InitialGuess.final_time_s",
     "InitialGuess.torque_left_n_m",
     "InitialGuess.torque_right_n_m",
@@ -29,6 +33,8 @@ const REQUIRED: [&str; 9] = [
 ];
 /// Enums in requests that the completed form leaves out where they have their default.
 const IMPLIED: [&str; 1] = ["Maneuver.slip"];
+/// Answers that requests hold: they are read as answers.
+const ANSWERS: [&str; 2] = ["SimulatedPlan.answer", "SolvedPlan.answer"];
 /// Messages in answers that are left out where there are none; all others are always there.
 const LEFT_OUT: [&str; 7] = [
     "Report.limits",
@@ -49,13 +55,14 @@ const NULL: [&str; 5] = [
 ];
 /// Numbers in answers that may not be finite, because a motion diverges or nothing was computed; JSON has null for them.
 /// An entry without a field means all numbers of the message but times.
-const NOT_FINITE: [&str; 16] = [
+const NOT_FINITE: [&str; 17] = [
     "Contact",
     "EndState",
     "GoalError",
     "LimitUse.excess",
     "LimitUse.largest",
     "NormalLoad.share",
+    "PlanInWords.end_difference",
     "Progress.best_final_time_s",
     "Progress.best_goal_error",
     "Reason.value",
@@ -87,14 +94,14 @@ pub(crate) fn generate() -> Result<(), Box<dyn Error>> {
         fs::create_dir_all(out.join(folder))?;
     }
     messages_with_json(&pool).out_dir(out.join("contract")).compile_fds(files.clone())?;
-    fs::write(out.join("contract/names.rs"), names_of_enums(&pool))?;
+    fs::write(out.join("contract/names.rs"), names_of_enums(&pool) + &known_fields(&pool))?;
     service(&pool).out_dir(out.join("grpc")).compile_fds(files)?;
     Ok(())
 }
 
 /// A misspelt entry would change the contract in silence.
 fn check_lists(pool: &DescriptorPool) -> Result<(), String> {
-    for path in REQUIRED.iter().chain(&IMPLIED).chain(&LEFT_OUT).chain(&NULL).chain(&NOT_FINITE) {
+    for path in REQUIRED.iter().chain(&IMPLIED).chain(&ANSWERS).chain(&LEFT_OUT).chain(&NULL).chain(&NOT_FINITE) {
         let (message, field) = path.split_once('.').unwrap_or((path, ""));
         let message = pool.get_message_by_name(&format!("{PACKAGE}.{message}"));
         let is_known = message.is_some_and(|message| field.is_empty() || message.get_field_by_name(field).is_some());
@@ -132,7 +139,7 @@ fn messages_with_json(pool: &DescriptorPool) -> Builder {
             builder = builder.type_attribute(path, "#[serde(deny_unknown_fields)]");
         }
         for field in message.fields() {
-            let attributes = if is_request { in_request(&field) } else { in_answer(&field) };
+            let attributes = if is_request { in_request(&field) } else { in_answer(&field, &requests) };
             if !attributes.is_empty() {
                 builder = builder.field_attribute(field.full_name(), attributes);
             }
@@ -180,7 +187,8 @@ fn messages_of_requests(pool: &DescriptorPool) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     while let Some(message) = open.pop() {
         if found.insert(message.full_name().to_owned()) {
-            open.extend(message.fields().filter_map(|field| field.kind().as_message().cloned()));
+            let asked = message.fields().filter(|field| !is_listed(&ANSWERS, field));
+            open.extend(asked.filter_map(|field| field.kind().as_message().cloned()));
         }
     }
     found
@@ -225,37 +233,41 @@ fn in_request(field: &FieldDescriptor) -> String {
     }
 }
 
-/// In answers a field is always there, apart from what the lists say. Readers take what an older server does not send for
-/// a default, and ignore what a newer one adds.
-fn in_answer(field: &FieldDescriptor) -> String {
+/// In answers a field is always there, apart from what the lists say. Readers take null and what an older server does not
+/// send for a default, and ignore what a newer one adds, also where a message is strict in requests.
+fn in_answer(field: &FieldDescriptor, requests: &BTreeSet<String>) -> String {
     let read = |function: &str| format!("#[serde(default, deserialize_with = \"{JSON}::{function}\")]");
-    let plain = "#[serde(default)]";
-    let left_out = "#[serde(default, skip_serializing_if = \"Option::is_none\")]";
-    let no_items = "#[serde(default, skip_serializing_if = \"Vec::is_empty\")]";
+    let is_strict = field.kind().as_message().is_some_and(|of| requests.contains(of.full_name()));
+    let function = if is_strict && !field.is_list() { "known_object" } else { "value_or_default" };
+    let plain = read(function);
+    let left_out = format!(
+        "#[serde(default, deserialize_with = \"{JSON}::{function}\", skip_serializing_if = \"Option::is_none\")]"
+    );
+    let no_items = format!(
+        "#[serde(default, deserialize_with = \"{JSON}::value_or_default\", skip_serializing_if = \"Vec::is_empty\")]"
+    );
     let (serde, schema) = match field.kind() {
         Kind::Enum(of) if is_listed(&NULL, field) => {
             (format!("#[serde(default, {})]", named_or_null(&of)), schema_of(&format!("Option<{}>", of.name()), true))
         }
-        Kind::Enum(of) => (format!("#[serde(default, {})]", named(&of)), schema_of(of.name(), true)),
+        Kind::Enum(of) => (format!("#[serde(default, {})]", named_or_null(&of)), schema_of(of.name(), true)),
         Kind::Message(of) if field.is_list() && is_listed(&LEFT_OUT, field) => {
-            (no_items.to_owned(), schema_of(&format!("Vec<{}>", of.name()), false))
+            (no_items, schema_of(&format!("Vec<{}>", of.name()), false))
         }
-        Kind::Message(of) if field.is_list() => (plain.to_owned(), schema_of(&format!("Vec<{}>", of.name()), true)),
-        Kind::Message(of) if is_listed(&NULL, field) => {
-            (plain.to_owned(), schema_of(&format!("Option<{}>", of.name()), true))
-        }
-        Kind::Message(of) if is_listed(&LEFT_OUT, field) => (left_out.to_owned(), schema_of(of.name(), false)),
-        Kind::Message(of) => (plain.to_owned(), schema_of(of.name(), true)),
-        Kind::Double if is_listed(&NULL, field) => (plain.to_owned(), schema_of("Option<f64>", true)),
+        Kind::Message(of) if field.is_list() => (plain, schema_of(&format!("Vec<{}>", of.name()), true)),
+        Kind::Message(of) if is_listed(&NULL, field) => (plain, schema_of(&format!("Option<{}>", of.name()), true)),
+        Kind::Message(of) if is_listed(&LEFT_OUT, field) => (left_out, schema_of(of.name(), false)),
+        Kind::Message(of) => (plain, schema_of(of.name(), true)),
+        Kind::Double if is_listed(&NULL, field) => (plain, schema_of("Option<f64>", true)),
         Kind::Double if field.name() != "time_s" && is_listed(&NOT_FINITE, field) => {
             match (field.is_list(), field.supports_presence()) {
                 (true, _) => (read("read_numbers"), schema_of("Vec<Option<f64>>", true)),
-                (false, true) => (left_out.to_owned(), schema_of("Option<f64>", false)),
+                (false, true) => (left_out, schema_of("Option<f64>", false)),
                 (false, false) => (read("read_number"), schema_of("Option<f64>", true)),
             }
         }
-        Kind::Double if field.supports_presence() => (left_out.to_owned(), schema_of("f64", false)),
-        _ => (plain.to_owned(), "#[schema(required = true)]".to_owned()),
+        Kind::Double if field.supports_presence() => (left_out, schema_of("f64", false)),
+        _ => (plain, "#[schema(required = true)]".to_owned()),
     };
     format!("{serde}\n{schema}")
 }
@@ -300,6 +312,29 @@ fn names_of_enums(pool: &DescriptorPool) -> String {
             of.name(),
             comment_at(&of, of.path()),
             names.concat(),
+        );
+    }
+    text
+}
+
+/// The fields of messages of requests, for where answers hold them.
+fn known_fields(pool: &DescriptorPool) -> String {
+    let requests = messages_of_requests(pool);
+    let is_known = |message: &MessageDescriptor| requests.contains(message.full_name()) && !is_alternatives(message);
+    let mut text = String::new();
+    for message in messages(pool).filter(is_known).filter(|of| SAME.iter().all(|(name, _)| *name != of.name())) {
+        let below = |field: &FieldDescriptor| match field.kind() {
+            Kind::Message(of) if is_known(&of) => format!("Some({JSON}::keep_known::<{}>)", of.name()),
+            _ => "None".to_owned(),
+        };
+        let fields: Vec<_> =
+            message.fields().map(|field| format!("({:?}, {}), ", field.name(), below(&field))).collect();
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "impl {JSON}::Known for {} {{\nconst FIELDS: &'static [{JSON}::KnownField] = &[{}];\n}}",
+            message.name(),
+            fields.concat()
         );
     }
     text

@@ -52,7 +52,6 @@ impl Visitor for Commands {
             Some((name, _)) => argument.help(input).required(false).default_value(name),
             None => argument.help(input),
         });
-        let command = command.mut_arg("plot", |argument| argument.hide(K::PAGE.is_none()));
         self.0 = self.0.take().map(|all| all.subcommand(command));
     }
 }
@@ -81,9 +80,6 @@ impl Visitor for Run<'_> {
 
 /// Runs one job; the exit code says whether there is what was asked for.
 fn run_job<K: Kind>(kind: &Arc<K>, arguments: &JobArguments) -> anyhow::Result<ExitCode> {
-    if arguments.plot.is_some() && K::PAGE.is_none() {
-        anyhow::bail!("there are no diagrams of `{}`", K::NAME);
-    }
     let limits = Limits::default();
     let input = match K::read(&body::<K>(&arguments.input, limits.max_body_bytes)?, &limits) {
         Ok(input) => input,
@@ -92,12 +88,8 @@ fn run_job<K: Kind>(kind: &Arc<K>, arguments: &JobArguments) -> anyhow::Result<E
     // Nobody else is in the queue: all workers help with the one job.
     let workers = arguments.threads.unwrap_or_else(cores);
     let service = Service::start(ServiceSettings { workers, queue_length: 0, ..ServiceSettings::default() })?;
-    let page = if arguments.plot.is_some() { K::PAGE } else { None };
-    let made = move |input: &K::Input, done: &_| Made::of::<K>(input, done, page);
+    let made = |input: &K::Input, done: &_| Made::of::<K>(input, done);
     let made = service.reserve()?.submit(Arc::clone(kind), input, None, made)?.blocking_outcome()?;
-    if let (Some(path), Some(page)) = (&arguments.plot, &made.page) {
-        write_file(path, page.as_bytes())?;
-    }
     write_answer(arguments.json.as_deref(), &made.answer, &made.table)?;
     Ok(if made.is_success { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO_SUCCESS) })
 }
@@ -106,20 +98,14 @@ fn run_job<K: Kind>(kind: &Arc<K>, arguments: &JobArguments) -> anyhow::Result<E
 struct Made {
     answer: Vec<u8>,
     table: String,
-    page: Option<String>,
     is_success: bool,
 }
 
 impl Made {
-    fn of<K: Kind>(
-        input: &K::Input,
-        done: &slipdrive::service::Done<K::Output>,
-        page: Option<fn(&K::Output) -> String>,
-    ) -> Self {
+    fn of<K: Kind>(input: &K::Input, done: &slipdrive::service::Done<K::Output>) -> Self {
         Self {
             answer: json::write(&K::answer(input, done)),
             table: K::table(input, done),
-            page: page.map(|page| page(&done.output)),
             is_success: K::is_success(&done.output),
         }
     }

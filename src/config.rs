@@ -89,9 +89,6 @@ pub(crate) struct JobArguments {
     /// Threads that work; the answer does not depend on their number [default: cores].
     #[arg(long)]
     pub(crate) threads: Option<NonZeroUsize>,
-    /// Writes diagrams of the answer here, as an HTML page.
-    #[arg(long, value_name = "PAGE")]
-    pub(crate) plot: Option<PathBuf>,
 }
 
 /// The variable of the API keys, which have no flag: it would show them to everyone who can list processes.

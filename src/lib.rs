@@ -46,7 +46,7 @@
 //! - [`solver`]: the search, and what its answer states about itself.
 //! - [`rules`]: what parameters must be, and all violations at once.
 //! - [`stop`]: how running work is asked to end early.
-//! - `plot` (feature `plot`): the paper's figures from a solution, as a page.
+//! - [`plot`]: figures of plans as SVG.
 //!
 //! With the feature `server`, beside them:
 //! - `contract`: messages, as protobuf and as JSON, problems and error codes.
@@ -55,7 +55,7 @@
 //! - `api`: the jobs over REST and gRPC.
 //!
 //! # Features
-//! `server` and `plot` are on by default. Without both, the numerics alone are built: no runtime, no generated code, no
+//! `server` is on by default. Without it, numerics and figures alone are built: no runtime, no generated code, no
 //! build script to speak of. `otel` exports spans, `tls` encrypts both ports.
 //!
 //! # Stability
@@ -74,7 +74,6 @@ pub mod jobs;
 #[cfg(feature = "server")]
 pub mod metrics;
 pub mod optimizer;
-#[cfg(feature = "plot")]
 pub mod plot;
 pub mod prelude;
 #[cfg(feature = "server")]

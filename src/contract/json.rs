@@ -4,8 +4,9 @@ use std::fmt;
 use std::marker::PhantomData;
 
 use serde::de::value::MapAccessDeserializer;
-use serde::de::{self, Deserialize, Deserializer, MapAccess, Visitor};
+use serde::de::{self, Deserialize, DeserializeOwned, Deserializer, MapAccess, Visitor};
 use serde::{Serialize, Serializer};
+use serde_json::Value;
 use serde_json::error::Category;
 use serde_path_to_error::{Path, Segment};
 
@@ -154,6 +155,45 @@ pub(super) fn read_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
 pub(super) fn read_numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
     let numbers = Vec::<Option<f64>>::deserialize(deserializer)?;
     Ok(numbers.into_iter().map(|number| number.unwrap_or(f64::NAN)).collect())
+}
+
+/// Reads a value of an answer; null is its default.
+pub(super) fn value_or_default<'de, D: Deserializer<'de>, T: Deserialize<'de> + Default>(
+    deserializer: D,
+) -> Result<T, D::Error> {
+    Option::deserialize(deserializer).map(Option::unwrap_or_default)
+}
+
+/// A field of an object, and how to forget what is not known in its own objects.
+pub type KnownField = (&'static str, Option<fn(&mut Value)>);
+
+/// A message that is strict in requests; implemented for all of them by the build.
+pub trait Known {
+    /// All fields.
+    const FIELDS: &'static [KnownField];
+}
+
+/// Forgets null and what is not known in an object, or in each of an array.
+pub fn keep_known<T: Known>(value: &mut Value) {
+    if let Some(object) = value.as_object_mut() {
+        object.retain(|name, value| {
+            let known = T::FIELDS.iter().find(|(field, _)| field == name);
+            if let Some((_, Some(keep_known))) = known {
+                keep_known(value);
+            }
+            known.is_some() && !value.is_null()
+        });
+    }
+    value.as_array_mut().into_iter().flatten().for_each(keep_known::<T>);
+}
+
+/// Reads an object of an answer that would be strict in a request; null is none.
+pub(super) fn known_object<'de, D: Deserializer<'de>, T: Known + DeserializeOwned>(
+    deserializer: D,
+) -> Result<Option<T>, D::Error> {
+    let Some(mut value) = Option::<Value>::deserialize(deserializer)? else { return Ok(None) };
+    keep_known::<T>(&mut value);
+    serde_json::from_value(value).map(Some).map_err(de::Error::custom)
 }
 
 /// An enum that JSON writes by name; implemented for all enums of `proto/` by the build.

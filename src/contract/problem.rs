@@ -61,6 +61,16 @@ impl Problem {
         Self { code, detail: message, retry_after: None, errors: vec![error] }
     }
 
+    /// The same problem of an object that is at this path of the input, such as `plans[0]`.
+    #[must_use]
+    pub(crate) fn below(mut self, path: &str) -> Self {
+        let below = pointer_of_path(path);
+        for error in &mut self.errors {
+            error.pointer.replace_range(..1, &below);
+        }
+        self
+    }
+
     /// The code from the error table.
     pub fn code(&self) -> ErrorCode {
         self.code
@@ -143,6 +153,12 @@ mod tests {
     #[test]
     fn pointer_follows_fields_and_indices() {
         assert_eq!(pointer_of_path("initial_guess.torque_left_n_m[3]"), "#/initial_guess/torque_left_n_m/3");
+    }
+
+    #[test]
+    fn problem_of_an_inner_object_names_the_whole_path() {
+        let problem = Problem::at_field(ErrorCode::InvalidField, "#/steps".to_owned(), "missing".to_owned());
+        assert_eq!(problem.below("report").below("plans[2]").errors()[0].pointer, "#/plans/2/report/steps");
     }
 
     #[test]

@@ -26,8 +26,6 @@ pub trait Kind: Job {
     const REPORTS_PROGRESS: bool = false;
     /// Requests to begin with, by name: `GET /examples/NAME`, and in place of a file on the command line.
     const EXAMPLES: &'static [Example<Self::Request>] = &[];
-    /// What draws an output as an HTML page, where there is something to draw.
-    const PAGE: Option<fn(&Self::Output) -> String> = None;
     /// Its own families of metrics.
     const FAMILIES: &'static [Family] = &[];
     /// What is asked.

@@ -5,6 +5,7 @@
 
 mod kind;
 mod limits;
+pub mod present;
 pub mod simulate;
 pub mod solve;
 mod solver;
@@ -63,6 +64,8 @@ registry! {
     solve: solve::Solve,
     /// One rollout.
     simulate: simulate::Simulate,
+    /// Figures and sentences.
+    present: present::Present,
 }
 
 impl Jobs {

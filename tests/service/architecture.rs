@@ -56,8 +56,8 @@ const TABLE: &[Module] = &[
     },
     Module {
         name: "plot",
-        may_use: &["solver", "simulation", "robot", "contact"],
-        must_not_mention: &["axum", "tonic", "tokio", "std::fs"],
+        may_use: &["shooting", "simulation", "robot", "contact"],
+        must_not_mention: FOREIGN_TO_NUMERICS,
     },
     Module {
         name: "contract",

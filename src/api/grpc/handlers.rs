@@ -79,6 +79,10 @@ impl ManeuverService for Handlers {
         self.unary(&self.0.jobs.simulate, request).await
     }
 
+    async fn present(&self, request: Request<pb::PresentRequest>) -> Result<Response<pb::PresentResponse>, Status> {
+        self.unary(&self.0.jobs.present, request).await
+    }
+
     async fn validate(&self, request: Request<pb::SolveRequest>) -> Result<Response<pb::ValidateResponse>, Status> {
         let call = call_of(&request)?;
         let accepted = Solve::accept(request.into_inner(), self.0.jobs.limits());
@@ -100,6 +104,7 @@ fn answer_to<'a>(state: &'a ApiState, item: Item, call: &'a Call) -> BoxFuture<'
     match item {
         Item::Solve(request) => of_kind(&state.jobs.solve, state, request, call, ItemAnswer::Solve),
         Item::Simulate(request) => of_kind(&state.jobs.simulate, state, request, call, ItemAnswer::Simulate),
+        Item::Present(request) => of_kind(&state.jobs.present, state, request, call, ItemAnswer::Present),
     }
 }
 

@@ -122,8 +122,6 @@ impl Kind for Solve {
     const METHODS: &'static [&'static str] = &["Solve", "SolveStream"];
     const REPORTS_PROGRESS: bool = true;
     const EXAMPLES: &'static [Example<SolveRequest>] = &[("forward-drive", accept::forward_drive)];
-    #[cfg(feature = "plot")]
-    const PAGE: Option<fn(&Solved) -> String> = Some(|solved| crate::plot::html(&solved.solution));
     const FAMILIES: &'static [Family] = metrics::FAMILIES;
     type Request = SolveRequest;
     type Answer = message::Solution;

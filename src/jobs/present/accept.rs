@@ -1,0 +1,137 @@
+//! Requests of figures: from messages to motions that can be rolled out.
+
+use crate::contract::convert::{aisle_corners, count, required, schedule};
+use crate::contract::message::{PresentRequest, PresentedPlan, SimulateResponse, SimulatedPlan, Solution, SolvedPlan};
+use crate::contract::{ErrorCode, Problem};
+use crate::jobs::simulate::Simulate;
+use crate::jobs::solve::Solve;
+use crate::jobs::{Kind, Limits, ManeuverSolver};
+use crate::rules::{Checks, Rule};
+use crate::shooting::{AisleCorners, ManeuverLimits};
+use crate::simulation::{ContactMethod, Trajectory};
+use crate::solver::{SimulateInput, SimulateParameters, SolveInput};
+use crate::stop::{Stop, Stopped};
+
+/// Shorter motions are none: what takes no time, or diverges at once.
+const LEAST_TIME_S: f64 = 1e-6;
+
+/// A plan whose request is valid and whose answer has a motion, or none where nothing moves.
+#[derive(Debug)]
+pub struct AcceptedPlan {
+    /// What the request and its answer say.
+    pub(super) said: Said,
+    /// The motion; the schedule is empty where nothing moves.
+    pub(super) motion: SimulateInput,
+    /// The corners of aisle and robot, as they were given.
+    pub(super) corners: AisleCorners,
+}
+
+/// What the request and its answer say.
+#[derive(Debug)]
+pub(super) enum Said {
+    /// A solve.
+    Solve(Box<SolveInput>, Box<Solution>),
+    /// A simulation.
+    Simulate(Box<SimulateResponse>),
+}
+
+impl AcceptedPlan {
+    /// Steps of its motion; 0 where nothing moves.
+    pub(super) fn step_count(&self) -> usize {
+        if self.motion.schedule.final_time < LEAST_TIME_S { 0 } else { self.motion.step_count }
+    }
+
+    /// Its motion at the reference point; the start alone where nothing moves.
+    pub(super) fn trajectory(&self, solver: &dyn ManeuverSolver, stop: Stop<'_>) -> Result<Trajectory, Stopped> {
+        if self.step_count() == 0 {
+            let start = self.motion.start;
+            return Ok(Trajectory { time: vec![0.0], state: vec![start], end_state: start, ..Trajectory::default() });
+        }
+        solver.simulate(&self.motion, stop).map(|simulation| simulation.trajectory)
+    }
+}
+
+/// Validates all plans.
+pub(super) fn accept(request: PresentRequest, limits: &Limits) -> Result<Vec<AcceptedPlan>, Problem> {
+    let mut checks = Checks::new();
+    checks.length("plans", request.plans.len(), &super::PLANS_RULE);
+    checks.finish()?;
+    let plans = request.plans.into_iter().enumerate();
+    plans
+        .map(|(index, plan)| accept_plan(plan, limits).map_err(|fault| fault.below(&format!("plans[{index}]"))))
+        .collect()
+}
+
+fn accept_plan(plan: PresentedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {
+    match (plan.solve, plan.simulate) {
+        (Some(solved), None) => accept_solved(solved, limits).map_err(|fault| fault.below("solve")),
+        (None, Some(simulated)) => accept_simulated(simulated, limits).map_err(|fault| fault.below("simulate")),
+        (Some(_), Some(_)) => Err(invalid("`plans` has an item with both `solve` and `simulate`, must have one")),
+        (None, None) => Err(invalid("`plans` has an item without `solve` and `simulate`, must have one")),
+    }
+}
+
+fn invalid(fault: &str) -> Problem {
+    Problem::at_field(ErrorCode::InvalidField, "#".to_owned(), fault.to_owned())
+}
+
+fn accept_simulated(plan: SimulatedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {
+    let SimulatedPlan { request, answer } = plan;
+    let (request, answer) = (required(request, "request")?, required(answer, "answer")?);
+    let footprint = request.robot.iter().flat_map(|robot| robot.footprint.clone()).collect::<Vec<_>>();
+    let corners = aisle_corners(&request.keep_in, &footprint);
+    let accepted = Simulate::accept(request, limits).map_err(|fault| fault.below("request"))?;
+    let answer = SimulateResponse { trajectory: None, contacts: None, ..answer };
+    Ok(AcceptedPlan { said: Said::Simulate(Box::new(answer)), motion: accepted.input, corners })
+}
+
+fn accept_solved(plan: SolvedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {
+    let SolvedPlan { request, answer } = plan;
+    let (request, answer) = (required(request, "request")?, required(answer, "answer")?);
+    let accepted = Solve::accept(request, limits).map_err(|fault| fault.below("request"))?;
+    let (given_robot, maneuver) = (accepted.completed.robot, accepted.completed.maneuver);
+    let given_robot = given_robot.unwrap_or_default();
+    let corners = aisle_corners(&maneuver.unwrap_or_default().keep_in, &given_robot.footprint);
+    let motion = motion_of(&accepted.input, &answer, limits).map_err(|fault| fault.below("answer"))?;
+    let answer = Solution { trajectory: None, contacts: None, ..answer };
+    Ok(AcceptedPlan { said: Said::Solve(Box::new(accepted.input), Box::new(answer)), motion, corners })
+}
+
+/// The motion of the torques that were answered, on the grid of the plan.
+fn motion_of(asked: &SolveInput, answer: &Solution, limits: &Limits) -> Result<SimulateInput, Problem> {
+    let schedule = schedule(required(answer.torque_schedule.clone(), "torque_schedule")?, "torque_schedule")?;
+    let still = SimulateInput {
+        robot: asked.robot.clone(),
+        payload: asked.payload,
+        reference_point: asked.maneuver.reference_point,
+        start: asked.maneuver.start,
+        // What the plan uses of its limits is in its report.
+        limits: ManeuverLimits::default(),
+        aisle: None,
+        schedule,
+        step_count: 1,
+        contact_method: ContactMethod::Exact,
+    };
+    if still.schedule.left.is_empty() && still.schedule.right.is_empty() {
+        return Ok(still);
+    }
+    let report = required(answer.report.as_ref(), "report")?;
+    let mut checks = Checks::new();
+    let intervals = count(still.schedule.control_count());
+    let steps = Rule::between(f64::from(intervals.max(1)), limits.max_steps as f64, "");
+    checks.within("report", |checks| checks.bounds("steps", report.steps.into(), &steps));
+    let arrays = [
+        ("torque_schedule.left_n_m", &still.schedule.left[..]),
+        ("torque_schedule.right_n_m", &still.schedule.right[..]),
+    ];
+    limits.check_arrays(&mut checks, arrays);
+    checks.finish()?;
+    // The reference robot in place of the joined one, which kept its rules already: those of the torques are left.
+    let parameters = SimulateParameters {
+        schedule: still.schedule.clone(),
+        step_count: report.steps as usize,
+        ..SimulateParameters::default()
+    };
+    SimulateInput::new(parameters)?;
+    Ok(SimulateInput { step_count: report.steps as usize, ..still })
+}

@@ -1,0 +1,127 @@
+//! Figures of plans, and the plans in words: what report, page and command line show.
+
+mod accept;
+mod draw;
+mod words;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+pub use accept::AcceptedPlan;
+
+use super::table::line;
+use super::{Kind, Limits, ManeuverSolver};
+use crate::contract::Problem;
+use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentResponse};
+use crate::metrics::Metrics;
+use crate::plot;
+use crate::rules::{Rule, RuleSet};
+use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
+
+/// How many plans one figure tells apart.
+const PLANS_RULE: Rule = Rule::between(1.0, 4.0, Rule::ITEMS);
+/// What a plan takes a small cloud machine beside its rollout, s.
+const DRAWING_S: f64 = 5e-3;
+/// What a step of a rollout takes there, s, its share of the curves included.
+const STEP_S: f64 = 5e-6;
+/// A rollout that meets friction which is hard to resolve is cut off: others wait for their figures.
+const TIME_LIMIT: Duration = Duration::from_secs(2);
+/// Largest request, bytes: four plans with the most torques in their request and in their answer, twice over.
+const MAX_BODY_BYTES: usize = 1 << 20;
+/// What the figures of a plan hold at most, in numbers of some 18 bytes.
+const NUMBERS_OF_FIGURES: usize = 20_000;
+
+/// Presents plans.
+pub struct Present(Arc<dyn ManeuverSolver>);
+
+impl Present {
+    /// Rolls motions out with this solver.
+    pub fn new(solver: Arc<dyn ManeuverSolver>, _metrics: &Metrics) -> Self {
+        Self(solver)
+    }
+}
+
+/// The plans as they are shown.
+#[derive(Debug)]
+pub struct Presented {
+    /// The figures.
+    pub figures: Vec<plot::Figure>,
+    /// What is said of each plan.
+    pub words: Vec<PlanInWords>,
+}
+
+impl Job for Present {
+    const NAME: &'static str = "present";
+    type Input = Vec<AcceptedPlan>;
+    type Output = Presented;
+    type Progress = ();
+
+    fn cost(&self, plans: &Vec<AcceptedPlan>) -> Cost {
+        Cost::seconds(plans.iter().map(|plan| DRAWING_S + plan.step_count() as f64 * STEP_S).sum())
+    }
+
+    fn work_done(&self, plans: &Vec<AcceptedPlan>, _output: &Presented) -> Option<WorkDone> {
+        Some(WorkDone { cost: self.cost(plans), is_complete: true })
+    }
+
+    fn time_limit(&self, _plans: &Vec<AcceptedPlan>) -> Option<Duration> {
+        Some(TIME_LIMIT)
+    }
+
+    fn run(&self, plans: &Vec<AcceptedPlan>, control: &JobControl<'_, ()>) -> Result<Presented, Stopped> {
+        let rolled_out = |plan: &AcceptedPlan| plan.trajectory(&*self.0, control.stop().cut_flag().into());
+        let trajectories: Result<Vec<_>, _> = plans.iter().map(rolled_out).collect();
+        let trajectories = trajectories.map_err(|_| control.cut_off())?;
+        let shown: Vec<_> = plans.iter().zip(&trajectories).collect();
+        let words = shown.iter().zip(LABELS).map(|((plan, motion), label)| words::of_plan(label, plan, motion));
+        let words: Vec<_> = words.collect();
+        let figures = draw::figures(&shown, &words);
+        Ok(Presented { figures, words })
+    }
+}
+
+/// What plans are called.
+const LABELS: [&str; 4] = ["A", "B", "C", "D"];
+
+impl Kind for Present {
+    const SUMMARY: &'static str = "draws plans and says in words why to trust them";
+    const METHODS: &'static [&'static str] = &["Present"];
+    type Request = PresentRequest;
+    type Answer = PresentResponse;
+    type Report = ();
+
+    fn rules(_limits: &Limits) -> RuleSet {
+        RuleSet::of([("plans", PLANS_RULE)])
+            .across(&["plans"], "each plan has either `solve` or `simulate`, whose request keeps the rules of its kind")
+    }
+
+    fn accept(request: PresentRequest, limits: &Limits) -> Result<Vec<AcceptedPlan>, Problem> {
+        accept::accept(request, limits)
+    }
+
+    fn answer_numbers(plans: &Vec<AcceptedPlan>) -> usize {
+        plans.len() * NUMBERS_OF_FIGURES
+    }
+
+    fn answer(_plans: &Vec<AcceptedPlan>, done: &Done<Presented>) -> PresentResponse {
+        let Presented { figures, words } = &done.output;
+        PresentResponse { figures: figures.iter().map(Figure::from).collect(), plans: words.clone() }
+    }
+
+    /// What is said of each plan.
+    fn table(_plans: &Vec<AcceptedPlan>, done: &Done<Presented>) -> String {
+        let mut table = String::new();
+        for (index, words) in done.output.words.iter().enumerate() {
+            if index > 0 {
+                table.push('\n');
+            }
+            line(&mut table, &format!("{}  {}", words.label, words.headline));
+            words.details.iter().for_each(|sentence| line(&mut table, &format!("   {sentence}")));
+            if !words.certificate.is_empty() {
+                line(&mut table, "   why to trust it");
+            }
+            words.certificate.iter().for_each(|sentence| line(&mut table, &format!("   - {sentence}")));
+        }
+        table
+    }
+}

@@ -1,0 +1,375 @@
+//! Plans in words: what was found, and why to trust it.
+
+use super::AcceptedPlan;
+use super::accept::Said;
+use crate::contact::{ContactMode, ContactName};
+use crate::contract::message::{
+    ContactName as NamedContact, EndState, GoalError, LimitUse, LowerBoundAssumption, PlanInWords, Refinement, Report,
+    Separation, SimulateResponse, Solution, Status, StopReason,
+};
+use crate::robot::State;
+use crate::shooting::StateComponent;
+use crate::simulation::Trajectory;
+use crate::solver::{Refinement as Grid, SolveInput, SolverSettings};
+
+/// Largest difference of the end from what the answer says, in any component: rounding of an interval's length, no more.
+const END_TOLERANCE: f64 = 1e-9;
+/// A contact residual up to this is rounding: what `converged` asks for.
+const RESIDUAL_TOLERANCE: f64 = 1e-10;
+/// How many other optima are named.
+const NAMED_OPTIMA: usize = 5;
+
+/// What is said of a plan with this motion.
+pub(super) fn of_plan(label: &str, plan: &AcceptedPlan, motion: &Trajectory) -> PlanInWords {
+    let (headline, mut details, mut certificate, end_state) = match &plan.said {
+        Said::Solve(asked, answer) => {
+            (headline(answer), details(asked, answer, motion), certificate(asked, answer), answer.end_state)
+        }
+        Said::Simulate(answer) => {
+            (duration(motion), motion_in_words(motion), certificate_of_motion(answer), answer.end_state)
+        }
+    };
+    let end_difference = end_state.map_or(f64::NAN, |end| difference(&motion.end_state, end));
+    // What is no number is not near.
+    if end_difference.is_nan() || end_difference > END_TOLERANCE {
+        certificate.clear();
+        details.push(mismatch(end_difference));
+    }
+    PlanInWords { label: label.to_owned(), headline, details, certificate, end_difference }
+}
+
+/// Largest difference in any component; two values that are no numbers are alike.
+fn difference(end: &State, said: EndState) -> f64 {
+    let (end, said) = (EndState::from(end), said);
+    let pairs = [
+        (end.x_m, said.x_m),
+        (end.y_m, said.y_m),
+        (end.heading_rad, said.heading_rad),
+        (end.wheel_angle_left_rad, said.wheel_angle_left_rad),
+        (end.wheel_angle_right_rad, said.wheel_angle_right_rad),
+        (end.velocity_x_m_s, said.velocity_x_m_s),
+        (end.velocity_y_m_s, said.velocity_y_m_s),
+        (end.yaw_rate_rad_s, said.yaw_rate_rad_s),
+        (end.wheel_rate_left_rad_s, said.wheel_rate_left_rad_s),
+        (end.wheel_rate_right_rad_s, said.wheel_rate_right_rad_s),
+    ];
+    let of = |(end, said): (f64, f64)| if end.is_finite() || said.is_finite() { (end - said).abs() } else { 0.0 };
+    // NaN, which `max` would drop, is the largest.
+    pairs.map(of).into_iter().fold(0.0, |largest, of| if of.is_nan() { f64::NAN } else { of.max(largest) })
+}
+
+fn mismatch(end_difference: f64) -> String {
+    let found = if end_difference.is_finite() {
+        format!("ends {} away from the end_state of the answer", short(end_difference))
+    } else {
+        "cannot be compared with the end_state of the answer".to_owned()
+    };
+    format!(
+        "The motion, rolled out again from the request and its torques, {found}: request and answer do not belong \
+         together, or another version made the answer. Nothing is claimed for it."
+    )
+}
+
+/// The outcome, for legends too: the final time, or what is missing.
+pub(super) fn outcome(plan: &AcceptedPlan) -> String {
+    let time = plan.motion.schedule.final_time;
+    match &plan.said {
+        Said::Simulate(_) => format!("{time:.3} s, simulated"),
+        Said::Solve(_, answer) => match answer.status() {
+            Status::Converged if time == 0.0 => "start is goal".to_owned(),
+            Status::Converged => format!("{time:.3} s"),
+            Status::Feasible => format!("{time:.3} s, feasible"),
+            Status::NotConverged => "goal missed".to_owned(),
+            Status::Infeasible => "infeasible".to_owned(),
+            Status::Unspecified => "without a status".to_owned(),
+        },
+    }
+}
+
+/// Why the goal is missed, where it is.
+pub(super) fn fault(plan: &AcceptedPlan) -> Option<String> {
+    match &plan.said {
+        Said::Solve(_, answer) if answer.reason.is_some() => Some(headline(answer)),
+        Said::Solve(..) | Said::Simulate(_) => None,
+    }
+}
+
+fn headline(answer: &Solution) -> String {
+    let reason = answer.reason.as_ref().map_or("no reason is given", |reason| reason.message.as_str());
+    let reason = sentence(reason);
+    match answer.status() {
+        Status::Converged if answer.final_time_s == 0.0 => "The start is the goal: there is nothing to do.".to_owned(),
+        Status::Converged => format!("The robot reaches its goal in {:.3} s.", answer.final_time_s),
+        Status::Feasible => {
+            format!("The robot reaches its goal in {:.3} s, but that is not shown to be optimal.", answer.final_time_s)
+        }
+        Status::NotConverged => format!("The goal is missed: {reason}"),
+        Status::Infeasible => format!("The goal is impossible: {reason}"),
+        Status::Unspecified => "The answer has no status.".to_owned(),
+    }
+}
+
+/// With a full stop.
+fn sentence(words: &str) -> String {
+    format!("{}.", words.trim_end_matches('.'))
+}
+
+fn duration(motion: &Trajectory) -> String {
+    let time = motion.time.last().copied().unwrap_or_default();
+    format!("Given torques for {time:.3} s, integrated in {} steps.", motion.step_count())
+}
+
+fn details(asked: &SolveInput, answer: &Solution, motion: &Trajectory) -> Vec<String> {
+    let mut details = motion_in_words(motion);
+    let Some(report) = &answer.report else { return details };
+    if report.starts_tried > 0 {
+        let effort = format!("{} starts and {} rollouts", report.starts_tried, report.rollouts);
+        let time = short(report.solve_time_s);
+        details.push(match answer.stop_reason() {
+            StopReason::TimeLimit => format!("The time limit ended the search after {effort}, {time} s."),
+            StopReason::Deadline => format!("The deadline of the call ended the search after {effort}, {time} s."),
+            StopReason::RolloutLimit => format!("The rollout limit ended the search after {effort}, {time} s."),
+            StopReason::Finished | StopReason::Unspecified => {
+                format!("The whole search asked for was done: {effort} in {time} s.")
+            }
+        });
+    }
+    details.extend(grid(asked, report));
+    details
+}
+
+/// Where the motion ends, and when the wheels slip.
+fn motion_in_words(motion: &Trajectory) -> Vec<String> {
+    if motion.step_count() == 0 {
+        return Vec::new();
+    }
+    let end = &motion.end_state.configuration;
+    if !(end.x + end.y + end.heading).is_finite() {
+        return vec!["The motion diverges.".to_owned()];
+    }
+    let (x, y, heading) = (rounded(end.x), rounded(end.y), rounded(end.heading));
+    vec![format!("It ends at x = {x} m, y = {y} m, heading {heading} rad."), slip(motion)]
+}
+
+/// Without a sign where it is zero to the digits shown.
+fn rounded(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3 + 0.0
+}
+
+fn slip(motion: &Trajectory) -> String {
+    let wheels = [ContactName::Left, ContactName::Right].map(|wheel| {
+        let modes: Vec<_> = motion.contact.iter().map(|contacts| contacts.get(wheel).mode).collect();
+        let spans = modes.chunk_by(|a, b| a == b).filter(|span| span[0] == ContactMode::Slip).count();
+        match spans {
+            0 => format!("the {} wheel never slips", wheel.as_str()),
+            1 => format!("the {} wheel slips once, for {:.3} s", wheel.as_str(), motion.slip_time(wheel)),
+            _ => format!("the {} wheel slips {spans} times, for {:.3} s", wheel.as_str(), motion.slip_time(wheel)),
+        }
+    });
+    let [left, right] = wheels;
+    format!("T{}; {right}.", &left[1..])
+}
+
+fn grid(asked: &SolveInput, report: &Report) -> Option<String> {
+    let steps = report.steps;
+    let why = match report.refinement() {
+        Refinement::Fixed if matches!(asked.settings.refinement, Grid::Fixed) => "as asked",
+        Refinement::WithinTolerance => "chosen so that the replay is within tolerance",
+        Refinement::StepLimit => "the finest allowed, on which the replay is still above tolerance",
+        Refinement::GoalLost => "since the goal was lost on finer ones",
+        Refinement::Interrupted => "since a limit ended the refinement",
+        Refinement::NoPlan | Refinement::Unspecified | Refinement::Fixed => return None,
+    };
+    Some(format!("The grid has {steps} steps, {why}."))
+}
+
+fn certificate(asked: &SolveInput, answer: &Solution) -> Vec<String> {
+    let is_plan = matches!(answer.status(), Status::Converged | Status::Feasible);
+    let Some(report) = answer.report.as_ref().filter(|_| is_plan && answer.final_time_s > 0.0) else {
+        return Vec::new();
+    };
+    let settings = &asked.settings;
+    let mut said = Vec::new();
+    said.extend(answer.goal_error.as_ref().map(|error| goal_met(error, settings)));
+    said.push(contact_law(report.worst_contact_residual, report.indeterminate_steps));
+    said.push(loads(report));
+    said.push(replay(report, settings));
+    said.extend(lower_bound(answer.final_time_s, report));
+    said.extend(criticality(report));
+    said.extend(report.limits.iter().map(limit_used));
+    said.extend(other_optima(answer.final_time_s, report));
+    said
+}
+
+fn certificate_of_motion(answer: &SimulateResponse) -> Vec<String> {
+    let mut said = vec![contact_law(answer.worst_contact_residual, answer.indeterminate_steps)];
+    said.push(separations(&answer.separations).unwrap_or_else(|| "Loads: no contact ever has to pull.".to_owned()));
+    said.extend(answer.limits.iter().map(limit_used));
+    said
+}
+
+fn goal_met(error: &GoalError, settings: &SolverSettings) -> String {
+    let pairs = [
+        (StateComponent::X, Some(error.x_m)),
+        (StateComponent::Y, Some(error.y_m)),
+        (StateComponent::Heading, Some(error.heading_rad)),
+        (StateComponent::WheelAngleLeft, error.wheel_angle_left_rad),
+        (StateComponent::WheelAngleRight, error.wheel_angle_right_rad),
+        (StateComponent::VelocityX, Some(error.velocity_x_m_s)),
+        (StateComponent::VelocityY, Some(error.velocity_y_m_s)),
+        (StateComponent::YawRate, Some(error.yaw_rate_rad_s)),
+        (StateComponent::WheelRateLeft, Some(error.wheel_rate_left_rad_s)),
+        (StateComponent::WheelRateRight, Some(error.wheel_rate_right_rad_s)),
+    ];
+    let errors = pairs.into_iter().filter_map(|(component, error)| Some((component.field(), error?.abs())));
+    let (field, largest) = errors.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or(("x_m", 0.0));
+    let tolerance = short(settings.goal_tolerance);
+    format!("Goal: met in every component within {tolerance}; the largest error is {} ({field}).", short(largest))
+}
+
+fn contact_law(residual: f64, indeterminate_steps: u32) -> String {
+    let verdict = if residual <= RESIDUAL_TOLERANCE { "kept to rounding" } else { "not kept to rounding" };
+    let unique = match indeterminate_steps {
+        0 => "no step was found to have a second solution".to_owned(),
+        steps => format!("{steps} steps have several solutions"),
+    };
+    format!(
+        "Contact law: Coulomb's law with stick and slip is {verdict}, to {} of the weight; {unique}.",
+        short(residual)
+    )
+}
+
+fn loads(report: &Report) -> String {
+    if let Some(separations) = separations(&report.separations) {
+        return separations;
+    }
+    let least = report.least_normal_load.as_ref().map(|load| {
+        let share = short(100.0 * load.share);
+        format!("; the {} carries least, {share} % of the weight at {:.3} s", named(load.contact()), load.time_s)
+    });
+    format!("Loads: no contact ever has to pull{}.", least.unwrap_or_default())
+}
+
+fn separations(separations: &[Separation]) -> Option<String> {
+    let first = separations.first()?;
+    let (count, contact) = (separations.len(), named(first.contact()));
+    Some(format!(
+        "Loads: in {count} steps a contact would have to pull, first the {contact} at {:.3} s: the motion is outside the model.",
+        first.time_s
+    ))
+}
+
+fn named(contact: NamedContact) -> &'static str {
+    match contact {
+        NamedContact::Left => "left wheel",
+        NamedContact::Right => "right wheel",
+        NamedContact::Front | NamedContact::Unspecified => "front support",
+    }
+}
+
+fn replay(report: &Report, settings: &SolverSettings) -> String {
+    let Some(replay) = &report.replay else {
+        return "Replay: not computed in time, so the plan is not confirmed on a finer grid.".to_owned();
+    };
+    let verdict = match (replay.within_tolerance, replay.separations) {
+        (true, _) => "within the tolerance",
+        (false, 0) => "above the tolerance",
+        (false, _) => "and a contact separates; the tolerance is",
+    };
+    let (position, heading) = (settings.replay_tolerance_position, settings.replay_tolerance_heading);
+    format!(
+        "Replay: the same torques on a finer grid of {} steps end {} mm and {} rad from the goal, {verdict} of {} mm and {} rad.",
+        replay.steps,
+        short(1e3 * replay.miss_m),
+        short(replay.miss_heading_rad),
+        short(1e3 * position),
+        short(heading),
+    )
+}
+
+fn lower_bound(final_time: f64, report: &Report) -> Option<String> {
+    let bound = report.lower_bound_s;
+    let why = match report.lower_bound_assumption() {
+        LowerBoundAssumption::Unspecified => return None,
+        LowerBoundAssumption::Friction => "since friction bounds the acceleration of the centre of mass",
+        LowerBoundAssumption::YawFriction => "since friction bounds the yaw acceleration",
+        LowerBoundAssumption::DriveTorque => "since torque builds the motion up and friction brakes it",
+        LowerBoundAssumption::WheelDrive => "since torque and friction bound the acceleration of each wheel",
+    };
+    let slower = short(100.0 * (final_time / bound - 1.0));
+    let gap = if bound > 0.0 { format!("; this plan takes {slower} % longer") } else { String::new() };
+    Some(format!("Lower bound: no plan on this grid is faster than {bound:.3} s, {why}{gap}."))
+}
+
+fn criticality(report: &Report) -> Option<String> {
+    // Without a replay the certificate was cut off, and the decrease says nothing.
+    report.replay.as_ref()?;
+    let signs = match report.switching_sign_violations {
+        0 => String::new(),
+        count => format!("; {count} torques are off the limit at which they would gain"),
+    };
+    let decrease = short(report.predicted_decrease_s);
+    Some(format!("Criticality: to first order, small changes of the torques gain no more than {decrease} s{signs}."))
+}
+
+fn limit_used(used: &LimitUse) -> String {
+    let LimitUse { limit, value, largest, time_s, excess, replay_excess } = used;
+    let verdict = if *excess <= 1e-6 { "kept" } else { "exceeded" };
+    let replayed = match replay_excess {
+        None => String::new(),
+        Some(excess) if *excess <= 0.0 => ", on the finer grid too".to_owned(),
+        Some(excess) => format!(", on the finer grid exceeded by {} %", short(100.0 * excess)),
+    };
+    format!(
+        "Limit {limit} = {}: {verdict}{replayed}; the largest use is {} at {time_s:.3} s.",
+        short(*value),
+        short(*largest)
+    )
+}
+
+fn other_optima(final_time: f64, report: &Report) -> Option<String> {
+    let optima = &report.distinct_optima;
+    let list: Vec<_> =
+        optima.iter().take(NAMED_OPTIMA).map(|of| format!("{:.3} s ({})", of.final_time_s, of.count)).collect();
+    let more = optima.len().saturating_sub(NAMED_OPTIMA);
+    let more = if more > 0 { format!(" and {more} slower ones") } else { String::new() };
+    match optima.len() {
+        0 => None,
+        1 if report.starts_tried == 1 => Some("Other optima: only one start was tried.".to_owned()),
+        1 => Some(format!(
+            "Other optima: none; {} of {} starts led to this plan, the others to no optimum.",
+            optima[0].count, report.starts_tried
+        )),
+        count => Some(format!(
+            "Other optima: the starts led to {count} local optima, by final time and number of starts {}{more}; this plan takes \
+             {final_time:.3} s. A faster one may exist that no start led to.",
+            list.join(", ")
+        )),
+    }
+}
+
+/// Three digits, as short as they can be read.
+pub(super) fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return if value == 0.0 { "0".to_owned() } else { "an unknown number".to_owned() };
+    }
+    let magnitude = value.abs().log10().floor();
+    if !(-4.0..6.0).contains(&magnitude) {
+        return format!("{value:.2e}");
+    }
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 6")]
+    let decimals = (2.0 - magnitude).max(0.0) as usize;
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_three_digits() {
+        let numbers = [0.0, 2.0, 0.123_456, 12_345.6, -0.000_5, 1.234e-9, f64::NAN];
+        assert_eq!(numbers.map(short), ["0", "2", "0.123", "12346", "-0.0005", "1.23e-9", "an unknown number"]);
+    }
+}

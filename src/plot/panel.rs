@@ -1,0 +1,262 @@
+//! One pair of axes: what is drawn in it, its range, its ticks, and where its data lie.
+
+use super::simplify::{columns, simplified};
+use super::svg::{Anchor, Paint, Svg};
+use super::{AxesMap, AxisMap};
+
+/// Error that rounding to tenths of a pixel adds to a curve, px.
+const ROUNDING: f64 = 0.07;
+const AXIS: Paint = Paint::line("sd-axis", "#4d4d4d", 1.0);
+const GRID: Paint = Paint::line("sd-grid", "#e2e2e2", 1.0);
+const ZERO: Paint = Paint::line("sd-axis", "#4d4d4d", 0.6).faint(0.6);
+/// Free space around the data, as a share of their range.
+const PADDING: f64 = 0.06;
+
+/// Something drawn in the coordinates of the data.
+pub(super) enum Shape {
+    /// A curve; a point that is no number interrupts it.
+    Curve { points: Vec<[f64; 2]>, paint: Paint },
+    /// A closed outline.
+    Outline { corners: Vec<[f64; 2]>, paint: Paint },
+    /// A span across, over the whole height or in one of some rows above the lower edge.
+    Band { from: f64, to: f64, row: Option<usize>, paint: Paint },
+    /// A dot of this radius in px.
+    Dot { at: [f64; 2], radius: f64, paint: Paint },
+    /// An arrow of this length in px towards a direction, rad from across.
+    Arrow { at: [f64; 2], direction: f64, length: f64, paint: Paint },
+}
+
+/// Name, unit and field of what an axis measures.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Quantity {
+    pub(super) name: &'static str,
+    pub(super) unit: &'static str,
+    pub(super) field: &'static str,
+}
+
+impl Quantity {
+    fn label(&self) -> String {
+        if self.unit.is_empty() { self.name.to_owned() } else { format!("{} ({})", self.name, self.unit) }
+    }
+}
+
+/// A pair of axes before it has a place.
+pub(super) struct Panel {
+    pub(super) axes: &'static str,
+    pub(super) title: String,
+    pub(super) across: Quantity,
+    pub(super) up: Quantity,
+    pub(super) shapes: Vec<Shape>,
+    /// Values that the axes must show beside the shapes.
+    pub(super) shown: [Vec<f64>; 2],
+    pub(super) height: f64,
+    /// Whether both axes have the same scale.
+    pub(super) equal: bool,
+    /// Whether the values upwards fall.
+    pub(super) up_falls: bool,
+}
+
+/// Smallest and largest of some values, none where there is no number.
+pub(super) type Range = Option<[f64; 2]>;
+
+pub(super) fn joined(one: Range, other: Range) -> Range {
+    match (one, other) {
+        (Some([low, high]), Some([other_low, other_high])) => Some([low.min(other_low), high.max(other_high)]),
+        (range, None) | (None, range) => range,
+    }
+}
+
+fn range_of(values: impl Iterator<Item = f64>) -> Range {
+    values.filter(|value| value.is_finite()).map(|value| Some([value, value])).fold(None, joined)
+}
+
+impl Panel {
+    /// The values that its shapes have along one axis.
+    pub(super) fn range(&self, axis: usize) -> Range {
+        let of_shape = |shape: &Shape| match shape {
+            Shape::Curve { points, .. } | Shape::Outline { corners: points, .. } => {
+                range_of(points.iter().map(|point| point[axis]))
+            }
+            Shape::Dot { at, .. } | Shape::Arrow { at, .. } => range_of([at[axis]].into_iter()),
+            Shape::Band { .. } => None,
+        };
+        self.shapes.iter().map(of_shape).fold(range_of(self.shown[axis].iter().copied()), joined)
+    }
+}
+
+/// Where a panel is and what its axes show.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame {
+    /// Left and right edge, then lower and upper edge, px.
+    pub(super) px: [[f64; 2]; 2],
+    /// The values at those edges.
+    pub(super) data: [[f64; 2]; 2],
+}
+
+impl Frame {
+    fn place(&self, point: [f64; 2]) -> [f64; 2] {
+        std::array::from_fn(|axis| {
+            let ([from, to], [low, high]) = (self.px[axis], self.data[axis]);
+            from + (to - from) * (point[axis] - low) / (high - low)
+        })
+    }
+
+    fn map(&self, panel: &Panel) -> AxesMap {
+        let axis = |index: usize, quantity: Quantity| AxisMap {
+            quantity: quantity.field,
+            data: self.data[index],
+            px: self.px[index],
+        };
+        AxesMap { axes: panel.axes, x: axis(0, panel.across), y: axis(1, panel.up) }
+    }
+
+    /// Draws the panel; gives where its data lie.
+    pub(super) fn draw(&self, panel: &Panel, tolerance: f64, svg: &mut Svg) -> AxesMap {
+        let [[left, right], [lower, upper]] = self.px;
+        svg.text([left, upper - 7.0], Anchor::Start, 12.0, &panel.title);
+        for shape in &panel.shapes {
+            if let Shape::Band { from, to, row, paint } = shape {
+                let [from, to] = [*from, *to].map(|value| self.place([value, self.data[1][0]])[0]);
+                let [low, high] =
+                    row.map_or([lower, upper], |row| [lower - 5.0 * row as f64, lower - 5.0 * row as f64 - 4.0]);
+                svg.rectangle([from, low], [to, high], paint);
+            }
+        }
+        self.draw_ticks(panel, svg);
+        for shape in &panel.shapes {
+            self.draw_shape(shape, tolerance, svg);
+        }
+        svg.rectangle([left, lower], [right, upper], &AXIS);
+        self.map(panel)
+    }
+
+    fn draw_ticks(&self, panel: &Panel, svg: &mut Svg) {
+        let [[left, right], [lower, upper]] = self.px;
+        let [first, last] = self.data[1];
+        let of_up = [first.min(last), first.max(last)];
+        let (across, up) = (ticks(self.data[0], (right - left) / 75.0), ticks(of_up, (lower - upper) / 30.0));
+        for tick in &across.values {
+            let [x, _] = self.place([*tick, self.data[1][0]]);
+            svg.lines([&[[x, lower], [x, upper]][..]].into_iter(), false, &GRID);
+            svg.text([x, lower + 15.0], Anchor::Middle, 11.0, &across.label(*tick));
+        }
+        for tick in &up.values {
+            let [_, y] = self.place([self.data[0][0], *tick]);
+            let paint = if *tick == 0.0 && !panel.equal { &ZERO } else { &GRID };
+            svg.lines([&[[left, y], [right, y]][..]].into_iter(), false, paint);
+            svg.text([left - 6.0, y + 4.0], Anchor::End, 11.0, &up.label(*tick));
+        }
+        svg.text([f64::midpoint(left, right), lower + 31.0], Anchor::Middle, 12.0, &panel.across.label());
+    }
+
+    fn draw_shape(&self, shape: &Shape, tolerance: f64, svg: &mut Svg) {
+        match shape {
+            Shape::Curve { points, paint } => {
+                let parts = points.split(|point| !(point[0] + point[1]).is_finite());
+                let parts: Vec<_> = parts.map(|part| self.curve(part, tolerance)).collect();
+                svg.lines(parts.iter().map(Vec::as_slice), false, paint);
+            }
+            Shape::Outline { corners, paint } => {
+                let corners: Vec<_> = corners.iter().map(|corner| self.place(*corner)).collect();
+                svg.lines([&corners[..]].into_iter(), true, paint);
+            }
+            Shape::Dot { at, radius, paint } => svg.circle(self.place(*at), *radius, paint),
+            Shape::Arrow { at, direction, length, paint } => {
+                let from = self.place(*at);
+                let towards = |from: [f64; 2], angle: f64, length: f64| {
+                    [from[0] + length * angle.cos(), from[1] - length * angle.sin()]
+                };
+                let tip = towards(from, *direction, *length);
+                let barb = |side: f64| towards(tip, direction + side * 2.6, 0.4 * length);
+                svg.lines([&[from, tip][..], &[barb(1.0), tip, barb(-1.0)][..]].into_iter(), false, paint);
+            }
+            Shape::Band { .. } => {}
+        }
+    }
+
+    /// The picture of a curve.
+    fn curve(&self, points: &[[f64; 2]], tolerance: f64) -> Vec<[f64; 2]> {
+        let mut places: Vec<_> = points.iter().map(|point| self.place(*point)).collect();
+        if tolerance > super::TOLERANCE && places.is_sorted_by(|a, b| a[0] <= b[0]) {
+            places = columns(&places, tolerance);
+        }
+        simplified(&places, tolerance - ROUNDING)
+    }
+}
+
+/// The range that an axis shows for values in `range`: a little more, and never nothing.
+pub(super) fn padded(range: Range, with_zero: bool) -> [f64; 2] {
+    let Some([low, high]) = range else { return [0.0, 1.0] };
+    let near_zero = with_zero || low.abs().min(high.abs()) < 0.5 * (high - low);
+    let [low, high] = if near_zero { [low.min(0.0), high.max(0.0)] } else { [low, high] };
+    // Less than this is rounding of the rollout.
+    let least = 1e-4_f64.max(1e-6 * low.abs().max(high.abs()));
+    let missing = (least - (high - low)).max(0.0) / 2.0;
+    let free = PADDING * (high - low).max(least);
+    [low - missing - free, high + missing + free]
+}
+
+/// Ticks at round values.
+struct Ticks {
+    values: Vec<f64>,
+    step: f64,
+}
+
+/// About `count` of them.
+fn ticks([low, high]: [f64; 2], count: f64) -> Ticks {
+    let rough = (high - low) / count.max(1.5);
+    let unit = 10_f64.powf(rough.log10().floor());
+    let step =
+        [1.0, 2.0, 5.0, 10.0].into_iter().map(|of| of * unit).find(|step| *step >= 0.999 * rough).unwrap_or(unit);
+    #[expect(clippy::cast_possible_truncation, reason = "an axis has few ticks")]
+    let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
+    Ticks { values: (first..=last.min(first + 50)).map(|index| index as f64 * step).collect(), step }
+}
+
+impl Ticks {
+    fn label(&self, value: f64) -> String {
+        let magnitude = self.step.abs().log10().floor();
+        if !(-5.0..5.0).contains(&magnitude) {
+            return format!("{value:.1e}").replace('-', "\u{2212}");
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 5")]
+        let decimals = (-magnitude).max(0.0) as usize;
+        format!("{value:.decimals$}").replace('-', "\u{2212}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_within_the_range() {
+        let labels = |range, count| {
+            let ticks = ticks(range, count);
+            ticks.values.iter().map(|value| ticks.label(*value)).collect::<Vec<_>>()
+        };
+        assert_eq!(labels([0.0, 2.93], 4.0), ["0", "1", "2"]);
+        assert_eq!(labels([-0.11, 0.21], 4.0), ["\u{2212}0.1", "0.0", "0.1", "0.2"]);
+        assert_eq!(labels([0.0, 3e-6], 3.0), ["0.0e0", "1.0e\u{2212}6", "2.0e\u{2212}6", "3.0e\u{2212}6"]);
+        assert!(labels([1e8, 1e8 + 1.0], 3.0).len() >= 2);
+    }
+
+    #[test]
+    fn places_and_data_map_onto_each_other() {
+        let frame = Frame { px: [[50.0, 250.0], [180.0, 20.0]], data: [[0.0, 4.0], [-1.0, 1.0]] };
+        assert_eq!(frame.place([0.0, -1.0]), [50.0, 180.0]);
+        assert_eq!(frame.place([2.0, 0.0]), [150.0, 100.0]);
+        assert_eq!(frame.place([4.0, 1.0]), [250.0, 20.0]);
+    }
+
+    #[test]
+    fn every_range_has_a_length() {
+        for (range, with_zero) in
+            [(None, false), (Some([3.0, 3.0]), false), (Some([0.0, 0.0]), true), (Some([-1e8, -1e8]), false)]
+        {
+            let [low, high] = padded(range, with_zero);
+            assert!(high - low >= 1e-4 && low <= range.map_or(1.0, |range| range[0]), "{range:?}: {low} {high}");
+        }
+        assert!(padded(Some([1.0, 5.0]), true)[0] <= 0.0);
+    }
+}
