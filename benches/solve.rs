@@ -9,7 +9,7 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use slipdrive::jobs::solve::Solve;
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _, Limits};
-use slipdrive::service::{Service, ServiceSettings};
+use slipdrive::service::{Class, Service, ServiceSettings};
 use slipdrive::solver::{Method, RunControl, SolveInput, solve};
 
 /// Pairs of solves from which the ratio of one and two workers is taken.
@@ -51,7 +51,7 @@ fn helped_search(criterion: &mut Criterion) {
         (service, jobs)
     });
     let solve = |(service, jobs): &(Service, Jobs)| {
-        let permit = service.reserve().expect("nobody else asks");
+        let permit = service.reserve(Class::Heavy).expect("nobody else asks");
         let running = permit.submit(Arc::clone(&jobs.solve), accepted.clone(), None, |_, done| done.duration);
         running.expect("no deadline").blocking_outcome().expect("nobody stops it")
     };

@@ -17,7 +17,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::contract::json;
 use slipdrive::jobs::solve::{AcceptedSolve, Solve, Solved, StopReason};
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _, Limits};
-use slipdrive::service::{Done, Service, ServiceSettings};
+use slipdrive::service::{Class, Done, Service, ServiceSettings};
 
 /// Grids with their names.
 const GRIDS: [(&str, &str); 6] = [
@@ -60,7 +60,7 @@ fn main() {
             (json::write(&Solve::answer(accepted, done)), done.output.clone())
         };
         let start = Instant::now();
-        let permit = service.reserve().expect("an idle worker");
+        let permit = service.reserve(Class::Heavy).expect("an idle worker");
         let running = permit.submit(Arc::clone(&jobs.solve), accepted, None, answer).expect("no deadline");
         let (_, solved) = running.blocking_outcome().expect("an answer");
         let overrun = (start.elapsed().as_secs_f64() - time_limit_s) * 1e3;

@@ -8,7 +8,7 @@ use slipdrive::contract::json;
 use slipdrive::contract::message::Solution as SolveAnswer;
 use slipdrive::jobs::solve::{AcceptedSolve, Solve, Solved, StopReason};
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _, Limits};
-use slipdrive::service::{Done, Service, ServiceSettings};
+use slipdrive::service::{Class, Done, Service, ServiceSettings};
 use slipdrive::solver::{Refinement, Solution, Status};
 
 use crate::arguments::Effort;
@@ -82,7 +82,8 @@ impl Runner {
             settings.refinement = Refinement::UntilConfirmed { step_limit: AUTOMATIC_STEP_LIMIT };
         }
         let both = |accepted: &AcceptedSolve, done: &Done<Solved>| (done.clone(), Solve::answer(accepted, done));
-        let running = self.service.reserve()?.submit(Arc::clone(&self.jobs.solve), accepted.clone(), None, both)?;
+        let running =
+            self.service.reserve(Class::Heavy)?.submit(Arc::clone(&self.jobs.solve), accepted.clone(), None, both)?;
         let (solved, answer) = running.blocking_outcome()?;
         Answer::new(case, &accepted, &solved, &answer)
     }

@@ -44,6 +44,11 @@ pub trait Kind: Job {
     /// `invalid_field`, or all violated rules and limits at once.
     fn accept(request: Self::Request, limits: &Limits) -> Result<Self::Input, Problem>;
 
+    /// Largest request, bytes.
+    fn max_body_bytes(limits: &Limits) -> usize {
+        limits.max_body_bytes
+    }
+
     /// How many numbers the answer will probably have, where that grows with the input: memory is reserved for them before
     /// the job is queued.
     fn answer_numbers(_input: &Self::Input) -> usize {
@@ -67,8 +72,9 @@ pub trait Kind: Job {
     /// `body_too_large`, `malformed_body` and those of [`Kind::accept`].
     fn read(body: &[u8], limits: &Limits) -> Result<Self::Input, Problem> {
         // Transports refuse large bodies while they read them; files come whole.
-        if body.len() > limits.max_body_bytes {
-            return Err(Problem::body_too_large(limits.max_body_bytes));
+        let largest = Self::max_body_bytes(limits);
+        if body.len() > largest {
+            return Err(Problem::body_too_large(largest));
         }
         Self::accept(json::read_object(body)?, limits)
     }

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use super::{Jobs, Kind, Visitor};
 use crate::contract::convert::count;
-use crate::contract::message::{CrossFieldRule, FieldRule, GetLimitsResponse};
+use crate::contract::message::{CrossFieldRule, FieldRule, GetLimitsResponse, JobLimits};
 use crate::rules::{self, Checks, RuleSet};
-use crate::service::ServiceSettings;
+use crate::service::{Class, LIGHT_QUEUE_LENGTH, ServiceSettings};
 use crate::solver::SolverSettings;
 
 /// Most time steps: a full answer of 26 arrays of 10,000 numbers still fits 4 MB, gRPC's default message.
@@ -80,7 +80,8 @@ pub fn limits_message(jobs: &Jobs, settings: &ServiceSettings, batch_window: usi
     let ServiceSettings { workers, queue_length, queue_work, stuck_after: _ } = settings;
     let Limits { max_steps, max_control_intervals, max_starts, max_time_limit_s, max_rollout_limit, max_body_bytes } =
         *jobs.limits();
-    let mut listed = Listed { limits: *jobs.limits(), rules: Vec::new(), cross_field_rules: Vec::new() };
+    let mut listed =
+        Listed { limits: *jobs.limits(), rules: Vec::new(), cross_field_rules: Vec::new(), kinds: Vec::new() };
     jobs.each(&mut listed);
     GetLimitsResponse {
         max_steps: count(max_steps),
@@ -92,10 +93,12 @@ pub fn limits_message(jobs: &Jobs, settings: &ServiceSettings, batch_window: usi
         max_body_bytes: max_body_bytes as u64,
         workers: count(workers.get()),
         queue_length: count(*queue_length),
+        light_queue_length: count(LIGHT_QUEUE_LENGTH),
         queue_work_s: queue_work.as_secs_f64(),
         batch_window: count(batch_window),
         rules: listed.rules,
         cross_field_rules: listed.cross_field_rules,
+        jobs: listed.kinds,
     }
 }
 
@@ -104,11 +107,14 @@ struct Listed {
     limits: Limits,
     rules: Vec<FieldRule>,
     cross_field_rules: Vec<CrossFieldRule>,
+    kinds: Vec<JobLimits>,
 }
 
 impl Visitor for Listed {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
         let job = || K::NAME.to_owned();
+        let max_body_bytes = K::max_body_bytes(&self.limits) as u64;
+        self.kinds.push(JobLimits { job: job(), max_body_bytes, light: K::CLASS == Class::Light });
         let RuleSet { fields, cross_field } = K::rules(&self.limits);
         self.rules.extend(fields.into_iter().map(|(field, rule)| FieldRule {
             field,

@@ -75,6 +75,8 @@ pub(super) const QUEUE_COST: Family =
     gauge("slipdrive_queue_cost_seconds", &[], "Worker time that the jobs in flight are still expected to take.");
 pub(super) const QUEUE_WAIT: Family =
     histogram("slipdrive_queue_wait_seconds", &[], JOB_BUCKETS, "How long jobs waited for a worker.");
+pub(super) const LIGHT_JOBS: Family =
+    gauge("slipdrive_light_jobs", &[], "Light jobs that wait or run, beside the workers.");
 pub(super) const JOBS: Family = counter(
     "slipdrive_jobs_total",
     &["job", "outcome"],
@@ -135,6 +137,7 @@ pub const ALL: &[Family] = &[
     QUEUE_CAPACITY,
     QUEUE_COST,
     QUEUE_WAIT,
+    LIGHT_JOBS,
     JOBS,
     REJECTED,
     REJECTION_DURATION,

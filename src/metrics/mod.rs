@@ -25,6 +25,7 @@ pub struct Metrics {
     queue_capacity: IntGauge,
     queue_cost: Gauge,
     queue_wait: Histogram,
+    light_jobs: IntGauge,
     jobs: IntCounterVec,
     rejected: IntCounterVec,
     rejection_duration: HistogramVec,
@@ -83,6 +84,8 @@ pub struct QueueLevels {
     pub helping_workers: usize,
     /// Workers that do nothing.
     pub idle_workers: usize,
+    /// Light jobs that wait or run.
+    pub light_jobs: usize,
 }
 
 /// How a job ended.
@@ -155,6 +158,7 @@ impl Metrics {
             queue_capacity: registration.gauge(&catalogue::QUEUE_CAPACITY),
             queue_cost: registration.float_gauge(&catalogue::QUEUE_COST),
             queue_wait: registration.histogram(&catalogue::QUEUE_WAIT),
+            light_jobs: registration.gauge(&catalogue::LIGHT_JOBS),
             jobs: registration.counters(&catalogue::JOBS),
             rejected: registration.counters(&catalogue::REJECTED),
             rejection_duration: registration.histograms(&catalogue::REJECTION_DURATION),
@@ -269,6 +273,7 @@ impl Metrics {
         self.queue_depth.set(as_gauge(levels.waiting));
         self.queue_capacity.set(as_gauge(levels.capacity));
         self.queue_cost.set(levels.cost_s);
+        self.light_jobs.set(as_gauge(levels.light_jobs));
         self.workers.with_label_values(&["busy"]).set(as_gauge(levels.busy_workers));
         self.workers.with_label_values(&["stuck"]).set(as_gauge(levels.stuck_workers));
         self.workers.with_label_values(&["helping"]).set(as_gauge(levels.helping_workers));
@@ -308,6 +313,7 @@ mod tests {
         stuck_workers: 0,
         helping_workers: 0,
         idle_workers: 0,
+        light_jobs: 0,
     };
 
     fn filled() -> Metrics {

@@ -114,6 +114,7 @@ impl Frame {
     pub(super) fn draw(&self, panel: &Panel, tolerance: f64, svg: &mut Svg) -> AxesMap {
         let [[left, right], [lower, upper]] = self.px;
         svg.text([left, upper - 7.0], Anchor::Start, 12.0, &panel.title);
+        self.draw_ticks(panel, svg);
         for shape in &panel.shapes {
             if let Shape::Band { from, to, row, paint } = shape {
                 let [from, to] = [*from, *to].map(|value| self.place([value, self.data[1][0]])[0]);
@@ -122,7 +123,6 @@ impl Frame {
                 svg.rectangle([from, low], [to, high], paint);
             }
         }
-        self.draw_ticks(panel, svg);
         for shape in &panel.shapes {
             self.draw_shape(shape, tolerance, svg);
         }
@@ -134,7 +134,7 @@ impl Frame {
         let [[left, right], [lower, upper]] = self.px;
         let [first, last] = self.data[1];
         let of_up = [first.min(last), first.max(last)];
-        let (across, up) = (ticks(self.data[0], (right - left) / 75.0), ticks(of_up, (lower - upper) / 30.0));
+        let (across, up) = (ticks(self.data[0], (right - left) / 55.0), ticks(of_up, (lower - upper) / 27.0));
         for tick in &across.values {
             let [x, _] = self.place([*tick, self.data[1][0]]);
             svg.lines([&[[x, lower], [x, upper]][..]].into_iter(), false, &GRID);
@@ -189,8 +189,8 @@ pub(super) fn padded(range: Range, with_zero: bool) -> [f64; 2] {
     let Some([low, high]) = range else { return [0.0, 1.0] };
     let near_zero = with_zero || low.abs().min(high.abs()) < 0.5 * (high - low);
     let [low, high] = if near_zero { [low.min(0.0), high.max(0.0)] } else { [low, high] };
-    // Less than this is rounding of the rollout.
-    let least = 1e-4_f64.max(1e-6 * low.abs().max(high.abs()));
+    // Less than this is rounding of the rollout, and around zero nothing at all.
+    let least = if low.abs().max(high.abs()) < 1e-9 { 2.0 } else { 1e-4_f64.max(1e-6 * low.abs().max(high.abs())) };
     let missing = (least - (high - low)).max(0.0) / 2.0;
     let free = PADDING * (high - low).max(least);
     [low - missing - free, high + missing + free]

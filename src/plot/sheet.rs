@@ -54,20 +54,32 @@ pub(super) fn band_of(plan: usize, plan_count: usize) -> (Option<usize>, Paint) 
     }
 }
 
+/// How an entry of a legend shows its paint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sample {
+    Line,
+    Area,
+    Circle,
+}
+
 /// An entry of a legend.
 pub(super) struct Key {
     pub(super) paint: Paint,
-    pub(super) is_area: bool,
+    sample: Sample,
     pub(super) words: String,
 }
 
 impl Key {
     pub(super) fn line(paint: Paint, words: &str) -> Self {
-        Self { paint, is_area: false, words: words.to_owned() }
+        Self { paint, sample: Sample::Line, words: words.to_owned() }
     }
 
     pub(super) fn area(paint: Paint, words: &str) -> Self {
-        Self { paint, is_area: true, words: words.to_owned() }
+        Self { paint, sample: Sample::Area, words: words.to_owned() }
+    }
+
+    pub(super) fn circle(paint: Paint, words: &str) -> Self {
+        Self { paint, sample: Sample::Circle, words: words.to_owned() }
     }
 
     /// The plans, where there is more than one.
@@ -177,16 +189,16 @@ fn of_one_scale(panel: &Panel, [[left, right], [lower, upper]]: [[f64; 2]; 2]) -
 /// Draws the legend; gives where the next line of text is.
 fn draw_keys(keys: &[Key], top: f64, svg: &mut Svg) -> f64 {
     let (mut x, mut y) = (LEFT, top);
-    for Key { paint, is_area, words } in keys {
-        // Letters are a little more than half as wide as high.
-        let width = 34.0 + 6.3 * words.chars().count() as f64 + 18.0;
+    for Key { paint, sample, words } in keys {
+        // Letters are about half as wide as high.
+        let width = 32.0 + 5.9 * words.chars().count() as f64 + 14.0;
         if x > LEFT && x + width > WIDTH {
             (x, y) = (LEFT, y + LINE);
         }
-        if *is_area {
-            svg.rectangle([x, y - 9.0], [x + 26.0, y + 1.0], paint);
-        } else {
-            svg.lines([&[[x, y - 4.0], [x + 26.0, y - 4.0]][..]].into_iter(), false, paint);
+        match sample {
+            Sample::Line => svg.lines([&[[x, y - 4.0], [x + 26.0, y - 4.0]][..]].into_iter(), false, paint),
+            Sample::Area => svg.rectangle([x, y - 9.0], [x + 26.0, y + 1.0], paint),
+            Sample::Circle => svg.circle([x + 13.0, y - 4.0], 4.0, paint),
         }
         svg.text([x + 32.0, y], Anchor::Start, 12.0, words);
         x += width;

@@ -35,18 +35,11 @@ fn name_of(contact: ContactName) -> &'static str {
     }
 }
 
-fn over_time(axes: &'static str, title: String, up: Quantity, shapes: Vec<Shape>) -> Panel {
-    Panel {
-        axes,
-        title,
-        across: TIME,
-        up,
-        shapes,
-        shown: [Vec::new(), Vec::new()],
-        height: HEIGHT,
-        equal: false,
-        up_falls: false,
-    }
+/// A panel from the start to the end of the longest plan.
+fn over_time(plans: &[Plan], axes: &'static str, title: String, up: Quantity, shapes: Vec<Shape>) -> Panel {
+    let ends = moving(plans).map(|(_, plan)| plan.schedule.final_time);
+    let shown = [std::iter::once(0.0).chain(ends).collect(), Vec::new()];
+    Panel { axes, title, across: TIME, up, shapes, shown, height: HEIGHT, equal: false, up_falls: false }
 }
 
 /// A value of each step, in its middle: forces are means.
@@ -117,14 +110,14 @@ pub(super) fn contact(plans: &[Plan]) -> Figure {
             shapes.push(Shape::Curve { points: forces(plan, wheel, value), paint: paint_of(index) });
         }
         let up = Quantity { name: "force", unit: "N", field: "force_n" };
-        over_time(axes, format!("{}: {what} force (N)", name_of(wheel)), up, shapes)
+        over_time(plans, axes, format!("{}: {what} force (N)", name_of(wheel)), up, shapes)
     };
     let slip = |axes, wheel: ContactName, what: &str, value: fn(&ContactSample) -> f64| {
         let mut shapes = bands(plans, wheel);
         let curve = |(index, plan)| Shape::Curve { points: slips(plan, wheel, value), paint: paint_of(index) };
         shapes.extend(moving(plans).map(curve));
         let up = Quantity { name: "slip", unit: "m/s", field: "slip_m_s" };
-        over_time(axes, format!("{}: {what} slip (m/s)", name_of(wheel)), up, shapes)
+        over_time(plans, axes, format!("{}: {what} slip (m/s)", name_of(wheel)), up, shapes)
     };
     let [left, right] = WHEELS;
     let rows = vec![
@@ -179,7 +172,7 @@ pub(super) fn motion(plans: &[Plan]) -> Figure {
                 shapes.push(Shape::Dot { at: [end[0], goal], radius: 4.0, paint: GOAL });
             }
         }
-        over_time(axes, format!("{name} ({unit})"), Quantity { name, unit, field: of.field() }, shapes)
+        over_time(plans, axes, format!("{name} ({unit})"), Quantity { name, unit, field: of.field() }, shapes)
     };
     let rows = vec![
         vec![panel("x", X, "Position x", "m"), panel("velocity_x", VelocityX, "Velocity in x", "m/s")],
@@ -188,7 +181,7 @@ pub(super) fn motion(plans: &[Plan]) -> Figure {
     ];
     let mut keys = Key::of_plans(plans);
     if plans.iter().any(|plan| plan.goal.is_some()) {
-        keys.push(Key::line(GOAL, "circles: the goal"));
+        keys.push(Key::circle(GOAL, "goal"));
     }
     if plans.iter().any(|plan| plan.limits.yaw_rate.is_some()) {
         keys.push(Key::line(LIMIT, "limit"));
@@ -218,7 +211,7 @@ pub(super) fn torques(plans: &[Plan]) -> Figure {
             shapes.push(Shape::Curve { points, paint: paint_of(index) });
         }
         let up = Quantity { name: "torque", unit: "N m", field: "torque_n_m" };
-        over_time(axes, format!("{}: torque (N m)", name_of(wheel)), up, shapes)
+        over_time(plans, axes, format!("{}: torque (N m)", name_of(wheel)), up, shapes)
     };
     let phase = |axes, [across, up]: [Quantity; 2], value: fn(&State) -> [f64; 2]| {
         let mut shapes = Vec::new();
@@ -267,7 +260,7 @@ pub(super) fn torques(plans: &[Plan]) -> Figure {
     if plans.iter().any(|plan| plan.torque_limit.is_some()) {
         keys.push(Key::line(LIMIT, "torque limit"));
     }
-    keys.push(Key::line(GOAL, "phases: dot start, circle end"));
+    keys.push(Key::circle(GOAL, "end of a phase curve, from its dot"));
     Sheet {
         name: "torques",
         title: "Control torques and phase diagrams",
@@ -291,7 +284,7 @@ pub(super) fn normal_forces(plans: &[Plan]) -> Figure {
         };
         shapes.extend(moving(plans).map(curve));
         let up = Quantity { name: "normal force", unit: "N", field: "normal_force_n" };
-        vec![over_time(axes, format!("{}: normal force (N)", name_of(contact)), up, shapes)]
+        vec![over_time(plans, axes, format!("{}: normal force (N)", name_of(contact)), up, shapes)]
     };
     let contacts = [
         ("left_normal_force", ContactName::Left),
@@ -326,7 +319,7 @@ pub(super) fn wheel_rates(plans: &[Plan]) -> Figure {
         shapes.extend(limit_lines(plans, limit));
         let curve = |(index, plan)| Shape::Curve { points: component(plan, of), paint: paint_of(index) };
         shapes.extend(moving(plans).map(curve));
-        over_time(axes, format!("{}: rate (rad/s)", name_of(wheel)), up, shapes)
+        over_time(plans, axes, format!("{}: rate (rad/s)", name_of(wheel)), up, shapes)
     };
     let motor = |axes, wheel: ContactName| {
         let mut shapes = Vec::new();

@@ -9,10 +9,21 @@ use tracing::Span;
 use super::pace::{Cost, WorkDone};
 use crate::queue::{Finishing, IdleWorkers, StopCause, StopHandle};
 
+/// Which threads run a kind of job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Class {
+    /// The workers, which may be busy for a minute.
+    Heavy,
+    /// One thread beside them, for what is bounded below 50 ms on usual input: a picture never waits behind a solve.
+    Light,
+}
+
 /// One kind of job.
 pub trait Job: Send + Sync + 'static {
     /// Its name in routes, commands, metrics and spans: one word in `snake_case`.
     const NAME: &'static str;
+    /// Which threads run it.
+    const CLASS: Class = Class::Heavy;
     /// What it works on; kept until its answer is written.
     type Input: Send + 'static;
     /// What comes out.

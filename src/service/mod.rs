@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 pub use error::ServiceError;
-pub use job::{Done, Job, JobControl, Stopped};
+pub use job::{Class, Done, Job, JobControl, Stopped};
 use pace::Pace;
 pub use pace::{Cost, WorkDone};
 pub use permit::Permit;
@@ -35,6 +35,8 @@ pub const DEFAULT_QUEUE_WORK: Duration = Duration::from_secs(60);
 /// How long after its stop flag a worker counts as stuck: a job may complete its answer until it is cut off, but keeps no
 /// more than a share of its time limit for that.
 const STUCK_AFTER: Duration = Duration::from_secs(30);
+/// Light jobs that may wait for their thread.
+pub const LIGHT_QUEUE_LENGTH: usize = 16;
 
 /// Size of the service.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,6 +58,14 @@ impl Default for ServiceSettings {
 }
 
 impl ServiceSettings {
+    /// The same for the jobs of a class.
+    fn of(&self, class: Class) -> Self {
+        match class {
+            Class::Heavy => *self,
+            Class::Light => Self { workers: NonZeroUsize::MIN, queue_length: LIGHT_QUEUE_LENGTH, ..*self },
+        }
+    }
+
     /// What may run and wait at once.
     fn capacity(&self) -> Capacity {
         let (workers, queue_length) = (self.workers.get(), self.queue_length);
@@ -73,6 +83,8 @@ impl ServiceSettings {
 /// The service with its queue and worker threads.
 pub struct Service {
     queue: Queue,
+    /// Light jobs, on a thread of their own.
+    light: Queue,
     settings: ServiceSettings,
     pace: Arc<Pace>,
     metrics: Arc<Metrics>,
@@ -88,10 +100,11 @@ impl Service {
     /// # Errors
     /// When the operating system refuses a thread.
     pub fn start(settings: ServiceSettings) -> io::Result<Self> {
-        let queue = Queue::start(settings.workers, settings.capacity())?;
+        let start = |settings: ServiceSettings| Queue::start(settings.workers, settings.capacity());
+        let (queue, light) = (start(settings)?, start(settings.of(Class::Light))?);
         let (pace, metrics) = (Arc::default(), Arc::default());
         let (draining, closed) = (AtomicBool::new(false), watch::Sender::new(false));
-        Ok(Self { queue, settings, pace, metrics, draining, closed })
+        Ok(Self { queue, light, settings, pace, metrics, draining, closed })
     }
 
     /// The size of the service.
@@ -119,6 +132,7 @@ impl Service {
             stuck_workers,
             helping_workers,
             idle_workers: workers - busy_workers - stuck_workers - helping_workers,
+            light_jobs: self.light.in_flight(),
         })
     }
 
@@ -143,7 +157,7 @@ impl Service {
 
     /// Jobs in flight: reserved, waiting and running.
     pub fn jobs_in_flight(&self) -> usize {
-        self.queue.in_flight()
+        self.queue.in_flight() + self.light.in_flight()
     }
 
     /// Refuses when the service takes no work.
@@ -173,18 +187,18 @@ impl Service {
     /// Reserves a permit, before the request is parsed.
     ///
     /// # Errors
-    /// When the queue is full or closed.
-    pub fn reserve(&self) -> Result<Permit, ServiceError> {
-        self.queue.reserve().map(|reserved| self.permit(reserved)).map_err(|refusal| self.refused(refusal))
+    /// When the queue of the class is full or closed.
+    pub fn reserve(&self, class: Class) -> Result<Permit, ServiceError> {
+        self.issued(self.queue_of(class).reserve(), class)
     }
 
     /// Waits for a permit as one item of a batch does: the last quarter of the queue is left to single callers.
     ///
     /// # Errors
     /// Only when the queue is closed.
-    pub async fn reserve_for_batch(&self) -> Result<Permit, ServiceError> {
-        let reserved = self.queue.wait_for_permit(self.settings.capacity_for_batches()).await;
-        reserved.map(|reserved| self.permit(reserved)).map_err(|refusal| self.refused(refusal))
+    pub async fn reserve_for_batch(&self, class: Class) -> Result<Permit, ServiceError> {
+        let capacity = self.settings.of(class).capacity_for_batches();
+        self.issued(self.queue_of(class).wait_for_permit(capacity).await, class)
     }
 
     /// Announces the end: the service is not ready any more, but still takes work from those who have not heard.
@@ -195,6 +209,7 @@ impl Service {
     /// Takes no more work; jobs in flight go on.
     pub fn close(&self) {
         self.queue.close();
+        self.light.close();
         self.closed.send_replace(true);
     }
 
@@ -207,27 +222,37 @@ impl Service {
     /// Takes no more work and stops all jobs in flight; their callers get [`ServiceError::Unavailable`].
     pub fn cancel_all(&self) {
         self.queue.cancel_all(StopCause::Shutdown);
+        self.light.cancel_all(StopCause::Shutdown);
         self.closed.send_replace(true);
     }
 
     /// Closes the service, waits for the jobs in flight and ends the worker threads. Blocks.
     pub fn join(&self) {
         self.closed.send_replace(true);
+        self.light.close();
         self.queue.join();
+        self.light.join();
     }
 
-    fn permit(&self, reserved: queue::Permit) -> Permit {
-        let (pace, metrics) = (Arc::clone(&self.pace), Arc::clone(&self.metrics));
-        Permit { reserved, pace, metrics, settings: self.settings }
+    fn queue_of(&self, class: Class) -> &Queue {
+        match class {
+            Class::Heavy => &self.queue,
+            Class::Light => &self.light,
+        }
     }
 
-    fn refused(&self, refusal: Refusal) -> ServiceError {
-        match refusal {
-            Refusal::Full => ServiceError::QueueFull {
+    fn issued(&self, reserved: Result<queue::Permit, Refusal>, class: Class) -> Result<Permit, ServiceError> {
+        let settings = self.settings.of(class);
+        match reserved {
+            Ok(reserved) => {
+                let (pace, metrics) = (Arc::clone(&self.pace), Arc::clone(&self.metrics));
+                Ok(Permit { reserved, pace, metrics, settings })
+            }
+            Err(Refusal::Full) => Err(ServiceError::QueueFull {
                 retry_after: self.pace.retry_after(),
-                capacity: self.settings.capacity().permits,
-            },
-            Refusal::Closed => self.unavailable(),
+                capacity: settings.capacity().permits,
+            }),
+            Err(Refusal::Closed) => Err(self.unavailable()),
         }
     }
 

@@ -9,7 +9,7 @@ use futures_util::StreamExt as _;
 use slipdrive::contract::json;
 use slipdrive::jobs::solve::{AcceptedSolve, Solve, Solved};
 use slipdrive::jobs::{Jobs, Kind as _, Limits, ManeuverSolver};
-use slipdrive::service::{Done, Event, Running, Service, ServiceError, ServiceSettings};
+use slipdrive::service::{Class, Done, Event, Running, Service, ServiceError, ServiceSettings};
 use slipdrive::solver::{RunControl, SharedWork, SolveInput, SolveProgress, StopReason};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
@@ -37,7 +37,11 @@ impl Workers {
         answer: fn(&AcceptedSolve, &Done<Solved>) -> T,
     ) -> Running<T, SolveProgress> {
         let accepted = Solve::read(body.as_bytes(), self.jobs.limits()).unwrap();
-        self.service.reserve().unwrap().submit(Arc::clone(&self.jobs.solve), accepted, None, answer).unwrap()
+        self.service
+            .reserve(Class::Heavy)
+            .unwrap()
+            .submit(Arc::clone(&self.jobs.solve), accepted, None, answer)
+            .unwrap()
     }
 
     /// The bytes of the answer, with a solve time of zero.

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use slipdrive::api::ApiSettings;
 use slipdrive::api::server::ServerSettings;
-use slipdrive::service::ServiceSettings;
+use slipdrive::service::{Class, ServiceSettings};
 use slipdrive::solver::SolveInput;
 use slipdrive::solver::{RunControl, StopReason};
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
@@ -310,7 +310,7 @@ async fn expected_work_of_what_waits_is_bounded_beside_its_number() {
         tokio::task::yield_now().await;
     }
     // Refused as soon as the expected work is known: the place is filled a moment after it was taken.
-    while server.service.reserve().is_ok() {
+    while server.service.reserve(Class::Heavy).is_ok() {
         tokio::task::yield_now().await;
     }
     let refused = server.post("/solve", BODY).await;

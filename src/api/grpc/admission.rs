@@ -16,8 +16,8 @@ use crate::api::receive::{connection_of, only_probes, receive};
 use crate::api::server::{Connection, Use};
 use crate::api::{ApiState, CAUSE_IS_LOGGED};
 use crate::contract::{ErrorCode, Problem};
-use crate::jobs::{Jobs, Kind, Visitor};
-use crate::service::Permit;
+use crate::jobs::{Jobs, Kind, Limits, Visitor};
+use crate::service::{Class, Permit};
 
 const MANEUVER_SERVICE: &str = "/slipdrive.v1.ManeuverService/";
 const HEALTH_SERVICE: &str = "/grpc.health.v1.Health/";
@@ -36,6 +36,8 @@ pub(super) struct Call {
     pub(super) notes: Notes,
     /// When the caller needs the answer.
     pub(super) deadline: Option<Instant>,
+    /// Its longest message, bytes.
+    pub(super) max_message_bytes: usize,
     /// How it came.
     pub(super) connection: Arc<Connection>,
     /// The permit to queue its job, until it is taken.
@@ -53,8 +55,8 @@ impl Call {
 /// What a method needs before it is called.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Needs {
-    /// One message and a permit to queue a job.
-    MessageAndPermit,
+    /// One message and a permit to queue a job of this class.
+    MessageAndPermit(Class),
     /// One message.
     Message,
     /// One message, also while the server ends.
@@ -63,28 +65,50 @@ pub(super) enum Needs {
     Stream,
 }
 
+/// A method, what it needs, and its longest message in bytes.
+type CallNeeds = (&'static str, Needs, usize);
+
 /// What each method needs: those of jobs, and those that wait for no worker.
-#[derive(Default)]
-pub(super) struct Methods(Vec<(&'static str, Needs)>);
+pub(super) struct Methods {
+    limits: Limits,
+    known: Vec<CallNeeds>,
+}
 
 impl Visitor for Methods {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
-        self.0.extend(K::METHODS.iter().map(|method| (*method, Needs::MessageAndPermit)));
+        let limit = K::max_body_bytes(&self.limits);
+        self.known.extend(K::METHODS.iter().map(|method| (*method, Needs::MessageAndPermit(K::CLASS), limit)));
     }
 }
 
 impl Methods {
     pub(super) fn of(jobs: &Jobs) -> Self {
-        let [validate, limits] = [("Validate", Needs::Message), ("GetLimits", Needs::MessageAtAnyTime)];
-        let streams = ["SolveBatch", "Batch"].map(|method| (method, Needs::Stream));
-        let mut methods = Self([validate, limits].into_iter().chain(streams).collect());
+        let mut methods = Self { limits: *jobs.limits(), known: Vec::new() };
         jobs.each(&mut methods);
+        let (largest, usual) = (methods.longest_message(), jobs.limits().max_body_bytes);
+        methods.known.extend([
+            ("Validate", Needs::Message, usual),
+            ("GetLimits", Needs::MessageAtAnyTime, usual),
+            // The framework that reads their messages knows one limit for all.
+            ("SolveBatch", Needs::Stream, largest),
+            ("Batch", Needs::Stream, largest),
+        ]);
         methods
     }
 
-    fn find(&self, path: &str) -> Option<(&'static str, Needs)> {
+    /// The longest message of any method, bytes.
+    pub(super) fn longest_message(&self) -> usize {
+        self.known.iter().map(|(.., limit)| *limit).max().unwrap_or_default()
+    }
+
+    fn find(&self, path: &str) -> Option<CallNeeds> {
         let method = path.strip_prefix(MANEUVER_SERVICE)?;
-        self.0.iter().find(|(known, _)| *known == method).copied()
+        self.known.iter().find(|(known, ..)| *known == method).copied()
+    }
+
+    /// The longest message of a method, bytes.
+    pub(super) fn limit_of(&self, path: &str) -> usize {
+        self.find(path).map_or(self.limits.max_body_bytes, |(.., limit)| limit)
     }
 
     /// Whether the path is a method of the service.
@@ -95,7 +119,7 @@ impl Methods {
     /// The method for the counts: a word of this server, whatever the caller asks.
     pub(super) fn label(&self, path: &str) -> &'static str {
         match self.find(path) {
-            Some((known, _)) => known,
+            Some((known, ..)) => known,
             None if path.starts_with(HEALTH_SERVICE) => "health",
             None if path.starts_with(REFLECTION_SERVICE) => "reflection",
             None => "other",
@@ -138,7 +162,7 @@ pub(super) async fn admit(
         let detail = "the API key is missing or wrong: send the metadata `authorization: Bearer KEY`";
         return Err(Problem::new(ErrorCode::Unauthenticated, detail));
     }
-    let Some((_, needs)) = methods.find(path) else { return Ok(request) };
+    let Some((_, needs, limit)) = methods.find(path) else { return Ok(request) };
     if request.method() != Method::POST {
         let detail = format!("`{path}` does not take {}, allowed: POST", request.method());
         return Err(Problem::new(ErrorCode::MethodNotAllowed, detail));
@@ -148,19 +172,22 @@ pub(super) async fn admit(
     }
     check_media_type(request.headers())?;
     let deadline = deadline(request.headers(), context.arrival)?;
-    let limit = state.jobs.limits().max_body_bytes;
     let (mut head, mut body) = request.into_parts();
     let body = match needs {
         Needs::Stream => Body::new(ReadAhead::of(body, limit, &connection, &context.request_id)),
-        Needs::MessageAndPermit | Needs::Message | Needs::MessageAtAnyTime => {
+        Needs::MessageAndPermit(_) | Needs::Message | Needs::MessageAtAnyTime => {
             let received = receive(&mut body, limit + FRAME_HEAD_BYTES, state.settings.body_timeout, &connection).await;
             let (message, lease) = received?;
             Body::from(Arc::new(lease).holding(message.into()))
         }
     };
-    let permit = if needs == Needs::MessageAndPermit { Some(state.service.reserve()?) } else { None };
+    let permit = match needs {
+        Needs::MessageAndPermit(class) => Some(state.service.reserve(class)?),
+        Needs::Message | Needs::MessageAtAnyTime | Needs::Stream => None,
+    };
     let (request_id, notes) = (context.request_id.clone(), context.notes.clone());
-    head.extensions.insert(Call { request_id, notes, deadline, connection, permit: Arc::new(Mutex::new(permit)) });
+    let permit = Arc::new(Mutex::new(permit));
+    head.extensions.insert(Call { request_id, notes, deadline, max_message_bytes: limit, connection, permit });
     Ok(Request::from_parts(head, body))
 }
 
@@ -213,13 +240,13 @@ fn parse_timeout(text: &str) -> Option<Duration> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::jobs::{InProcessSolver, Limits};
+    use crate::jobs::InProcessSolver;
     use crate::metrics::Metrics;
 
     #[test]
     fn every_call_counts_under_its_own_name() {
         let methods = Methods::of(&Jobs::new(Limits::default(), Arc::new(InProcessSolver), &Metrics::new()));
-        for method in ["Solve", "SolveStream", "SolveBatch", "Batch", "Simulate", "Validate", "GetLimits"] {
+        for method in ["Solve", "SolveStream", "SolveBatch", "Batch", "Simulate", "Present", "Validate", "GetLimits"] {
             let path = format!("{MANEUVER_SERVICE}{method}");
             assert!(methods.has(&path) && methods.label(&path) == method, "{method}");
         }

@@ -128,7 +128,7 @@ impl Batch {
     fn unreadable(&self, status: &Status) -> Problem {
         match status::code_of(status) {
             Some(ErrorCode::MemoryFull) => memory_full(),
-            _ => middleware::of_framework(status, false, "", self.state.jobs.limits().max_body_bytes),
+            _ => middleware::of_framework(status, false, "", self.call.max_message_bytes),
         }
     }
 

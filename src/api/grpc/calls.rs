@@ -60,7 +60,7 @@ pub(super) async fn answer_of<K: Kind>(
             lease = call.connection.lease_at_last(bytes) => lease.ok_or_else(memory_full)?,
             () = state.service.closed() => return Err(unavailable(state)),
         };
-        Ok((lease, state.service.reserve_for_batch().await?))
+        Ok((lease, state.service.reserve_for_batch(K::CLASS).await?))
     };
     let (lease, permit) = match call.deadline {
         Some(deadline) => {

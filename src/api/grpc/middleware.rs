@@ -31,12 +31,11 @@ pub(super) async fn pass(State(Passage { state, methods }): State<Passage>, requ
     let metrics = Arc::clone(state.service.metrics());
     let mut line = AccessLine::open(request.method().clone(), context.clone(), span.clone(), endpoint, metrics);
     line.is_probe = admission::is_probe(&context.path);
-    let limit = state.jobs.limits().max_body_bytes;
     let mut response = match admission::admit(&state, &methods, request, &context).await {
         Ok(request) => next.run(request).instrument(span).await,
         Err(problem) => answer(&problem, &context),
     };
-    if let Some(problem) = problem_of(&mut response, &methods, &context.path, limit) {
+    if let Some(problem) = problem_of(&mut response, &methods, &context.path) {
         response = answer(&problem, &context);
     }
     context.sign(response.headers_mut());
@@ -64,13 +63,14 @@ fn answer(problem: &Problem, context: &RequestContext) -> Response {
 }
 
 /// The problem of a panic, or of an error that the framework answered by itself: those bear no details.
-fn problem_of(response: &mut Response, methods: &Methods, path: &str, limit_bytes: usize) -> Option<Problem> {
+fn problem_of(response: &mut Response, methods: &Methods, path: &str) -> Option<Problem> {
     if let Some(problem) = response.extensions_mut().remove::<Problem>() {
         return Some(problem);
     }
     let status = Status::from_header_map(response.headers())?;
     let is_own = !status.details().is_empty() || admission::is_foreign(path);
-    (status.code() != Code::Ok && !is_own).then(|| of_framework(&status, methods.has(path), path, limit_bytes))
+    (status.code() != Code::Ok && !is_own)
+        .then(|| of_framework(&status, methods.has(path), path, methods.limit_of(path)))
 }
 
 /// tonic reports messages that it cannot read as `INTERNAL` or `OUT_OF_RANGE`, which blames the server.

@@ -61,7 +61,7 @@ mod tests {
 
     use super::*;
     use crate::jobs::solve::Solve;
-    use crate::service::{Cost, Done, Job, JobControl, Service, ServiceSettings, Stopped};
+    use crate::service::{Class, Cost, Done, Job, JobControl, Service, ServiceSettings, Stopped};
 
     /// Ends when the test says so.
     struct Held(Mutex<Receiver<()>>);
@@ -88,7 +88,7 @@ mod tests {
         let service = Service::start(ServiceSettings::default()).unwrap();
         let answer = |(): &(), _: &Done<()>| b"{}".to_vec();
         let held = Arc::new(Held(Mutex::new(released)));
-        let running = service.reserve().unwrap().submit(held, (), None, answer).unwrap();
+        let running = service.reserve(Class::Heavy).unwrap().submit(held, (), None, answer).unwrap();
         let context = RequestContext::open("/solve", &HeaderMap::new(), None).0;
         let mut body = respond::<Solve>(running, context).into_body().into_data_stream();
         // The clock jumps to the next timer whenever nothing else is to be done.

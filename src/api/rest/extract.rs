@@ -35,12 +35,17 @@ pub(super) fn deadline(headers: &HeaderMap, arrival: Instant) -> Result<Option<I
     Ok(arrival.checked_add(Duration::from_millis(milliseconds)))
 }
 
-/// The body of a JSON request, as bytes, and the memory that is reserved for it.
+/// The body of a JSON request, at most `limit` bytes, and the memory that is reserved for it.
 ///
 /// # Errors
 /// `unavailable`, `unsupported_media`, and those of [`receive`], in the order of the contract.
-pub(super) async fn json_body(state: &ApiState, head: &Parts, mut body: Body) -> Result<(Vec<u8>, Lease), Problem> {
-    let (body_timeout, limit) = (state.settings.body_timeout, state.jobs.limits().max_body_bytes);
+pub(super) async fn json_body(
+    state: &ApiState,
+    head: &Parts,
+    mut body: Body,
+    limit: usize,
+) -> Result<(Vec<u8>, Lease), Problem> {
+    let body_timeout = state.settings.body_timeout;
     let received = match admit(state, &head.headers, limit) {
         Ok(()) => receive(&mut body, limit, body_timeout, &connection_of(&head.extensions)).await,
         Err(problem) => Err(problem),

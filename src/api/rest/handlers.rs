@@ -43,8 +43,9 @@ pub(super) async fn run<K: Kind>(
     request: Request,
 ) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let (body, of_body) = json_body(&state, &head, body).await?;
-    let permit = state.service.reserve()?;
+    let limit = K::max_body_bytes(state.jobs.limits());
+    let (body, of_body) = json_body(&state, &head, body, limit).await?;
+    let permit = state.service.reserve(K::CLASS)?;
     let input = K::read(&body, state.jobs.limits())?;
     drop((body, of_body));
     let connection = connection_of(&head.extensions);
@@ -71,7 +72,8 @@ pub(super) async fn run<K: Kind>(
 /// `POST /validate`: nothing is queued.
 pub(super) async fn validate(State(state): State<ApiState>, request: Request) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let (body, _lease) = json_body(&state, &head, body).await?;
+    let limit = Solve::max_body_bytes(state.jobs.limits());
+    let (body, _lease) = json_body(&state, &head, body, limit).await?;
     let accepted = Solve::read(&body, state.jobs.limits())?;
     Ok(json_answer(json::write(&validated(accepted))))
 }

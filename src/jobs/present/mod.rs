@@ -16,7 +16,7 @@ use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentRespo
 use crate::metrics::Metrics;
 use crate::plot;
 use crate::rules::{Rule, RuleSet};
-use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
+use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
 
 /// How many plans one figure tells apart.
 const PLANS_RULE: Rule = Rule::between(1.0, 4.0, Rule::ITEMS);
@@ -52,6 +52,7 @@ pub struct Presented {
 
 impl Job for Present {
     const NAME: &'static str = "present";
+    const CLASS: Class = Class::Light;
     type Input = Vec<AcceptedPlan>;
     type Output = Presented;
     type Progress = ();
@@ -97,6 +98,10 @@ impl Kind for Present {
 
     fn accept(request: PresentRequest, limits: &Limits) -> Result<Vec<AcceptedPlan>, Problem> {
         accept::accept(request, limits)
+    }
+
+    fn max_body_bytes(_limits: &Limits) -> usize {
+        MAX_BODY_BYTES
     }
 
     fn answer_numbers(plans: &Vec<AcceptedPlan>) -> usize {

@@ -4,8 +4,8 @@ use super::AcceptedPlan;
 use super::accept::Said;
 use crate::contact::{ContactMode, ContactName};
 use crate::contract::message::{
-    ContactName as NamedContact, EndState, GoalError, LimitUse, LowerBoundAssumption, PlanInWords, Refinement, Report,
-    Separation, SimulateResponse, Solution, Status, StopReason,
+    ContactName as NamedContact, EndState, LimitUse, LowerBoundAssumption, PlanInWords, Refinement, Report, Separation,
+    SimulateResponse, Solution, Status, StopReason,
 };
 use crate::robot::State;
 use crate::shooting::StateComponent;
@@ -23,7 +23,14 @@ const NAMED_OPTIMA: usize = 5;
 pub(super) fn of_plan(label: &str, plan: &AcceptedPlan, motion: &Trajectory) -> PlanInWords {
     let (headline, mut details, mut certificate, end_state) = match &plan.said {
         Said::Solve(asked, answer) => {
-            (headline(answer), details(asked, answer, motion), certificate(asked, answer), answer.end_state)
+            let error = largest_goal_error(asked, &motion.end_state);
+            let mut details = details(asked, answer, motion);
+            let mut certificate = certificate(asked, answer, error);
+            if claims_goal(answer) && error.1 > asked.settings.goal_tolerance + END_TOLERANCE {
+                certificate.clear();
+                details.push(other_goal(error));
+            }
+            (headline(answer), details, certificate, answer.end_state)
         }
         Said::Simulate(answer) => {
             (duration(motion), motion_in_words(motion), certificate_of_motion(answer), answer.end_state)
@@ -36,6 +43,27 @@ pub(super) fn of_plan(label: &str, plan: &AcceptedPlan, motion: &Trajectory) -> 
         details.push(mismatch(end_difference));
     }
     PlanInWords { label: label.to_owned(), headline, details, certificate, end_difference }
+}
+
+/// Whether the answer says that the goal is met.
+fn claims_goal(answer: &Solution) -> bool {
+    matches!(answer.status(), Status::Converged | Status::Feasible)
+}
+
+/// The field of the goal with the largest error at the end, and that error.
+fn largest_goal_error(asked: &SolveInput, end: &State) -> (&'static str, f64) {
+    let errors = asked.maneuver.goal_error(end);
+    let error = |(component, _): (StateComponent, f64)| (component.field(), errors[component.index()].abs());
+    let largest = asked.maneuver.goal.constrained().map(error).max_by(|a, b| a.1.total_cmp(&b.1));
+    largest.unwrap_or(("goal", 0.0))
+}
+
+fn other_goal((field, error): (&str, f64)) -> String {
+    format!(
+        "The motion, rolled out again, ends {} away from the goal of the request in {field}: request and answer do not belong \
+         together. Nothing is claimed for it.",
+        short(error)
+    )
 }
 
 /// Largest difference in any component; two values that are no numbers are alike.
@@ -123,7 +151,8 @@ fn details(asked: &SolveInput, answer: &Solution, motion: &Trajectory) -> Vec<St
     let mut details = motion_in_words(motion);
     let Some(report) = &answer.report else { return details };
     if report.starts_tried > 0 {
-        let effort = format!("{} starts and {} rollouts", report.starts_tried, report.rollouts);
+        let starts = if report.starts_tried == 1 { "start" } else { "starts" };
+        let effort = format!("{} {starts} and {} rollouts", report.starts_tried, report.rollouts);
         let time = short(report.solve_time_s);
         details.push(match answer.stop_reason() {
             StopReason::TimeLimit => format!("The time limit ended the search after {effort}, {time} s."),
@@ -183,14 +212,12 @@ fn grid(asked: &SolveInput, report: &Report) -> Option<String> {
     Some(format!("The grid has {steps} steps, {why}."))
 }
 
-fn certificate(asked: &SolveInput, answer: &Solution) -> Vec<String> {
-    let is_plan = matches!(answer.status(), Status::Converged | Status::Feasible);
-    let Some(report) = answer.report.as_ref().filter(|_| is_plan && answer.final_time_s > 0.0) else {
+fn certificate(asked: &SolveInput, answer: &Solution, error: (&str, f64)) -> Vec<String> {
+    let Some(report) = answer.report.as_ref().filter(|_| claims_goal(answer) && answer.final_time_s > 0.0) else {
         return Vec::new();
     };
     let settings = &asked.settings;
-    let mut said = Vec::new();
-    said.extend(answer.goal_error.as_ref().map(|error| goal_met(error, settings)));
+    let mut said = vec![goal_met(error, settings)];
     said.push(contact_law(report.worst_contact_residual, report.indeterminate_steps));
     said.push(loads(report));
     said.push(replay(report, settings));
@@ -208,23 +235,9 @@ fn certificate_of_motion(answer: &SimulateResponse) -> Vec<String> {
     said
 }
 
-fn goal_met(error: &GoalError, settings: &SolverSettings) -> String {
-    let pairs = [
-        (StateComponent::X, Some(error.x_m)),
-        (StateComponent::Y, Some(error.y_m)),
-        (StateComponent::Heading, Some(error.heading_rad)),
-        (StateComponent::WheelAngleLeft, error.wheel_angle_left_rad),
-        (StateComponent::WheelAngleRight, error.wheel_angle_right_rad),
-        (StateComponent::VelocityX, Some(error.velocity_x_m_s)),
-        (StateComponent::VelocityY, Some(error.velocity_y_m_s)),
-        (StateComponent::YawRate, Some(error.yaw_rate_rad_s)),
-        (StateComponent::WheelRateLeft, Some(error.wheel_rate_left_rad_s)),
-        (StateComponent::WheelRateRight, Some(error.wheel_rate_right_rad_s)),
-    ];
-    let errors = pairs.into_iter().filter_map(|(component, error)| Some((component.field(), error?.abs())));
-    let (field, largest) = errors.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or(("x_m", 0.0));
+fn goal_met((field, error): (&str, f64), settings: &SolverSettings) -> String {
     let tolerance = short(settings.goal_tolerance);
-    format!("Goal: met in every component within {tolerance}; the largest error is {} ({field}).", short(largest))
+    format!("Goal: met in every component within {tolerance}; the largest error is {} ({field}).", short(error))
 }
 
 fn contact_law(residual: f64, indeterminate_steps: u32) -> String {
@@ -309,7 +322,7 @@ fn criticality(report: &Report) -> Option<String> {
         count => format!("; {count} torques are off the limit at which they would gain"),
     };
     let decrease = short(report.predicted_decrease_s);
-    Some(format!("Criticality: to first order, small changes of the torques gain no more than {decrease} s{signs}."))
+    Some(format!("Criticality: to first order, changed torques gain no more than {decrease} s{signs}."))
 }
 
 fn limit_used(used: &LimitUse) -> String {
@@ -355,12 +368,21 @@ pub(super) fn short(value: f64) -> String {
     }
     let magnitude = value.abs().log10().floor();
     if !(-4.0..6.0).contains(&magnitude) {
-        return format!("{value:.2e}");
+        return scientific(value);
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 6")]
     let decimals = (2.0 - magnitude).max(0.0) as usize;
     let text = format!("{value:.decimals$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// Such as 1.2e-5: no zeros at the end.
+fn scientific(value: f64) -> String {
+    let text = format!("{value:.2e}");
+    match text.split_once('e') {
+        Some((digits, exponent)) => format!("{}e{exponent}", digits.trim_end_matches('0').trim_end_matches('.')),
+        None => text,
+    }
 }
 
 #[cfg(test)]
@@ -371,5 +393,6 @@ mod tests {
     fn numbers_have_three_digits() {
         let numbers = [0.0, 2.0, 0.123_456, 12_345.6, -0.000_5, 1.234e-9, f64::NAN];
         assert_eq!(numbers.map(short), ["0", "2", "0.123", "12346", "-0.0005", "1.23e-9", "an unknown number"]);
+        assert_eq!(short(1e-6), "1e-6");
     }
 }
