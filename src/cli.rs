@@ -1,5 +1,9 @@
 //! One command per kind of job (`slipdrive solve`): the REST bodies, run in process through the same service.
 
+mod progress;
+mod report;
+mod shown;
+
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
 use std::path::{Path, PathBuf};
@@ -11,13 +15,15 @@ use clap::{ArgMatches, Args as _, Command, FromArgMatches as _};
 use slipdrive::contract::{Problem, json};
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind, Limits, Visitor};
 use slipdrive::metrics::Metrics;
-use slipdrive::service::{Service, ServiceSettings};
+use slipdrive::service::{Done, Service, ServiceSettings};
 
 use crate::EXIT_BAD_INPUT;
 use crate::config::{JobArguments, cores};
 
 /// For an answer that is not what was asked for: a plan that misses the goal.
 const EXIT_NO_SUCCESS: u8 = 2;
+/// Most bytes of one file that is read, where what is not needed of it is left out: four answers on the largest grid.
+const LARGEST_FILE: usize = 32 << 20;
 
 /// Adds the command of every kind of job.
 pub(crate) fn with_jobs(command: Command) -> Command {
@@ -31,13 +37,51 @@ pub(crate) fn with_jobs(command: Command) -> Command {
 /// # Errors
 /// What cannot be read or written, and a job without an answer.
 pub(crate) fn run(name: &str, matches: &ArgMatches) -> anyhow::Result<ExitCode> {
-    let mut run = Run { name, matches, outcome: None };
-    jobs(&Metrics::new()).each(&mut run);
+    let jobs = jobs(&Metrics::new());
+    let mut run = Run { name, matches, jobs: jobs.clone(), outcome: None };
+    jobs.each(&mut run);
     run.outcome.unwrap_or_else(|| anyhow::bail!("there is no command `{name}`"))
+}
+
+/// Prints an example of a request.
+///
+/// # Errors
+/// When there is nobody to read it.
+pub(crate) fn example(name: Option<&str>) -> anyhow::Result<ExitCode> {
+    let mut examples = Examples(Vec::new());
+    jobs(&Metrics::new()).each(&mut examples);
+    let found = examples.0.iter().find(|(known, _)| name.is_none_or(|name| name == *known));
+    let Some((_, body)) = found else {
+        let known: Vec<_> = examples.0.iter().map(|(name, _)| *name).collect();
+        eprintln!("error: there is no example `{}`, but {}", name.unwrap_or_default(), known.join(", "));
+        return Ok(ExitCode::from(EXIT_BAD_INPUT));
+    };
+    io::stdout().lock().write_all(body)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Prints what completes the commands in a shell.
+///
+/// # Errors
+/// When there is nobody to read it.
+pub(crate) fn completions(shell: clap_complete::Shell, mut command: Command) -> anyhow::Result<ExitCode> {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut command, "slipdrive", &mut script);
+    io::stdout().lock().write_all(&script)?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn jobs(metrics: &Metrics) -> Jobs {
     Jobs::new(Limits::default(), Arc::new(InProcessSolver), metrics)
+}
+
+/// Names and bodies of all examples.
+struct Examples(Vec<(&'static str, Vec<u8>)>);
+
+impl Visitor for Examples {
+    fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
+        self.0.extend(K::EXAMPLES.iter().map(|(name, request)| (*name, report::indented(&request()).into_bytes())));
+    }
 }
 
 struct Commands(Option<Command>);
@@ -45,13 +89,22 @@ struct Commands(Option<Command>);
 impl Visitor for Commands {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
         let examples: Vec<String> = K::EXAMPLES.iter().map(|(name, _)| format!(", or the example `{name}`")).collect();
-        let input =
-            format!("File with the JSON body of `POST /{}`; `-` is standard input{}", K::NAME, examples.concat());
+        let input = if K::SEVERAL_FILES {
+            format!("Files that `--save` has written, or the JSON body of `POST /{}`; `-` is standard input", K::NAME)
+        } else {
+            format!("File with the JSON body of `POST /{}`; `-` is standard input{}", K::NAME, examples.concat())
+        };
         let command = JobArguments::augment_args(Command::new(K::NAME)).about(sentence(K::SUMMARY));
-        let command = command.mut_arg("input", |argument| match K::EXAMPLES.first() {
-            Some((name, _)) => argument.help(input).required(false).default_value(name),
-            None => argument.help(input),
+        let command = command.mut_arg("input", |argument| {
+            let argument = argument.help(input).num_args(if K::SEVERAL_FILES { 1..=4 } else { 1..=1 });
+            match K::EXAMPLES.first() {
+                Some((name, _)) => argument.required(false).default_value(name),
+                None => argument,
+            }
         });
+        let of_figures = ["save", "report", "svg", "csv"].into_iter();
+        let command =
+            of_figures.fold(command, |command, flag| command.mut_arg(flag, |argument| argument.hide(!K::HAS_FIGURES)));
         self.0 = self.0.take().map(|all| all.subcommand(command));
     }
 }
@@ -66,6 +119,7 @@ fn sentence(words: &str) -> String {
 struct Run<'a> {
     name: &'a str,
     matches: &'a ArgMatches,
+    jobs: Jobs,
     outcome: Option<anyhow::Result<ExitCode>>,
 }
 
@@ -73,49 +127,65 @@ impl Visitor for Run<'_> {
     fn visit<K: Kind>(&mut self, kind: &Arc<K>) {
         if K::NAME == self.name {
             let arguments = JobArguments::from_arg_matches(self.matches).map_err(anyhow::Error::from);
-            self.outcome = Some(arguments.and_then(|arguments| run_job(kind, &arguments)));
+            self.outcome = Some(arguments.and_then(|arguments| run_job(kind, &self.jobs, &arguments)));
         }
     }
 }
 
 /// Runs one job; the exit code says whether there is what was asked for.
-fn run_job<K: Kind>(kind: &Arc<K>, arguments: &JobArguments) -> anyhow::Result<ExitCode> {
-    let limits = Limits::default();
-    let input = match K::read(&body::<K>(&arguments.input, limits.max_body_bytes)?, &limits) {
-        Ok(input) => input,
+fn run_job<K: Kind>(kind: &Arc<K>, jobs: &Jobs, arguments: &JobArguments) -> anyhow::Result<ExitCode> {
+    let shows = arguments.save.is_some() || shown::is_asked_for(arguments);
+    if shows && !K::HAS_FIGURES {
+        anyhow::bail!("there is nothing to show of `{}`", K::NAME);
+    }
+    let read = read_body::<K>(arguments, jobs.limits()).and_then(|body| match body {
+        Ok(body) => Ok(K::read(&body, jobs.limits()).map(|input| (input, body))),
+        Err(problem) => Ok(Err(problem)),
+    })?;
+    let (input, body) = match read {
+        Ok(read) => read,
         Err(problem) => return Ok(refuse(&problem)),
     };
     // Nobody else is in the queue: all workers help with the one job.
     let workers = arguments.threads.unwrap_or_else(cores);
     let service = Service::start(ServiceSettings { workers, queue_length: 0, ..ServiceSettings::default() })?;
-    let made = |input: &K::Input, done: &_| Made::of::<K>(input, done);
-    let made = service.reserve()?.submit(Arc::clone(kind), input, None, made)?.blocking_outcome()?;
-    write_answer(arguments.json.as_deref(), &made.answer, &made.table)?;
+    let made = |input: &K::Input, done: &Done<K::Output>| Made::<K>::of(input, done);
+    let running = service.reserve(K::CLASS)?.submit(Arc::clone(kind), input, None, made)?;
+    let made = progress::watched::<K, _>(running)?;
+    write_answer(arguments.json.as_deref(), &json::write(&made.answer), &made.table)?;
+    if shows {
+        let request = K::presentation(&body, made.answer).context("the answer cannot be shown")?;
+        shown::write(request, jobs, &service, arguments)?;
+    }
     Ok(if made.is_success { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO_SUCCESS) })
 }
 
 /// What a command writes.
-struct Made {
-    answer: Vec<u8>,
+struct Made<K: Kind> {
+    answer: K::Answer,
     table: String,
     is_success: bool,
 }
 
-impl Made {
-    fn of<K: Kind>(input: &K::Input, done: &slipdrive::service::Done<K::Output>) -> Self {
-        Self {
-            answer: json::write(&K::answer(input, done)),
-            table: K::table(input, done),
-            is_success: K::is_success(&done.output),
-        }
+impl<K: Kind> Made<K> {
+    fn of(input: &K::Input, done: &Done<K::Output>) -> Self {
+        Self { answer: K::answer(input, done), table: K::table(input, done), is_success: K::is_success(&done.output) }
     }
 }
 
-/// An example, or a file of which at most one byte above the limit is read: enough for the reader to refuse it.
-fn body<K: Kind>(input: &PathBuf, limit: usize) -> anyhow::Result<Vec<u8>> {
-    if let Some((_, request)) = K::EXAMPLES.iter().find(|(name, _)| input == Path::new(name)) {
-        return Ok(json::write(&request()));
+/// The request: an example, a file, or several files as one.
+fn read_body<K: Kind>(arguments: &JobArguments, limits: &Limits) -> anyhow::Result<Result<Vec<u8>, Problem>> {
+    let example = |input: &Path| K::EXAMPLES.iter().find(|(name, _)| input == Path::new(name));
+    if let Some((_, request)) = arguments.input.first().and_then(|input| example(input)) {
+        return Ok(Ok(json::write(&request())));
     }
+    let most = if K::SEVERAL_FILES { LARGEST_FILE } else { K::max_body_bytes(limits) };
+    let files: anyhow::Result<Vec<_>> = arguments.input.iter().map(|input| read_file(input, most)).collect();
+    Ok(K::joined(files?))
+}
+
+/// A file of which at most one byte above the limit is read: enough for the reader to refuse it.
+fn read_file(input: &PathBuf, limit: usize) -> anyhow::Result<Vec<u8>> {
     let mut body = Vec::new();
     let most = limit as u64 + 1;
     let read = if input == Path::new("-") {

@@ -28,9 +28,17 @@ use sources::{Given, Shown, Sources};
 pub(crate) use tls::for_probes;
 pub(crate) use value::LogFormat;
 
+/// What the exit codes mean.
+const EXIT_CODES: &str = "\
+Exit codes:
+  0   there is what was asked for
+  1   a job without an answer, or a file that cannot be read or written
+  2   an answer that is not what was asked for: the goal is missed or impossible
+  64  input that cannot be used: the command line, a request, or a setting";
+
 /// Time-optimal maneuvers of a differential-drive robot whose wheels may slip.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version, after_help = EXIT_CODES)]
 pub(crate) struct Arguments {
     #[command(flatten)]
     log: Given<LogSettings>,
@@ -43,6 +51,10 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Serve REST and gRPC until a signal comes.
     Serve(ServeArguments),
+    /// Print an example of a request, by its name; without a name the first.
+    Example(ExampleArguments),
+    /// Print what completes commands and flags in a shell.
+    Completions(CompletionsArguments),
     /// Ask a server of this configuration whether it is ready; the exit code says so.
     Health(HealthArguments),
 }
@@ -77,15 +89,41 @@ pub(crate) struct HealthArguments {
     pub(crate) live: bool,
 }
 
+/// An example to print.
+#[derive(Debug, Args)]
+pub(crate) struct ExampleArguments {
+    /// Its name, such as `forward-drive`.
+    pub(crate) name: Option<String>,
+}
+
+/// A shell to complete commands in.
+#[derive(Debug, Args)]
+pub(crate) struct CompletionsArguments {
+    /// The shell.
+    pub(crate) shell: clap_complete::Shell,
+}
+
 /// A job to run; the same arguments for every kind.
 #[derive(Debug, Args)]
 pub(crate) struct JobArguments {
     // Its help is made by the command, which knows the kind.
-    #[arg(value_name = "FILE")]
-    pub(crate) input: PathBuf,
+    #[arg(value_name = "FILE", required = true)]
+    pub(crate) input: Vec<PathBuf>,
     /// Writes the JSON answer of the server here; `-` is standard output, in place of the table.
     #[arg(long, value_name = "OUT")]
     pub(crate) json: Option<PathBuf>,
+    /// Keeps request and answer here, for `slipdrive present`.
+    #[arg(long, value_name = "OUT")]
+    pub(crate) save: Option<PathBuf>,
+    /// Writes a page with the answer in words and figures here; it needs nothing beside it.
+    #[arg(long, value_name = "PAGE")]
+    pub(crate) report: Option<PathBuf>,
+    /// Writes the figures into this folder, one SVG file each.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) svg: Option<PathBuf>,
+    /// Writes the motion here, one row of numbers per node.
+    #[arg(long, value_name = "OUT")]
+    pub(crate) csv: Option<PathBuf>,
     /// Threads that work; the answer does not depend on their number [default: cores].
     #[arg(long)]
     pub(crate) threads: Option<NonZeroUsize>,

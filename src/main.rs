@@ -50,6 +50,8 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
             }
             Err(faults) => Ok(refuse(&faults)),
         },
+        Command::Example(example) => cli::example(example.name.as_deref()),
+        Command::Completions(completions) => cli::completions(completions.shell, cli::with_jobs(Arguments::command())),
         Command::Health(health) => Ok(match health.address() {
             Ok(address) => health::ask(address, health.live),
             Err(faults) => refuse(&faults),

@@ -76,7 +76,7 @@ pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Telemetry> {
     let writer = NonBlockingBuilder::default().lossy(true).buffered_lines_limit(WAITING_LINES);
     let (writer, guard) = writer.thread_name("slipdrive-log").finish(io::stderr());
     let written = Lines { dropped: writer.error_counter(), writer: Some(guard) };
-    let lines = tracing_subscriber::fmt::layer().with_writer(writer).with_ansi(io::stderr().is_terminal());
+    let lines = tracing_subscriber::fmt::layer().with_writer(writer).with_ansi(has_colors());
     let lines: BoxedLayer = match settings.log_format {
         LogFormat::Text => lines.with_filter(filter).boxed(),
         LogFormat::Json => lines.json().flatten_event(true).with_filter(filter).boxed(),
@@ -109,4 +109,9 @@ fn log_panic(panic: &PanicHookInfo<'_>) {
         thread.name = thread::current().name(),
         "a thread panicked"
     );
+}
+
+/// Whether lines may have colours: on a terminal, unless `NO_COLOR` is set to anything.
+fn has_colors() -> bool {
+    io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|given| given.is_empty())
 }

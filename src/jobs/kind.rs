@@ -5,6 +5,7 @@ use serde::de::DeserializeOwned;
 use utoipa::ToSchema;
 
 use super::Limits;
+use crate::contract::message::PresentRequest;
 use crate::contract::{ErrorCode, Problem, json};
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
@@ -12,6 +13,17 @@ use crate::service::{Done, Job, ServiceError};
 
 /// A name, and a request to begin with.
 pub type Example<T> = (&'static str, fn() -> T);
+
+/// How far a job is, for people.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProgressLine {
+    /// Parts that have begun.
+    pub begun: usize,
+    /// All parts.
+    pub of: usize,
+    /// What it does and what it has found.
+    pub words: String,
+}
 
 /// A job that callers ask for by a message.
 ///
@@ -26,6 +38,10 @@ pub trait Kind: Job {
     const REPORTS_PROGRESS: bool = false;
     /// Requests to begin with, by name: `GET /examples/NAME`, and in place of a file on the command line.
     const EXAMPLES: &'static [Example<Self::Request>] = &[];
+    /// Whether its command takes several files in place of one.
+    const SEVERAL_FILES: bool = false;
+    /// Whether a request with its answer can be presented ([`Kind::presentation`]).
+    const HAS_FIGURES: bool = false;
     /// Its own families of metrics.
     const FAMILIES: &'static [Family] = &[];
     /// What is asked.
@@ -60,6 +76,24 @@ pub trait Kind: Job {
 
     /// The answer as a short table for people.
     fn table(input: &Self::Input, done: &Done<Self::Output>) -> String;
+
+    /// What presents a request, as it was read, with its answer; none where there is nothing to show.
+    fn presentation(_body: &[u8], _answer: Self::Answer) -> Option<PresentRequest> {
+        None
+    }
+
+    /// One request of several files.
+    ///
+    /// # Errors
+    /// `malformed_body` or `invalid_field` where one of them is no JSON object.
+    fn joined(mut files: Vec<Vec<u8>>) -> Result<Vec<u8>, Problem> {
+        Ok(files.pop().unwrap_or_default())
+    }
+
+    /// Its progress for people; none where there is none to show.
+    fn progress_line(_progress: &Self::Progress) -> Option<ProgressLine> {
+        None
+    }
 
     /// Whether there is what was asked for: the exit code of the command.
     fn is_success(_output: &Self::Output) -> bool {

@@ -13,7 +13,7 @@ mod table;
 
 use std::sync::Arc;
 
-pub use kind::{Example, Kind};
+pub use kind::{Example, Kind, ProgressLine};
 pub use limits::{DEFAULT_TIME_LIMIT_S, Limits, limits_message};
 pub use solver::{InProcessSolver, ManeuverSolver};
 

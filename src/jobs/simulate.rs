@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use super::table::{line, row, separations, write_limits, write_timeline};
 use super::{ARRAYS_OF_STEPS, Kind, Limits, ManeuverSolver};
-use crate::contract::Problem;
 use crate::contract::convert::{aisle_corners, contacts, count, named, payload, required, robot, schedule};
 use crate::contract::message::{
-    ContactSolver, LimitUse, ReferencePoint, SimulateGrid, SimulateRequest, SimulateResponse,
+    ContactSolver, LimitUse, PresentRequest, PresentedPlan, ReferencePoint, SimulateGrid, SimulateRequest,
+    SimulateResponse, SimulatedPlan,
 };
+use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::rules::{Checks, RuleSet};
 use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
@@ -67,6 +68,7 @@ impl Job for Simulate {
 impl Kind for Simulate {
     const SUMMARY: &'static str = "integrates one torque schedule";
     const METHODS: &'static [&'static str] = &["Simulate"];
+    const HAS_FIGURES: bool = true;
     type Request = SimulateRequest;
     type Answer = SimulateResponse;
     type Report = ();
@@ -134,6 +136,11 @@ impl Kind for Simulate {
             slip_reversals: count(*slip_reversals),
             limits: limits.iter().map(limit_use).collect(),
         }
+    }
+
+    fn presentation(body: &[u8], answer: SimulateResponse) -> Option<PresentRequest> {
+        let simulate = SimulatedPlan { request: Some(json::read_object(body).ok()?), answer: Some(answer) };
+        Some(PresentRequest { plans: vec![PresentedPlan { solve: None, simulate: Some(simulate) }] })
     }
 
     /// Duration, end state, use of limits and the timeline of contact modes.

@@ -1,18 +1,21 @@
 //! Figures of plans, and the plans in words: what report, page and command line show.
 
 mod accept;
+mod csv;
 mod draw;
 mod words;
 
 use std::sync::Arc;
 use std::time::Duration;
 
+use serde_json::{Map, Value, json};
+
 pub use accept::AcceptedPlan;
 
 use super::table::line;
 use super::{Kind, Limits, ManeuverSolver};
-use crate::contract::Problem;
 use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentResponse};
+use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::plot;
 use crate::rules::{Rule, RuleSet};
@@ -87,6 +90,8 @@ const LABELS: [&str; 4] = ["A", "B", "C", "D"];
 impl Kind for Present {
     const SUMMARY: &'static str = "draws plans and says in words why to trust them";
     const METHODS: &'static [&'static str] = &["Present"];
+    const SEVERAL_FILES: bool = true;
+    const HAS_FIGURES: bool = true;
     type Request = PresentRequest;
     type Answer = PresentResponse;
     type Report = ();
@@ -111,6 +116,29 @@ impl Kind for Present {
     fn answer(_plans: &Vec<AcceptedPlan>, done: &Done<Presented>) -> PresentResponse {
         let Presented { figures, words } = &done.output;
         PresentResponse { figures: figures.iter().map(Figure::from).collect(), plans: words.clone() }
+    }
+
+    fn presentation(body: &[u8], _answer: PresentResponse) -> Option<PresentRequest> {
+        json::read_object(body).ok()
+    }
+
+    /// Each file has one plan, or a whole request. What is rolled out again anyway is left out, as any caller would.
+    fn joined(files: Vec<Vec<u8>>) -> Result<Vec<u8>, Problem> {
+        let mut plans = Vec::new();
+        for file in files {
+            let mut object: Map<String, Value> = json::read_object(&file)?;
+            match object.remove("plans") {
+                Some(Value::Array(of_file)) if object.is_empty() => plans.extend(of_file),
+                Some(other) => plans.push(other),
+                None => plans.push(Value::Object(object)),
+            }
+        }
+        for answer in plans.iter_mut().flat_map(|plan| plan.as_object_mut()).flat_map(Map::values_mut) {
+            if let Some(answer) = answer.get_mut("answer").and_then(Value::as_object_mut) {
+                answer.retain(|field, _| field != "trajectory" && field != "contacts");
+            }
+        }
+        Ok(json::write(&json!({ "plans": plans })))
     }
 
     /// What is said of each plan.

@@ -16,9 +16,9 @@ use finishing::FinishingPace;
 use metrics::SolveMetrics;
 use observer::SolveObserver;
 
-use super::{ARRAYS_OF_STEPS, Example, Kind, Limits, ManeuverSolver};
-use crate::contract::Problem;
-use crate::contract::message::{self, SolveRequest, View};
+use super::{ARRAYS_OF_STEPS, Example, Kind, Limits, ManeuverSolver, ProgressLine};
+use crate::contract::message::{self, PresentRequest, PresentedPlan, SolveRequest, SolvedPlan, View};
+use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
@@ -121,6 +121,7 @@ impl Kind for Solve {
     const SUMMARY: &'static str = "solves one maneuver";
     const METHODS: &'static [&'static str] = &["Solve", "SolveStream"];
     const REPORTS_PROGRESS: bool = true;
+    const HAS_FIGURES: bool = true;
     const EXAMPLES: &'static [Example<SolveRequest>] = &[("forward-drive", accept::forward_drive)];
     const FAMILIES: &'static [Family] = metrics::FAMILIES;
     type Request = SolveRequest;
@@ -147,6 +148,20 @@ impl Kind for Solve {
 
     fn table(accepted: &AcceptedSolve, done: &Done<Solved>) -> String {
         table::of_solution(done, &accepted.input.maneuver.goal)
+    }
+
+    fn presentation(body: &[u8], answer: message::Solution) -> Option<PresentRequest> {
+        let solve = SolvedPlan { request: Some(json::read_object(body).ok()?), answer: Some(answer) };
+        Some(PresentRequest { plans: vec![PresentedPlan { solve: Some(solve), simulate: None }] })
+    }
+
+    fn progress_line(progress: &SolveProgress) -> Option<ProgressLine> {
+        let SolveProgress { best_final_time, best_goal_error, start, start_count } = *progress;
+        let phase = if start < start_count { "searching" } else { "last start, then polish and certificate" };
+        let words = format!(
+            "start {start} of {start_count}, best {best_final_time:.3} s (goal error {best_goal_error:.1e}), {phase}"
+        );
+        Some(ProgressLine { begun: start, of: start_count, words })
     }
 
     fn is_success(solved: &Solved) -> bool {

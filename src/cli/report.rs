@@ -1,0 +1,144 @@
+//! A page about plans that needs nothing beside it: answer and certificate in words, figures, request, how to repeat it.
+
+use std::fmt::Write as _;
+use std::io;
+
+use serde::Serialize;
+use serde_json::Serializer;
+use serde_json::ser::{Formatter, PrettyFormatter};
+use slipdrive::contract::message::{
+    Figure, PlanInWords, PresentRequest, PresentResponse, PresentedPlan, SimulateResponse, Solution,
+};
+use slipdrive::plot::{STYLE, escaped};
+
+const PAGE_STYLE: &str = include_str!("report.css");
+
+/// The page.
+pub(super) fn page(request: &PresentRequest, response: &PresentResponse) -> String {
+    let mut page = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n<title>{}</title>\n\
+         <style>\n{STYLE}{PAGE_STYLE}</style>\n</head>\n<body>\n<main>\n<h1>{}</h1>\n",
+        title(response),
+        title(response)
+    );
+    for words in &response.plans {
+        write_words(words, response.plans.len(), &mut page);
+    }
+    page.push_str("<h2>Figures</h2>\n");
+    for figure in &response.figures {
+        write_figure(figure, &mut page);
+    }
+    for (plan, words) in request.plans.iter().zip(&response.plans) {
+        write_repetition(plan, &words.label, request.plans.len(), &mut page);
+    }
+    // Writing to a string cannot fail, here and below.
+    let _ = write!(page, "<p class=\"foot\">slipdrive {}</p>\n</main>\n</body>\n</html>\n", env!("CARGO_PKG_VERSION"));
+    page
+}
+
+fn title(response: &PresentResponse) -> &'static str {
+    if response.plans.len() > 1 { "Plans of slipdrive" } else { "A plan of slipdrive" }
+}
+
+fn write_words(words: &PlanInWords, count: usize, page: &mut String) {
+    let label = if count > 1 { format!("{}. ", escaped(&words.label)) } else { String::new() };
+    let _ = writeln!(page, "<section>\n<h2>{label}{}</h2>", escaped(&words.headline));
+    // Each sentence by itself: the last may be a warning.
+    for sentence in &words.details {
+        let _ = writeln!(page, "<p>{}</p>", escaped(sentence));
+    }
+    if !words.certificate.is_empty() {
+        page.push_str("<h3>Why to trust it</h3>\n<ul>\n");
+        for sentence in &words.certificate {
+            let (topic, rest) = sentence.split_once(": ").unwrap_or(("", sentence));
+            let _ = writeln!(page, "<li><b>{}</b> {}</li>", escaped(topic), escaped(rest));
+        }
+        page.push_str("</ul>\n");
+    }
+    page.push_str("</section>\n");
+}
+
+fn write_figure(figure: &Figure, page: &mut String) {
+    let Figure { name, caption, svg, .. } = figure;
+    let (name, caption) = (escaped(name), escaped(caption));
+    // Wide figures scroll by themselves, also by keys.
+    let _ = writeln!(
+        page,
+        "<figure id=\"{name}\">\n<div class=\"scroll\" tabindex=\"0\">{}</div>\n<figcaption>{caption}</figcaption>\n</figure>",
+        svg.trim_end()
+    );
+}
+
+fn write_repetition(plan: &PresentedPlan, label: &str, count: usize, page: &mut String) {
+    let of = if count > 1 { format!(" {}", escaped(label)) } else { String::new() };
+    let (command, request, answer) = match plan {
+        PresentedPlan { solve: Some(solve), .. } => {
+            let stripped = solve.answer.clone().map(|answer| Solution { trajectory: None, contacts: None, ..answer });
+            ("solve", indented(&solve.request), indented(&stripped))
+        }
+        PresentedPlan { simulate, .. } => {
+            let simulate = simulate.clone().unwrap_or_default();
+            let stripped =
+                simulate.answer.map(|answer| SimulateResponse { trajectory: None, contacts: None, ..answer });
+            ("simulate", indented(&simulate.request), indented(&stripped))
+        }
+    };
+    let _ = writeln!(
+        page,
+        "<section>\n<h2>How to repeat it{of}</h2>\n<p>Save the request below as <code>request.json</code>, then</p>\n\
+         <pre>slipdrive {command} request.json --report report.html</pre>\n<p>or ask a server:</p>\n\
+         <pre>curl -s http://127.0.0.1:8080/{command} -H 'content-type: application/json' -d @request.json</pre>\n\
+         <p>The same version on the same platform answers the same, to the last bit, unless a limit of time ended the \
+         search.</p>\n<details><summary>Request{of}</summary>\n<pre>{}</pre>\n</details>\n\
+         <details><summary>Answer{of}, without its motion</summary>\n<pre>{}</pre>\n</details>\n</section>",
+        escaped_lines(&request),
+        escaped_lines(&answer)
+    );
+}
+
+/// Escaped, with its lines.
+fn escaped_lines(text: &str) -> String {
+    text.lines().map(escaped).collect::<Vec<_>>().join("\n")
+}
+
+/// JSON for people: a line per field, an array in one.
+pub(super) fn indented(message: &impl Serialize) -> String {
+    let mut text = Vec::new();
+    let mut writer = Serializer::with_formatter(&mut text, Lines(PrettyFormatter::new()));
+    // Messages are names and numbers, and writing to memory cannot fail.
+    let _ = message.serialize(&mut writer);
+    text.push(b'\n');
+    String::from_utf8_lossy(&text).into_owned()
+}
+
+/// Objects on lines of their own, arrays in one.
+struct Lines(PrettyFormatter<'static>);
+
+impl Formatter for Lines {
+    fn begin_object<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.0.begin_object(writer)
+    }
+
+    fn end_object<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.0.end_object(writer)
+    }
+
+    fn begin_object_key<W: ?Sized + io::Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        self.0.begin_object_key(writer, first)
+    }
+
+    fn begin_object_value<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.0.begin_object_value(writer)
+    }
+
+    fn end_object_value<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.0.end_object_value(writer)
+    }
+
+    fn begin_array_value<W: ?Sized + io::Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        if first { Ok(()) } else { writer.write_all(b", ") }
+    }
+}

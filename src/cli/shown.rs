@@ -1,0 +1,70 @@
+//! What a command writes beside the answer: the saved plan, figures, numbers and the report.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use anyhow::Context as _;
+use slipdrive::contract::json;
+use slipdrive::contract::message::{PresentRequest, PresentResponse};
+use slipdrive::jobs::present::{AcceptedPlan, Present};
+use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _};
+use slipdrive::service::{Class, Service};
+
+use super::{report, write_file};
+use crate::config::JobArguments;
+
+/// Whether anything is to be drawn or written beside the answer and its saved plan.
+pub(super) fn is_asked_for(arguments: &JobArguments) -> bool {
+    arguments.report.is_some() || arguments.svg.is_some() || arguments.csv.is_some()
+}
+
+/// Writes what the arguments ask for.
+///
+/// # Errors
+/// What cannot be written, and plans that cannot be shown.
+pub(super) fn write(
+    request: PresentRequest,
+    jobs: &Jobs,
+    service: &Service,
+    arguments: &JobArguments,
+) -> anyhow::Result<()> {
+    if let Some(path) = &arguments.save {
+        let saved = match request.plans.as_slice() {
+            [plan] => json::write(plan),
+            _ => json::write(&request),
+        };
+        write_file(path, &saved)?;
+    }
+    if !is_asked_for(arguments) {
+        return Ok(());
+    }
+    if let Some(path) = &arguments.csv {
+        let plans = Present::accept(request.clone(), jobs.limits())?;
+        let csv = AcceptedPlan::csv(&plans, &InProcessSolver, (&AtomicBool::new(false)).into());
+        write_file(path, csv.map_err(|_| anyhow::anyhow!("the motion was stopped"))?.as_bytes())?;
+    }
+    if arguments.report.is_none() && arguments.svg.is_none() {
+        return Ok(());
+    }
+    let input = Present::accept(request.clone(), jobs.limits())?;
+    let permit = service.reserve(Class::Light)?;
+    let response = permit.submit(Arc::clone(&jobs.present), input, None, |input, done| Present::answer(input, done))?;
+    let response = response.blocking_outcome()?;
+    if let Some(folder) = &arguments.svg {
+        write_figures(folder, &response)?;
+    }
+    match &arguments.report {
+        Some(path) => write_file(path, report::page(&request, &response).as_bytes()),
+        None => Ok(()),
+    }
+}
+
+fn write_figures(folder: &Path, response: &PresentResponse) -> anyhow::Result<()> {
+    fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+    for figure in &response.figures {
+        write_file(&folder.join(format!("{}.svg", figure.name)), figure.svg.as_bytes())?;
+    }
+    Ok(())
+}
