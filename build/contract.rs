@@ -31,8 +31,6 @@ const REQUIRED: [&str; 13] = [
     "TorqueSchedule.left_n_m",
     "TorqueSchedule.right_n_m",
 ];
-/// Enums in requests that the completed form leaves out where they have their default.
-const IMPLIED: [&str; 1] = ["Maneuver.slip"];
 /// Answers that requests hold: they are read as answers.
 const ANSWERS: [&str; 2] = ["SimulatedPlan.answer", "SolvedPlan.answer"];
 /// Messages in answers that are left out where there are none; all others are always there.
@@ -101,7 +99,7 @@ pub(crate) fn generate() -> Result<(), Box<dyn Error>> {
 
 /// A misspelt entry would change the contract in silence.
 fn check_lists(pool: &DescriptorPool) -> Result<(), String> {
-    for path in REQUIRED.iter().chain(&IMPLIED).chain(&ANSWERS).chain(&LEFT_OUT).chain(&NULL).chain(&NOT_FINITE) {
+    for path in REQUIRED.iter().chain(&ANSWERS).chain(&LEFT_OUT).chain(&NULL).chain(&NOT_FINITE) {
         let (message, field) = path.split_once('.').unwrap_or((path, ""));
         let message = pool.get_message_by_name(&format!("{PACKAGE}.{message}"));
         let is_known = message.is_some_and(|message| field.is_empty() || message.get_field_by_name(field).is_some());
@@ -211,9 +209,8 @@ fn in_request(field: &FieldDescriptor) -> String {
     };
     match field.kind() {
         Kind::Enum(of) => {
-            let is_implied = is_listed(&IMPLIED, field);
-            let skip =
-                if is_implied { format!("skip_serializing_if = \"{JSON}::is_unspecified\", ") } else { String::new() };
+            // What is not said is not written either: it would be null.
+            let skip = format!("skip_serializing_if = \"{JSON}::is_unspecified\", ");
             format!("#[serde({default}{skip}{})]\n{}", named(&of), schema_of(of.name(), is_required))
         }
         Kind::Message(of) if field.is_list() => {

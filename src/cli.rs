@@ -138,11 +138,8 @@ fn run_job<K: Kind>(kind: &Arc<K>, jobs: &Jobs, arguments: &JobArguments) -> any
     if shows && !K::HAS_FIGURES {
         anyhow::bail!("there is nothing to show of `{}`", K::NAME);
     }
-    let read = read_body::<K>(arguments, jobs.limits()).and_then(|body| match body {
-        Ok(body) => Ok(K::read(&body, jobs.limits()).map(|input| (input, body))),
-        Err(problem) => Ok(Err(problem)),
-    })?;
-    let (input, body) = match read {
+    let read = read_body::<K>(arguments, jobs.limits())?;
+    let (input, body) = match read.and_then(|body| Ok((K::read(&body, jobs.limits())?, body))) {
         Ok(read) => read,
         Err(problem) => return Ok(refuse(&problem)),
     };
@@ -155,7 +152,7 @@ fn run_job<K: Kind>(kind: &Arc<K>, jobs: &Jobs, arguments: &JobArguments) -> any
     write_answer(arguments.json.as_deref(), &json::write(&made.answer), &made.table)?;
     if shows {
         let request = K::presentation(&body, made.answer).context("the answer cannot be shown")?;
-        shown::write(request, jobs, &service, arguments)?;
+        shown::write(&request, jobs, &service, arguments)?;
     }
     Ok(if made.is_success { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO_SUCCESS) })
 }

@@ -53,8 +53,8 @@ fn write_words(words: &PlanInWords, count: usize, page: &mut String) {
     if !words.certificate.is_empty() {
         page.push_str("<h3>Why to trust it</h3>\n<ul>\n");
         for sentence in &words.certificate {
-            let (topic, rest) = sentence.split_once(": ").unwrap_or(("", sentence));
-            let _ = writeln!(page, "<li><b>{}</b> {}</li>", escaped(topic), escaped(rest));
+            let (topic, rest) = sentence.split_once(": ").unwrap_or(("Note", sentence));
+            let _ = writeln!(page, "<li><b>{}:</b> {}</li>", escaped(topic), escaped(rest));
         }
         page.push_str("</ul>\n");
     }
@@ -73,7 +73,10 @@ fn write_figure(figure: &Figure, page: &mut String) {
 }
 
 fn write_repetition(plan: &PresentedPlan, label: &str, count: usize, page: &mut String) {
-    let of = if count > 1 { format!(" {}", escaped(label)) } else { String::new() };
+    let (it, of) = match count {
+        1 => ("it".to_owned(), String::new()),
+        _ => (escaped(label), format!(" {}", escaped(label))),
+    };
     let (command, request, answer) = match plan {
         PresentedPlan { solve: Some(solve), .. } => {
             let stripped = solve.answer.clone().map(|answer| Solution { trajectory: None, contacts: None, ..answer });
@@ -88,7 +91,7 @@ fn write_repetition(plan: &PresentedPlan, label: &str, count: usize, page: &mut 
     };
     let _ = writeln!(
         page,
-        "<section>\n<h2>How to repeat it{of}</h2>\n<p>Save the request below as <code>request.json</code>, then</p>\n\
+        "<section>\n<h2>How to repeat {it}</h2>\n<p>Save the request below as <code>request.json</code>, then</p>\n\
          <pre>slipdrive {command} request.json --report report.html</pre>\n<p>or ask a server:</p>\n\
          <pre>curl -s http://127.0.0.1:8080/{command} -H 'content-type: application/json' -d @request.json</pre>\n\
          <p>The same version on the same platform answers the same, to the last bit, unless a limit of time ended the \

@@ -25,7 +25,7 @@ pub(super) fn is_asked_for(arguments: &JobArguments) -> bool {
 /// # Errors
 /// What cannot be written, and plans that cannot be shown.
 pub(super) fn write(
-    request: PresentRequest,
+    request: &PresentRequest,
     jobs: &Jobs,
     service: &Service,
     arguments: &JobArguments,
@@ -33,7 +33,7 @@ pub(super) fn write(
     if let Some(path) = &arguments.save {
         let saved = match request.plans.as_slice() {
             [plan] => json::write(plan),
-            _ => json::write(&request),
+            _ => json::write(request),
         };
         write_file(path, &saved)?;
     }
@@ -50,13 +50,13 @@ pub(super) fn write(
     }
     let input = Present::accept(request.clone(), jobs.limits())?;
     let permit = service.reserve(Class::Light)?;
-    let response = permit.submit(Arc::clone(&jobs.present), input, None, |input, done| Present::answer(input, done))?;
+    let response = permit.submit(Arc::clone(&jobs.present), input, None, Present::answer)?;
     let response = response.blocking_outcome()?;
     if let Some(folder) = &arguments.svg {
         write_figures(folder, &response)?;
     }
     match &arguments.report {
-        Some(path) => write_file(path, report::page(&request, &response).as_bytes()),
+        Some(path) => write_file(path, report::page(request, &response).as_bytes()),
         None => Ok(()),
     }
 }

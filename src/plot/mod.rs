@@ -29,8 +29,10 @@ pub const STYLE: &str = include_str!("figures.css");
 /// What is drawn of one plan.
 #[derive(Debug, Clone)]
 pub struct Plan<'a> {
-    /// Its name and its outcome, for legends.
-    pub label: String,
+    /// Its name, a letter.
+    pub name: &'a str,
+    /// What came out in two or three words, for legends.
+    pub outcome: String,
     /// Why it misses its goal, in a sentence.
     pub fault: Option<String>,
     /// The robot that moves.
@@ -56,6 +58,11 @@ pub struct Plan<'a> {
 }
 
 impl Plan<'_> {
+    /// What legends say.
+    fn label(&self) -> String {
+        format!("{}: {}", self.name, self.outcome)
+    }
+
     /// Whether there is a motion that can be drawn.
     fn moves(&self) -> bool {
         let is_finite = |state: &State| state.to_vector().iter().all(|value| value.abs() < 1e9);

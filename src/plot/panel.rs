@@ -134,7 +134,9 @@ impl Frame {
         let [[left, right], [lower, upper]] = self.px;
         let [first, last] = self.data[1];
         let of_up = [first.min(last), first.max(last)];
-        let (across, up) = (ticks(self.data[0], (right - left) / 55.0), ticks(of_up, (lower - upper) / 27.0));
+        // Squares where both have one scale.
+        let spacing = if panel.equal { 55.0 } else { 27.0 };
+        let (across, up) = (ticks(self.data[0], (right - left) / 55.0), ticks(of_up, (lower - upper) / spacing));
         for tick in &across.values {
             let [x, _] = self.place([*tick, self.data[1][0]]);
             svg.lines([&[[x, lower], [x, upper]][..]].into_iter(), false, &GRID);

@@ -24,6 +24,9 @@ const HEIGHTS: (f64, f64) = (130.0, 430.0);
 /// A path that is so much longer upwards than across lies on its side.
 const TALL: f64 = 1.2;
 
+/// A friction force that turns by so much of its limit in a step leaps: it was not in between.
+const LEAP: f64 = 0.2;
+
 /// From the world to the axes: as it is, or on its side.
 #[derive(Clone, Copy)]
 struct View {
@@ -178,7 +181,7 @@ pub(super) fn path(plans: &[Plan]) -> Figure {
     panel.height = (0.9 * WIDTH * up / across.max(1e-9) + 40.0).clamp(HEIGHTS.0, HEIGHTS.1);
     let notes = plans.iter().filter_map(|plan| {
         let fault = plan.fault.as_ref()?;
-        Some(if plans.len() == 1 { fault.clone() } else { format!("{}: {fault}", plan.label) })
+        Some(if plans.len() == 1 { fault.clone() } else { format!("{}. {fault}", plan.name) })
     });
     let notes: Vec<_> = notes.collect();
     let caption = match plans.first().map(|plan| plan.reference_point) {
@@ -206,7 +209,7 @@ fn keys_of_path(plans: &[Plan]) -> Vec<Key> {
     if let [plan] = plans
         && plan.moves()
     {
-        keys.push(Key::line(paint_of(0), &format!("{}, arrows: heading", plan.label)));
+        keys.push(Key::line(paint_of(0), &format!("{}, arrows: heading", plan.label())));
         keys.push(Key::line(TRACK, "track of a wheel"));
     }
     if plans.iter().any(Plan::moves) {
@@ -245,10 +248,17 @@ pub(super) fn friction(plans: &[Plan]) -> Option<Figure> {
             let used = samples()
                 .map(|of| [of.lateral_force, of.longitudinal_force].map(|force| share(force, of.normal_force)));
             let points: Vec<_> = used.collect();
-            let where_it_slips = samples().zip(&points);
-            let slips =
-                where_it_slips.map(|(of, point)| if of.mode == ContactMode::Slip { *point } else { [f64::NAN; 2] });
-            shapes.push(Shape::Curve { points: slips.collect(), paint: SLIP.wide(5.0).faint(0.7) });
+            let mut slips: Vec<[f64; 2]> = Vec::new();
+            for (of, point) in samples().zip(&points) {
+                let is_jump = slips.last().is_some_and(|last| (last[0] - point[0]).hypot(last[1] - point[1]) > LEAP);
+                if is_jump || of.mode == ContactMode::Stick {
+                    slips.push([f64::NAN; 2]);
+                }
+                if of.mode == ContactMode::Slip {
+                    slips.push(*point);
+                }
+            }
+            shapes.push(Shape::Curve { points: slips, paint: SLIP.wide(5.0).faint(0.7) });
             traces.push(Shape::Curve { points, paint: paint_of(index).wide(1.4) });
         }
         shapes.extend(traces);

@@ -85,7 +85,7 @@ impl Key {
     /// The plans, where there is more than one.
     pub(super) fn of_plans(plans: &[Plan]) -> Vec<Self> {
         let several = plans.iter().enumerate().filter(|_| plans.len() > 1);
-        several.map(|(index, plan)| Self::line(paint_of(index), &plan.label)).collect()
+        several.map(|(index, plan)| Self::line(paint_of(index), &plan.label())).collect()
     }
 }
 

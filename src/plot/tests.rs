@@ -1,1 +1,222 @@
-//! Figures of real plans.
+//! Figures of real motions.
+
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::solver::{
+    RunControl, SimulateInput, SimulateParameters, SolveInput, SolveParameters, SolverSettings, simulate, solve,
+};
+
+/// The forward drive, its torques on as many steps.
+struct Drive {
+    input: SolveInput,
+    motion: SimulateInput,
+    trajectory: Trajectory,
+}
+
+fn drive(step_count: usize) -> Drive {
+    let input = SolveInput::forward_drive();
+    let schedule = solve(&input, &RunControl::unattended()).unwrap().schedule;
+    motion_of(input, SimulateParameters { schedule, step_count, ..SimulateParameters::default() })
+}
+
+fn motion_of(input: SolveInput, parameters: SimulateParameters) -> Drive {
+    let motion = SimulateInput::new(parameters).unwrap();
+    let trajectory = simulate(&motion, (&AtomicBool::new(false)).into()).unwrap().trajectory;
+    Drive { input, motion, trajectory }
+}
+
+fn plan(drive: &Drive) -> Plan<'_> {
+    Plan {
+        name: "A",
+        outcome: "2.930 s".to_owned(),
+        fault: None,
+        robot: &drive.motion.robot,
+        reference_point: drive.motion.reference_point,
+        start: drive.motion.start,
+        goal: Some(&drive.input.maneuver.goal),
+        torque_limit: Some(drive.input.maneuver.torque_limit),
+        limits: &drive.input.maneuver.limits,
+        footprint: &[],
+        keep_in: &[],
+        schedule: &drive.motion.schedule,
+        trajectory: &drive.trajectory,
+    }
+}
+
+fn figure<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
+    figures.iter().find(|figure| figure.name == name).unwrap()
+}
+
+/// The points of all paths of a class, px.
+fn paths(figure: &Figure, class: &str) -> Vec<Vec<[f64; 2]>> {
+    let elements = figure.svg.split("<path ").skip(1).filter(|element| element.contains(&format!("class=\"{class}\"")));
+    elements.map(|element| points(element.split(" d=\"").nth(1).unwrap().split('"').next().unwrap())).collect()
+}
+
+fn points(path: &str) -> Vec<[f64; 2]> {
+    let spaced = path.replace('-', " -").replace(['M', 'l', 'z'], " ");
+    let numbers: Vec<f64> = spaced.split_whitespace().map(|number| number.parse().unwrap()).collect();
+    let mut at = [0.0; 2];
+    let differences = numbers.chunks_exact(2);
+    differences
+        .map(|difference| {
+            at = [at[0] + difference[0], at[1] + difference[1]];
+            at
+        })
+        .collect()
+}
+
+fn px(axis: &AxisMap, value: f64) -> f64 {
+    axis.px[0] + (axis.px[1] - axis.px[0]) * (value - axis.data[0]) / (axis.data[1] - axis.data[0])
+}
+
+fn data(axis: &AxisMap, px: f64) -> f64 {
+    axis.data[0] + (axis.data[1] - axis.data[0]) * (px - axis.px[0]) / (axis.px[1] - axis.px[0])
+}
+
+fn distance(point: [f64; 2], [a, b]: [[f64; 2]; 2]) -> f64 {
+    let (along, to) = (Vector2::new(b[0] - a[0], b[1] - a[1]), Vector2::new(point[0] - a[0], point[1] - a[1]));
+    let share = if along.norm() == 0.0 { 0.0 } else { (along.dot(&to) / along.norm_squared()).clamp(0.0, 1.0) };
+    (to - share * along).norm()
+}
+
+#[test]
+fn curves_are_where_the_maps_say_within_a_quarter_of_a_pixel() {
+    let drive = drive(10_000);
+    let figures = figures(&[plan(&drive)]);
+    let motion = figure(&figures, "motion");
+    // One curve per panel.
+    for (curve, map) in paths(motion, "sd-plan-a").iter().zip(&motion.maps) {
+        let value = |state: &State| match map.y.quantity {
+            "x_m" => state.configuration.x,
+            "y_m" => state.configuration.y,
+            "heading_rad" => state.configuration.heading,
+            "velocity_x_m_s" => state.velocity.x,
+            "velocity_y_m_s" => state.velocity.y,
+            _ => state.velocity.yaw_rate,
+        };
+        for (time, state) in drive.trajectory.time.iter().zip(&drive.trajectory.state) {
+            let point = [px(&map.x, *time), px(&map.y, value(state))];
+            let near = curve.windows(2).map(|pair| distance(point, [pair[0], pair[1]])).fold(f64::INFINITY, f64::min);
+            assert!(near <= TOLERANCE + 1e-6, "{}: {near} px at {time} s", map.axes);
+        }
+    }
+    assert_eq!(paths(motion, "sd-plan-a").len(), motion.maps.len());
+}
+
+#[test]
+fn torques_keep_their_jumps() {
+    let drive = drive(200);
+    let figures = figures(&[plan(&drive)]);
+    let torques = figure(&figures, "torques");
+    let (curve, map) = (&paths(torques, "sd-plan-a")[0], &torques.maps[0]);
+    let jumps = |from: f64, to: f64| (from - to).abs() > 0.5;
+    let drawn = curve.windows(2).filter(|pair| jumps(data(&map.y, pair[0][1]), data(&map.y, pair[1][1])));
+    let drawn: Vec<_> = drawn.collect();
+    let left = &drive.motion.schedule.left;
+    assert_eq!(drawn.len(), left.windows(2).filter(|pair| jumps(pair[0], pair[1])).count());
+    assert!(!drawn.is_empty() && drawn.iter().all(|pair| (pair[0][0] - pair[1][0]).abs() < 1e-9), "they are upright");
+}
+
+#[test]
+fn figures_are_small_and_complete_by_themselves() {
+    let drive = drive(10_000);
+    for count in [1, 4] {
+        let plans: Vec<_> = (0..count).map(|_| plan(&drive)).collect();
+        let figures = figures(&plans);
+        let names: Vec<_> = figures.iter().map(|figure| figure.name).collect();
+        let expected = ["path", "contact", "motion", "torques", "normal_forces", "wheel_rates", "friction"];
+        assert_eq!(names, expected);
+        for Figure { name, svg, maps, .. } in &figures {
+            assert!(svg.len() <= LARGEST_FIGURE, "{name} of {count} plans has {} bytes", svg.len());
+            for word in ["style", "<script", "href", "NaN", "inf", " id="] {
+                assert!(!svg.contains(word), "{name} has {word}");
+            }
+            let mut axes: Vec<_> = maps.iter().map(|map| map.axes).collect();
+            axes.dedup();
+            assert_eq!(axes.len(), maps.len(), "{name}");
+        }
+    }
+}
+
+#[test]
+fn noise_makes_coarser_curves_in_place_of_larger_figures() {
+    let mut drive = drive(10_000);
+    for (index, step) in drive.trajectory.contact.iter_mut().enumerate() {
+        step.left.longitudinal_force += if index % 2 == 0 { 20.0 } else { -20.0 };
+        step.right.longitudinal_slip += if index % 3 == 0 { 1.0 } else { -1.0 };
+    }
+    let plans: Vec<_> = (0..4).map(|_| plan(&drive)).collect();
+    assert!(figure(&figures(&plans), "contact").svg.len() <= LARGEST_FIGURE);
+}
+
+#[test]
+fn maps_lead_from_data_to_pixels_and_back() {
+    let drive = drive(200);
+    for figure in figures(&[plan(&drive)]) {
+        for AxesMap { axes, x, y } in figure.maps {
+            for axis in [x, y] {
+                assert!(axis.data[0] != axis.data[1] && axis.px[0] != axis.px[1], "{axes}");
+                let middle = f64::midpoint(axis.data[0], axis.data[1]);
+                assert!((data(&axis, px(&axis, middle)) - middle).abs() < 1e-9, "{axes}");
+                assert!(axis.px.iter().all(|px| (0.0..=figure.size[0].max(figure.size[1])).contains(px)), "{axes}");
+            }
+        }
+    }
+}
+
+#[test]
+fn path_has_one_scale() {
+    let drive = drive(200);
+    let figures = figures(&[plan(&drive)]);
+    let AxesMap { x, y, .. } = &figure(&figures, "path").maps[0];
+    let scale = |axis: &AxisMap| ((axis.px[1] - axis.px[0]) / (axis.data[1] - axis.data[0])).abs();
+    assert!((scale(x) / scale(y) - 1.0).abs() < 1e-9);
+    assert_eq!((x.quantity, y.quantity), ("y_m", "x_m"), "five metres forward lie on their side");
+}
+
+#[test]
+fn impossible_plan_says_so_over_start_and_goal() {
+    let input = SolveInput::new(SolveParameters::default()).unwrap();
+    let motion = SimulateInput {
+        robot: input.robot.clone(),
+        payload: None,
+        reference_point: input.maneuver.reference_point,
+        start: input.maneuver.start,
+        limits: input.maneuver.limits,
+        aisle: None,
+        schedule: TorqueSchedule::empty(),
+        step_count: 1,
+        contact_method: crate::simulation::ContactMethod::Exact,
+    };
+    let trajectory = Trajectory { time: vec![0.0], state: vec![motion.start], ..Trajectory::default() };
+    let drive = Drive { input, motion, trajectory };
+    let fault = Some("The goal is impossible. <no torque> & \"more\".".to_owned());
+    let figures = figures(&[Plan { fault, ..plan(&drive) }]);
+    assert_eq!(figures.iter().map(|figure| figure.name).collect::<Vec<_>>(), ["path"]);
+    assert!(figures[0].svg.contains("The goal is impossible. &lt;no torque&gt; &amp; &quot;more&quot;."));
+}
+
+#[test]
+fn diverging_motion_is_no_picture() {
+    let mut drive = drive(200);
+    drive.trajectory.state[150].velocity.x = f64::NAN;
+    let figures = figures(&[plan(&drive)]);
+    assert_eq!(figures.len(), 1);
+    assert!(!figures[0].svg.contains("NaN"));
+}
+
+#[test]
+fn motor_has_its_curve_and_slip_its_spans() {
+    let motor = Some(crate::robot::Motor { stall_torque: 2.0, free_speed: 90.0 });
+    let robot = crate::robot::RobotParameters { motor, ..Default::default() };
+    let settings = SolverSettings { start_count: 1, ..SolverSettings::default() };
+    let input = SolveInput::new(SolveParameters { robot, settings, ..SolveParameters::forward_drive() }).unwrap();
+    let schedule = TorqueSchedule { final_time: 1.0, left: vec![1.0, -1.0], right: vec![1.0, -1.0] };
+    let drive = motion_of(input, SimulateParameters { robot, schedule, ..SimulateParameters::default() });
+    let figures = figures(&[plan(&drive)]);
+    let rates = figure(&figures, "wheel_rates");
+    assert_eq!(rates.maps.len(), 4, "{:?}", rates.maps);
+    assert!(figure(&figures, "contact").svg.contains("sd-slip-area"));
+}

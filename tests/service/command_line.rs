@@ -162,3 +162,128 @@ async fn terminate_signal_ends_a_ready_server_with_success() {
         assert_eq!(child.wait().unwrap().code(), Some(0), "{signal}");
     }
 }
+
+/// A folder that is removed afterwards.
+struct Folder(std::path::PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("slipdrive-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn file(&self, name: &str) -> String {
+        self.0.join(name).to_str().unwrap().to_owned()
+    }
+
+    fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.0.join(name)).unwrap()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn figures_of_the_documentation_are_what_the_command_draws() {
+    let folder = Folder::new("drawn");
+    let output = run_with_input(&["solve", "forward-drive", "--svg", &folder.file("figures")], b"");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let committed = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/figures");
+    let mut count = 0;
+    for entry in std::fs::read_dir(folder.0.join("figures")).unwrap() {
+        let name = entry.unwrap().file_name();
+        let drawn = std::fs::read(folder.0.join("figures").join(&name)).unwrap();
+        assert!(std::fs::read(committed.join(&name)).unwrap() == drawn, "{}: docs/draw.sh", name.display());
+        count += 1;
+    }
+    assert_eq!(count, std::fs::read_dir(committed).unwrap().count());
+    assert_eq!(count, 7);
+}
+
+#[test]
+fn saved_plans_are_presented_together_in_a_page_that_needs_nothing() {
+    let folder = Folder::new("saved");
+    let body = br#"{"maneuver": {"goal": {"y_m": 1}}, "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}}"#;
+    let solved = run_with_input(
+        &["solve", "-", "--save", &folder.file("one.json"), "--json", &folder.file("answer.json")],
+        body,
+    );
+    assert_eq!(solved.status.code(), Some(0), "{}", String::from_utf8_lossy(&solved.stderr));
+    let answer: Value = serde_json::from_str(&folder.read("answer.json")).unwrap();
+    let torques = json!({"torque_schedule": answer["torque_schedule"], "grid": {"steps": 40}}).to_string();
+    let simulated = run_with_input(&["simulate", "-", "--save", &folder.file("two.json")], torques.as_bytes());
+    assert_eq!(simulated.status.code(), Some(0), "{}", String::from_utf8_lossy(&simulated.stderr));
+    let (one, two, page, csv) =
+        (folder.file("one.json"), folder.file("two.json"), folder.file("p.html"), folder.file("p.csv"));
+    let presented = run_with_input(&["present", &one, &two, "--report", &page, "--csv", &csv], b"");
+    let table = String::from_utf8(presented.stdout).unwrap();
+    assert_eq!(presented.status.code(), Some(0), "{}", String::from_utf8_lossy(&presented.stderr));
+    let final_time = format!("{:.3} s", answer["final_time_s"].as_f64().unwrap());
+    let headline = format!("A  The robot reaches its goal in {final_time}.");
+    assert!(table.contains(&headline) && table.contains("\nB  Given torques"), "{table}");
+    let page = folder.read("p.html");
+    for text in
+        [&final_time, "<svg ", "Why to trust it", "How to repeat A", "--report report.html", "default-src 'none'"]
+    {
+        assert!(page.contains(text), "{text} is missing");
+    }
+    for text in ["<script", "<link", "<img", "@import", "url("] {
+        assert!(!page.contains(text), "{text} is in the page");
+    }
+    assert!(page.len() < 1_000_000, "{} bytes", page.len());
+    let rows: Vec<_> = folder.read("p.csv").lines().map(|row| row.split(',').count()).collect();
+    assert_eq!(rows, vec![2 + 10 + 2 + 15; 1 + 2 * 41]);
+}
+
+#[test]
+fn page_escapes_what_callers_wrote() {
+    let folder = Folder::new("escaped");
+    let body = br#"{"maneuver": {"goal": {"y_m": 1}, "torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0}}"#;
+    assert_eq!(run_with_input(&["solve", "-", "--save", &folder.file("one.json")], body).status.code(), Some(2));
+    let spoiled = folder.read("one.json").replace("no torque drives", "<img src=x onerror=alert(1)>$(reboot) drives");
+    std::fs::write(folder.file("two.json"), spoiled).unwrap();
+    let presented = run_with_input(&["present", &folder.file("two.json"), "--report", &folder.file("p.html")], b"");
+    assert_eq!(presented.status.code(), Some(0), "{}", String::from_utf8_lossy(&presented.stderr));
+    let page = folder.read("p.html");
+    assert!(page.contains("&lt;img src=x onerror=alert(1)&gt;$(reboot) drives") && !page.contains("<img"), "{page}");
+}
+
+#[test]
+fn exit_codes_are_those_of_the_help() {
+    let help = String::from_utf8(run_with_input(&["--help"], b"").stdout).unwrap();
+    for words in ["Exit codes:", "\n  0 ", "\n  1 ", "\n  2 ", "\n  64 "] {
+        assert!(help.contains(words), "{help}");
+    }
+    let impossible = br#"{"maneuver": {"goal": {"y_m": 1}, "torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0}}"#;
+    assert_eq!(run_with_input(&["solve", "-"], impossible).status.code(), Some(2));
+    assert_eq!(run_with_input(&["solve", "/no/such/file"], b"").status.code(), Some(1));
+    assert_eq!(run_with_input(&["present"], b"").status.code(), Some(64));
+    assert!(refused(&["present", "-"], br#"{"plans": []}"#).contains("between 1 and 4 items"));
+    assert!(refused(&["example", "no-such-example"], b"").contains("forward-drive"));
+}
+
+#[test]
+fn examples_and_completions_are_printed() {
+    let example = run_with_input(&["example"], b"").stdout;
+    let named = run_with_input(&["example", "forward-drive"], b"").stdout;
+    assert_eq!(example, named);
+    let body: Value = serde_json::from_slice(&example).unwrap();
+    assert_eq!(body["maneuver"]["goal"]["y_m"], 5.0);
+    for shell in ["bash", "zsh", "fish"] {
+        let script = String::from_utf8(run_with_input(&["completions", shell], b"").stdout).unwrap();
+        assert!(script.contains("present") && script.contains("report"), "{shell}");
+    }
+}
+
+#[test]
+fn nothing_but_words_goes_to_a_pipe() {
+    let output = run_with_input(&["solve", "forward-drive"], b"");
+    for stream in [output.stdout, output.stderr] {
+        assert!(!stream.contains(&0x1b), "{}", String::from_utf8_lossy(&stream));
+    }
+}

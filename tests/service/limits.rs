@@ -62,6 +62,10 @@ fn bounds_of(rule: &Value) -> Vec<Bound> {
 
 /// A valid request with one other value.
 fn request(bound: &Bound, value: &Value) -> Value {
+    if bound.job == "present" {
+        let plans = value.as_array().unwrap().iter().map(|_| json!({}));
+        return json!({"plans": plans.collect::<Vec<_>>()});
+    }
     let zeros = match value.as_array() {
         Some(items) if bound.field.ends_with("_n_m") => items.clone(),
         _ => vec![json!(0)],
@@ -104,10 +108,10 @@ async fn refusal_of_rest(server: &TestServer, bound: &Bound, value: &Value) -> V
 
 async fn refusal_of_grpc(server: &TestServer, bound: &Bound, value: &Value) -> Vec<String> {
     let (mut client, body) = (server.grpc().await, request(bound, value));
-    let outcome: Result<(), Status> = if bound.job == "solve" {
-        client.solve(serde_json::from_value::<pb::SolveRequest>(body).unwrap()).await.map(drop)
-    } else {
-        client.simulate(serde_json::from_value::<pb::SimulateRequest>(body).unwrap()).await.map(drop)
+    let outcome: Result<(), Status> = match bound.job.as_str() {
+        "solve" => client.solve(serde_json::from_value::<pb::SolveRequest>(body).unwrap()).await.map(drop),
+        "present" => client.present(serde_json::from_value::<pb::PresentRequest>(body).unwrap()).await.map(drop),
+        _ => client.simulate(serde_json::from_value::<pb::SimulateRequest>(body).unwrap()).await.map(drop),
     };
     let details = outcome.err().map(|status| status.get_error_details());
     let violations = details.and_then(|details| Some(details.bad_request()?.field_violations.clone()));

@@ -14,7 +14,7 @@ pub(super) fn figures(plans: &[(&AcceptedPlan, &Trajectory)], words: &[PlanInWor
     plot::figures(&plans)
 }
 
-fn shown<'a>((plan, trajectory): &(&'a AcceptedPlan, &'a Trajectory), label: &str) -> plot::Plan<'a> {
+fn shown<'a>((plan, trajectory): &(&'a AcceptedPlan, &'a Trajectory), name: &'a str) -> plot::Plan<'a> {
     let AcceptedPlan { said, motion, corners } = *plan;
     let (goal, torque_limit, limits) = match said {
         Said::Solve(asked, _) => {
@@ -23,7 +23,8 @@ fn shown<'a>((plan, trajectory): &(&'a AcceptedPlan, &'a Trajectory), label: &st
         Said::Simulate(_) => (None, None, &motion.limits),
     };
     plot::Plan {
-        label: format!("{label}: {}", words::outcome(plan)),
+        name,
+        outcome: words::outcome(plan),
         fault: words::fault(plan),
         robot: &motion.robot,
         reference_point: motion.reference_point,

@@ -133,7 +133,7 @@ impl Kind for Present {
                 None => plans.push(Value::Object(object)),
             }
         }
-        for answer in plans.iter_mut().flat_map(|plan| plan.as_object_mut()).flat_map(Map::values_mut) {
+        for answer in plans.iter_mut().filter_map(Value::as_object_mut).flat_map(Map::values_mut) {
             if let Some(answer) = answer.get_mut("answer").and_then(Value::as_object_mut) {
                 answer.retain(|field, _| field != "trajectory" && field != "contacts");
             }

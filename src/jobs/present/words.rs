@@ -117,29 +117,33 @@ pub(super) fn outcome(plan: &AcceptedPlan) -> String {
 /// Why the goal is missed, where it is.
 pub(super) fn fault(plan: &AcceptedPlan) -> Option<String> {
     match &plan.said {
-        Said::Solve(_, answer) if answer.reason.is_some() => Some(headline(answer)),
-        Said::Solve(..) | Said::Simulate(_) => None,
+        Said::Solve(_, answer) => reason(answer).map(|reason| format!("{} {reason}", headline(answer))),
+        Said::Simulate(_) => None,
     }
 }
 
 fn headline(answer: &Solution) -> String {
-    let reason = answer.reason.as_ref().map_or("no reason is given", |reason| reason.message.as_str());
-    let reason = sentence(reason);
     match answer.status() {
         Status::Converged if answer.final_time_s == 0.0 => "The start is the goal: there is nothing to do.".to_owned(),
         Status::Converged => format!("The robot reaches its goal in {:.3} s.", answer.final_time_s),
         Status::Feasible => {
             format!("The robot reaches its goal in {:.3} s, but that is not shown to be optimal.", answer.final_time_s)
         }
-        Status::NotConverged => format!("The goal is missed: {reason}"),
-        Status::Infeasible => format!("The goal is impossible: {reason}"),
+        Status::NotConverged => "The goal is missed.".to_owned(),
+        Status::Infeasible => "The goal is impossible.".to_owned(),
         Status::Unspecified => "The answer has no status.".to_owned(),
     }
 }
 
-/// With a full stop.
+/// The requirement that is not met.
+fn reason(answer: &Solution) -> Option<String> {
+    answer.reason.as_ref().map(|reason| sentence(&reason.message))
+}
+
+/// With a full stop, and without the quotes of code.
 fn sentence(words: &str) -> String {
-    format!("{}.", words.trim_end_matches('.'))
+    let words = words.trim_end_matches('.');
+    format!("{}.", words.replace('`', ""))
 }
 
 fn duration(motion: &Trajectory) -> String {
@@ -148,7 +152,8 @@ fn duration(motion: &Trajectory) -> String {
 }
 
 fn details(asked: &SolveInput, answer: &Solution, motion: &Trajectory) -> Vec<String> {
-    let mut details = motion_in_words(motion);
+    let mut details: Vec<_> = reason(answer).into_iter().collect();
+    details.extend(motion_in_words(motion));
     let Some(report) = &answer.report else { return details };
     if report.starts_tried > 0 {
         let starts = if report.starts_tried == 1 { "start" } else { "starts" };
