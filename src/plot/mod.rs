@@ -12,9 +12,10 @@ mod time;
 
 use nalgebra::Vector2;
 
+use crate::contact::ContactMode;
 use crate::robot::{PerWheel, Robot, State};
 use crate::shooting::{Goal, ManeuverLimits, ReferencePoint};
-use crate::simulation::{TorqueSchedule, Trajectory};
+use crate::simulation::{ContactSample, TorqueSchedule, Trajectory};
 
 pub use svg::escaped;
 
@@ -61,6 +62,12 @@ impl Plan<'_> {
     /// What legends say.
     fn label(&self) -> String {
         format!("{}: {}", self.name, self.outcome)
+    }
+
+    /// Whether a wheel of its motion slips anywhere.
+    fn slips(&self) -> bool {
+        let is_slip = |wheel: &ContactSample| wheel.mode == ContactMode::Slip;
+        self.moves() && self.trajectory.contact.iter().any(|step| is_slip(&step.left) || is_slip(&step.right))
     }
 
     /// Whether there is a motion that can be drawn.

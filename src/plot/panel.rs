@@ -208,8 +208,7 @@ struct Ticks {
 fn ticks([low, high]: [f64; 2], count: f64) -> Ticks {
     let rough = (high - low) / count.max(1.5);
     let unit = 10_f64.powf(rough.log10().floor());
-    let step =
-        [1.0, 2.0, 5.0, 10.0].into_iter().map(|of| of * unit).find(|step| *step >= 0.999 * rough).unwrap_or(unit);
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|of| of * unit).find(|step| *step >= 0.8 * rough).unwrap_or(unit);
     #[expect(clippy::cast_possible_truncation, reason = "an axis has few ticks")]
     let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
     Ticks { values: (first..=last.min(first + 50)).map(|index| index as f64 * step).collect(), step }

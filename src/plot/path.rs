@@ -212,7 +212,7 @@ fn keys_of_path(plans: &[Plan]) -> Vec<Key> {
         keys.push(Key::line(paint_of(0), &format!("{}, arrows: heading", plan.label())));
         keys.push(Key::line(TRACK, "track of a wheel"));
     }
-    if plans.iter().any(Plan::moves) {
+    if plans.iter().any(Plan::slips) {
         keys.push(Key::line(SLIP, "wheel slips"));
     }
     keys.push(Key::area(START.faint(0.35), "start"));
@@ -275,7 +275,7 @@ pub(super) fn friction(plans: &[Plan]) -> Option<Figure> {
     if plans.iter().any(|plan| plan.limits.grip_utilization.is_some()) {
         keys.push(Key::line(KEEP_IN, "limit of grip"));
     }
-    keys.push(Key::line(SLIP, "the wheel slips"));
+    keys.extend(plans.iter().any(Plan::slips).then(|| Key::line(SLIP, "the wheel slips")));
     let sheet = Sheet {
         name: "friction",
         title: "Friction of each wheel within its limit",

@@ -91,9 +91,10 @@ fn limit_lines(plans: &[Plan], value: impl Fn(&Plan) -> Option<f64>) -> Vec<Shap
     drawn.into_iter().flat_map(|limit| [line(limit), line(-limit)]).collect()
 }
 
-fn slip_key(plans: &[Plan], words: &str) -> Key {
-    let words = if plans.len() == 1 { words.to_owned() } else { format!("bars at the foot: {words}") };
-    Key::area(band_of(0, plans.len()).1, &words)
+/// What shows slip, where there is any.
+fn slip_key(plans: &[Plan]) -> Option<Key> {
+    let words = if plans.len() == 1 { "the wheel slips" } else { "bars at the foot: the wheel slips" };
+    plans.iter().any(Plan::slips).then(|| Key::area(band_of(0, plans.len()).1, words))
 }
 
 /// The paper's figure 3.
@@ -140,7 +141,7 @@ pub(super) fn contact(plans: &[Plan]) -> Figure {
     ];
     let mut keys = Key::of_plans(plans);
     keys.push(Key::line(friction(if plans.len() == 1 { paint_of(0) } else { LIMIT }), "friction limit \u{b1}\u{3bc}N"));
-    keys.push(slip_key(plans, "the wheel slips"));
+    keys.extend(slip_key(plans));
     Sheet {
         name: "contact",
         title: "Contact forces and relative velocities of the wheels",
@@ -292,7 +293,7 @@ pub(super) fn normal_forces(plans: &[Plan]) -> Figure {
         ("front_normal_force", ContactName::Front),
     ];
     let mut keys = Key::of_plans(plans);
-    keys.push(slip_key(plans, "the wheel slips"));
+    keys.extend(slip_key(plans));
     Sheet {
         name: "normal_forces",
         title: "Normal forces",
@@ -370,7 +371,7 @@ pub(super) fn wheel_rates(plans: &[Plan]) -> Figure {
         (false, true) => keys.push(Key::line(LIMIT, "largest rate")),
         (false, false) => {}
     }
-    keys.push(slip_key(plans, "the wheel slips"));
+    keys.extend(slip_key(plans));
     Sheet {
         name: "wheel_rates",
         title: "Wheel rates",

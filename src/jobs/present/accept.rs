@@ -1,6 +1,6 @@
 //! Requests of figures: from messages to motions that can be rolled out.
 
-use crate::contract::convert::{aisle_corners, count, required, schedule};
+use crate::contract::convert::{aisle_corners, required, schedule};
 use crate::contract::message::{PresentRequest, PresentedPlan, SimulateResponse, SimulatedPlan, Solution, SolvedPlan};
 use crate::contract::{ErrorCode, Problem};
 use crate::jobs::simulate::Simulate;
@@ -8,7 +8,7 @@ use crate::jobs::solve::Solve;
 use crate::jobs::{Kind, Limits, ManeuverSolver};
 use crate::rules::{Checks, Rule};
 use crate::shooting::{AisleCorners, ManeuverLimits};
-use crate::simulation::{ContactMethod, Trajectory};
+use crate::simulation::{ContactMethod, TorqueSchedule, Trajectory};
 use crate::solver::{SimulateInput, SimulateParameters, SolveInput};
 use crate::stop::{Stop, Stopped};
 
@@ -117,14 +117,12 @@ fn motion_of(asked: &SolveInput, answer: &Solution, limits: &Limits) -> Result<S
     }
     let report = required(answer.report.as_ref(), "report")?;
     let mut checks = Checks::new();
-    let intervals = count(still.schedule.control_count());
-    let steps = Rule::between(f64::from(intervals.max(1)), limits.max_steps as f64, "");
-    checks.within("report", |checks| checks.bounds("steps", report.steps.into(), &steps));
-    let arrays = [
-        ("torque_schedule.left_n_m", &still.schedule.left[..]),
-        ("torque_schedule.right_n_m", &still.schedule.right[..]),
-    ];
-    limits.check_arrays(&mut checks, arrays);
+    let TorqueSchedule { left, right, .. } = &still.schedule;
+    let arrays = [("torque_schedule.left_n_m", &left[..]), ("torque_schedule.right_n_m", &right[..])];
+    if limits.check_arrays(&mut checks, arrays) {
+        let steps = Rule::between(left.len().max(1) as f64, limits.max_steps as f64, "");
+        checks.bounds("report.steps", report.steps.into(), &steps);
+    }
     checks.finish()?;
     // The reference robot in place of the joined one, which kept its rules already: those of the torques are left.
     let parameters = SimulateParameters {

@@ -205,7 +205,7 @@ fn slip(motion: &Trajectory) -> String {
 }
 
 fn grid(asked: &SolveInput, report: &Report) -> Option<String> {
-    let steps = report.steps;
+    let steps = Some(report.steps).filter(|steps| *steps > 0)?;
     let why = match report.refinement() {
         Refinement::Fixed if matches!(asked.settings.refinement, Grid::Fixed) => "as asked",
         Refinement::WithinTolerance => "chosen so that the replay is within tolerance",

@@ -6,13 +6,14 @@ use std::fmt::Debug;
 
 use prost::Message;
 use slipdrive::contract::json;
+use slipdrive::jobs::present::Present;
 use slipdrive::jobs::simulate::Simulate;
 use slipdrive::jobs::solve::Solve;
 use slipdrive::jobs::{Kind, Limits};
 use slipdrive::service::Job as _;
 
 /// The names of the kinds of jobs whose readers are tried.
-pub(crate) const KINDS: [&str; 2] = [Solve::NAME, Simulate::NAME];
+pub(crate) const KINDS: [&str; 3] = [Solve::NAME, Simulate::NAME, Present::NAME];
 
 /// Gives the bytes to every reader; whether any of them accepts the bytes.
 ///
@@ -21,12 +22,13 @@ pub(crate) const KINDS: [&str; 2] = [Solve::NAME, Simulate::NAME];
 pub(crate) fn is_accepted(bytes: &[u8]) -> bool {
     let is_solve = is_accepted_by::<Solve>(bytes);
     let is_simulate = is_accepted_by::<Simulate>(bytes);
+    let is_present = is_accepted_by::<Present>(bytes);
     if let Ok(accepted) = Solve::read(bytes, &Limits::default()) {
         let again = Solve::read(&json::write(&accepted.completed), &Limits::default());
         let again = again.expect("the completed body is accepted");
         assert_eq!(again.input_hash, accepted.input_hash, "the completed body means the same");
     }
-    is_solve || is_simulate
+    is_solve || is_simulate || is_present
 }
 
 fn is_accepted_by<K: Kind>(bytes: &[u8]) -> bool
