@@ -1,0 +1,29 @@
+"""Client of slipdrive: time-optimal maneuvers of a differential-drive robot whose wheels stick or slip.
+
+`requests` and `answers` have the types of the contract; SI units, each field's unit is in its name.
+"""
+
+from . import answers, requests
+from .client import Client
+from .errors import AnswerLost, ProblemError, SlipdriveError
+from .figures import Figure, Figures, PlanInWords
+from .many import Result, Results, load_results
+from .solutions import Simulation, Solution, Validated
+
+__all__ = [
+    "AnswerLost",
+    "Client",
+    "Figure",
+    "Figures",
+    "PlanInWords",
+    "ProblemError",
+    "Result",
+    "Results",
+    "Simulation",
+    "SlipdriveError",
+    "Solution",
+    "Validated",
+    "answers",
+    "load_results",
+    "requests",
+]

@@ -1,0 +1,614 @@
+"""Answers; nan stands for numbers of arrays that are not finite, None for other ones."""
+
+# Written by make_types.py: do not edit.
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+# Whether a contact slips.
+# - `stick`: No slip.
+# - `slip`: Slip; also a contact without friction or without normal force.
+ContactMode = Literal["stick", "slip"]
+
+# A contact of the robot with the ground.
+# - `left`: The left wheel.
+# - `right`: The right wheel.
+# - `front`: The front support.
+ContactName = Literal["left", "right", "front"]
+
+# What the lower bound on the final time rests on.
+# - `friction`: Friction bounds the acceleration of the whole robot's centre of mass.
+# - `yaw_friction`: Friction bounds the yaw acceleration.
+# - `drive_torque`: Torque builds up the motion that carries the robot; friction brakes it.
+# - `wheel_drive`: Torque and friction bound the acceleration of each wheel.
+LowerBoundAssumption = Literal["friction", "yaw_friction", "drive_torque", "wheel_drive"]
+
+# The optimiser.
+# - `sequential_linear`: Trust-region sequential linear programming on an exact penalty.
+# - `nelder_mead`: The paper's Nelder-Mead on the paper's penalty.
+Method = Literal["sequential_linear", "nelder_mead"]
+
+# How the steps of the plan's grid came about.
+# - `fixed`: The caller chose them.
+# - `within_tolerance`: Automatic: the replay is within tolerance.
+# - `step_limit`: Automatic: the replay is above tolerance on the finest allowed grid.
+# - `goal_lost`: Automatic: the goal was lost on finer grids.
+# - `interrupted`: Automatic: a limit of time or rollouts ended the refinement.
+# - `no_plan`: Automatic: no plan met the goal, so there was nothing to refine.
+Refinement = Literal["fixed", "within_tolerance", "step_limit", "goal_lost", "interrupted", "no_plan"]
+
+# How good a plan is.
+# - `converged`: Goal met, first-order measure small, no separation, contact law kept.
+# - `feasible`: Goal met, but not shown to be a local optimum: it is none, or the certificate was cut off by the time
+# limit or the deadline.
+# - `not_converged`: Best iterate; the goal is missed.
+# - `infeasible`: Shown to be impossible.
+Status = Literal["converged", "feasible", "not_converged", "infeasible"]
+
+# Why a solve ended.
+# - `finished`: The whole search asked for was done.
+# - `time_limit`: The time limit passed.
+# - `deadline`: The deadline of the call came near.
+# - `rollout_limit`: The rollout limit was used up.
+StopReason = Literal["finished", "time_limit", "deadline", "rollout_limit"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AppliedLimits:
+    """The limits that applied to a solve."""
+
+    time_limit_s: float
+    """How long it was allowed to run, s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyPoint:
+    """A point of the robot, from the axle midpoint; absent is 0."""
+
+    forward_m: float | None = None
+    """Forward, m."""
+    right_m: float | None = None
+    """To the right, m."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contact:
+    """One contact; one entry per step. Forces are the step's means."""
+
+    lateral_force_n: Array
+    """Friction force to the right, N."""
+    lateral_slip_m_s: Array
+    """Slip to the right, m/s."""
+    longitudinal_force_n: Array
+    """Friction force forward, N."""
+    longitudinal_slip_m_s: Array
+    """Slip forward, m/s."""
+    normal_force_n: Array
+    """Normal force, N."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContactModeSpan:
+    """A span of time with constant contact modes."""
+
+    degrees_of_freedom: int
+    """5 minus the rank of the sticking directions."""
+    end_s: float
+    """Its end, s."""
+    front: ContactMode
+    """The front support."""
+    left: ContactMode
+    """The left wheel."""
+    right: ContactMode
+    """The right wheel."""
+    start_s: float
+    """Its start, s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contacts:
+    """Forces and slips of all contacts."""
+
+    front: Contact
+    """The front support."""
+    left: Contact
+    """The left wheel."""
+    right: Contact
+    """The right wheel."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CrossFieldRule:
+    """A rule that several fields must keep together."""
+
+    fields: list[str]
+    """Dotted paths of the fields."""
+    job: str
+    """The kind of job whose requests have the fields."""
+    rule: str
+    """What must hold."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DistinctOptimum:
+    """A local optimum."""
+
+    count: int
+    """How many starts led to it."""
+    final_time_s: float
+    """Its final time, s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EndState:
+    """The state of the reference point at the end, as a goal judges it. A step keeps the friction law at the heading
+    of its midpoint, so the velocity of the chassis centre of mass is first turned by half the angle of the last
+    step, then moved to the reference point; with restitution it is not turned.
+    """
+
+    heading_rad: float | None
+    """Heading, rad, not wrapped."""
+    velocity_x_m_s: float | None
+    """World x velocity, m/s."""
+    velocity_y_m_s: float | None
+    """World y velocity, m/s."""
+    wheel_angle_left_rad: float | None
+    """Left wheel angle, rad."""
+    wheel_angle_right_rad: float | None
+    """Right wheel angle, rad."""
+    wheel_rate_left_rad_s: float | None
+    """Left wheel rate, rad/s."""
+    wheel_rate_right_rad_s: float | None
+    """Right wheel rate, rad/s."""
+    x_m: float | None
+    """World x, m."""
+    y_m: float | None
+    """World y, m."""
+    yaw_rate_rad_s: float | None
+    """Yaw rate, rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FieldError:
+    """One fault of one field."""
+
+    code: str
+    """The code of the broken rule."""
+    limit: float | None
+    """The bound that was passed, where the rule is a bound."""
+    message: str
+    """Field, value and rule."""
+    pointer: str
+    """JSON pointer as a URI fragment, such as `#/robot/wheel_radius_m`."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FieldRule:
+    """The bounds of a number, or of the length of an array."""
+
+    exclusive_maximum: float | None = None
+    """All accepted values are less than this."""
+    exclusive_minimum: float | None = None
+    """All accepted values are greater than this."""
+    field: str
+    """Dotted path, such as robot.wheel_radius_m; \\[\\] stands for each item of an array."""
+    job: str
+    """The kind of job whose requests have the field, such as solve."""
+    maximum: float | None = None
+    """The largest accepted value on this server, unless exclusive_maximum is there; absent both: there is none."""
+    minimum: float | None = None
+    """The smallest accepted value, unless exclusive_minimum is there."""
+    rule: str
+    """The bounds in words, such as "between 0.001 and 10 m"."""
+    unit: str
+    """The unit; "items" for the length of an array, empty for pure numbers."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GetLimitsResponse:
+    """What this server accepts at most."""
+
+    batch_window: int
+    """Items of a batch that may be unanswered at once."""
+    cross_field_rules: list[CrossFieldRule]
+    """What several fields must keep together, by kind of job."""
+    default_time_limit_s: float
+    """Time limit of a solve that names none, s."""
+    max_body_bytes: int
+    """Largest request, bytes."""
+    max_control_intervals: int
+    """Most control intervals per wheel."""
+    max_rollout_limit: int
+    """Most rollouts of one search."""
+    max_starts: int
+    """Most starts of one search."""
+    max_steps: int
+    """Most time steps of a grid."""
+    max_time_limit_s: float
+    """Longest time limit of a solve, and that of each simulation, s."""
+    queue_length: int
+    """Solves that may wait for a worker."""
+    queue_work_s: float
+    """Expected work per worker that may be in flight before more is refused, s."""
+    rules: list[FieldRule]
+    """The bounds of single fields, by kind of job."""
+    workers: int
+    """Solves that run at once."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GoalError:
+    """`end_state` minus goal; wheel angles appear only where the goal constrains them."""
+
+    heading_rad: float | None
+    """Heading modulo 2 pi, rad."""
+    velocity_x_m_s: float | None
+    """World x velocity, m/s."""
+    velocity_y_m_s: float | None
+    """World y velocity, m/s."""
+    wheel_angle_left_rad: float | None = None
+    """Left wheel angle, rad."""
+    wheel_angle_right_rad: float | None = None
+    """Right wheel angle, rad."""
+    wheel_rate_left_rad_s: float | None
+    """Left wheel rate, rad/s."""
+    wheel_rate_right_rad_s: float | None
+    """Right wheel rate, rad/s."""
+    x_m: float | None
+    """World x, m."""
+    y_m: float | None
+    """World y, m."""
+    yaw_rate_rad_s: float | None
+    """Yaw rate, rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LimitUse:
+    """How far a motion uses one of the limits that were given."""
+
+    excess: float | None
+    """The largest use above the limit as a share of the limit, on the grid of the motion; at most 0 where it is
+    kept.
+    """
+    largest: float | None
+    """The largest use, in the unit of the field."""
+    limit: str
+    """The field of the request that has the limit, such as maneuver.limits.speed_m_s."""
+    replay_excess: float | None
+    """The same on the finer grid of the replay; null (in protobuf absent) where nothing was replayed."""
+    time_s: float
+    """When, s."""
+    value: float
+    """What is allowed, in the unit of the field."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NormalLoad:
+    """A normal force as a share of the robot's weight."""
+
+    contact: ContactName
+    """Which contact."""
+    share: float | None
+    """The share; negative where the contact would have had to pull."""
+    time_s: float
+    """When, s: the start of its step."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """An error as RFC 9457 says, with the code, the faults of single fields, and when to come back."""
+
+    code: str
+    """What kind of problem it is, for programs."""
+    detail: str
+    """What happened this time, for people."""
+    errors: list[FieldError]
+    """The faults of single fields."""
+    instance: str
+    """The path that was asked."""
+    request_id: str
+    """The id of the request, which the log of the server has too."""
+    retry_after_ms: int | None
+    """When it is worth trying again, where that is known, ms."""
+    retryable: bool
+    """Whether the same request may succeed later."""
+    status: int
+    """The status of HTTP."""
+    title: str
+    """What kind of problem it is, for people."""
+    type: str
+    """Names the kind of problem, as a URI."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Progress:
+    """The best iterate of a running solve."""
+
+    best_final_time_s: float | None
+    """Its final time, s."""
+    best_goal_error: float | None
+    """Largest magnitude of its goal errors (m, rad, m/s, rad/s)."""
+    start: int
+    """The running start, from 1."""
+    start_count: int
+    """Number of starts."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Queued:
+    """A solve was queued."""
+
+    position: int
+    """Position in the queue: 0 when a worker was idle, 1 when it is the next to start."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reason:
+    """A requirement that is not met. Of an infeasible maneuver, found without search, the answer shows the start:
+    one node, an empty schedule, its goal error.
+    """
+
+    code: str
+    """Stable code in snake_case. Infeasible: no_torque, no_friction, final_time_too_long, start_separates,
+    goal_separates, start_below_load_share, goal_below_load_share, start_outside, goal_outside, start_exceeds_limit,
+    goal_exceeds_limit, start_slips, goal_slips. Not converged: goal_missed, motion_diverges.
+    """
+    field: str
+    """The field of the request that cannot be met."""
+    limit: float
+    """What was required."""
+    message: str
+    """One sentence for people, with what would help."""
+    time_s: float
+    """When it fails, s."""
+    value: float | None
+    """What was reached, or the least that it would take."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Replay:
+    """The same torques on a 16x finer grid."""
+
+    miss_heading_rad: float | None
+    """Difference of its heading, rad."""
+    miss_m: float | None
+    """Distance of its end from the goal position, m."""
+    miss_speed_m_s: float | None
+    """Difference of its velocity, m/s."""
+    miss_wheel_speed_m_s: float | None
+    """Largest difference of a wheel's rim speed, m/s."""
+    miss_yaw_rate_rad_s: float | None
+    """Difference of its yaw rate, rad/s."""
+    separations: int
+    """Steps in which a contact would have had to pull."""
+    steps: int
+    """Steps of the fine grid."""
+    within_tolerance: bool
+    """Whether all misses are within the asked tolerances, those of speeds by what they move in a second, and no
+    contact separates.
+    """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Report:
+    """What a plan states about itself."""
+
+    control_intervals: int
+    """Torques per wheel."""
+    distinct_optima: list[DistinctOptimum]
+    """Local optima seen, fastest first."""
+    indeterminate_steps: int
+    """Steps whose friction problem has several solutions."""
+    iterations: int
+    """Iterations over all starts."""
+    least_normal_load: NormalLoad | None
+    """The smallest normal force on the way; null without motion."""
+    limits: list[LimitUse] | None = None
+    """How far the plan uses each limit that was given; left out where none was."""
+    lower_bound_assumption: LowerBoundAssumption | None
+    """What the bound rests on; null (in protobuf unspecified) where there is none."""
+    lower_bound_s: float | None
+    """No plan on this grid within the limits is faster, s; null (in protobuf not a number) where the certificate was
+    cut off.
+    """
+    method: Method
+    """The optimiser used."""
+    predicted_decrease_s: float | None
+    """Decrease of the final time that the linear model still predicts, s; the final time where the certificate was
+    cut off.
+    """
+    refinement: Refinement
+    """How the steps were chosen, and why no finer ones."""
+    replay: Replay | None
+    """The plan on a finer grid; null where the certificate was cut off."""
+    rollouts: int
+    """Rollouts spent."""
+    separations: list[Separation]
+    """Steps in which a contact would have had to pull."""
+    slip_reversals: int
+    """Slip reversals, where derivatives mislead."""
+    solve_time_s: float
+    """How long the solve ran on its worker, s."""
+    starts_tried: int
+    """Starts tried."""
+    steps: int
+    """Steps of the plan's grid."""
+    switching_sign_violations: int
+    """Torques that contradict the sign of the switching function; all where the certificate was cut off."""
+    worst_contact_residual: float | None
+    """Largest residual of the contact law, relative to m g dt."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robot:
+    """The robot; the defaults are the reference robot. Lateral is positive to the right, longitudinal forward."""
+
+    axle_to_front_support_m: float | None = None
+    """Distance of the front support ahead of the axle, m; default 0.28."""
+    center_of_mass_forward_m: float | None = None
+    """Centre of mass of the chassis ahead of the axle, m; default 0.07."""
+    center_of_mass_height_m: float | None = None
+    """Height of the centre of mass above the ground, m; default 0.10."""
+    center_of_mass_right_m: float | None = None
+    """Centre of mass of the chassis to the right of the middle, m; default -0.02."""
+    chassis_mass_kg: float | None = None
+    """Mass of the chassis without wheels, kg; default 10.33."""
+    chassis_yaw_inertia_kg_m2: float | None = None
+    """Yaw inertia of the chassis about its centre of mass, kg m2; default 0.20."""
+    footprint: list[BodyPoint] | None = None
+    """Corners of the robot's convex outline, in either order; what `keep_in` keeps inside. Alone it has no effect,
+    an empty list is an absent one.
+    """
+    front_friction_coefficient: float | None = None
+    """Friction coefficient of the front support; default 0."""
+    front_support_right_m: float | None = None
+    """The front support to the right of the middle, m; default 0."""
+    gravity_m_s2: float | None = None
+    """Gravity, m/s2; default 9.81."""
+    motor_free_speed_rad_s: float | None = None
+    """Speed of the motor of each wheel without load, rad/s at the wheel; given together with the stall torque."""
+    motor_stall_torque_n_m: float | None = None
+    """Torque of the motor of each wheel at standstill, N m at the wheel, gears included; absent: no motor curve.
+    Between there and the free speed the torque falls linearly.
+    """
+    tangential_restitution: float | None = None
+    """Tangential restitution of impacts, 0 to 1; default 0."""
+    track_width_m: float | None = None
+    """Distance of the wheels' contact points, m; default 0.30."""
+    wheel_diametral_inertia_kg_m2: float | None = None
+    """Inertia of one wheel about a diameter, kg m2; default 5.5e-4."""
+    wheel_friction_coefficient: float | None = None
+    """Friction coefficient of the wheels; default 0.45."""
+    wheel_mass_kg: float | None = None
+    """Mass of one wheel, kg; default 0.6."""
+    wheel_radius_m: float | None = None
+    """Radius of the wheels, m; default 0.06."""
+    wheel_spin_inertia_kg_m2: float | None = None
+    """Inertia of one wheel about its axle, kg m2; default 3.0e-3."""
+    wheel_viscous_friction_n_m_s: float | None = None
+    """Viscous friction between chassis and each wheel, N m s/rad; default 0."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Separation:
+    """A step in which a contact would have had to pull."""
+
+    contact: ContactName
+    """Which contact."""
+    normal_force_n: float | None
+    """The normal force that it would have needed, N."""
+    time_s: float
+    """When, s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SimulateResponse:
+    """The motion under a torque schedule."""
+
+    contact_modes: list[ContactModeSpan]
+    """Contact modes over time."""
+    contacts: Contacts
+    """Forces and slips."""
+    end_state: EndState
+    """The end state as a goal judges it."""
+    indeterminate_steps: int
+    """Steps whose friction problem has several solutions."""
+    limits: list[LimitUse] | None = None
+    """How far the motion uses each limit that was given; left out where none was."""
+    separations: list[Separation]
+    """Steps in which a contact would have had to pull."""
+    slip_reversals: int
+    """Slip reversals."""
+    trajectory: Trajectory
+    """The motion of the reference point."""
+    worst_contact_residual: float | None
+    """Largest residual of the contact law, relative to m g dt."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solution:
+    """A plan with its status and report."""
+
+    applied_limits: AppliedLimits
+    """The limits that applied."""
+    contact_modes: list[ContactModeSpan]
+    """Contact modes over time."""
+    contacts: Contacts | None = None
+    """Forces and slips; left out of the view plan."""
+    end_state: EndState
+    """The end state as the goal judges it."""
+    final_time_s: float
+    """Final time of the plan, s."""
+    goal_error: GoalError
+    """`end_state` minus goal, 0 where the goal is free."""
+    input_hash: str
+    """SHA-256 of the completed request, in hexadecimal."""
+    reason: Reason | None
+    """The first requirement that cannot be met, for plans that miss the goal."""
+    replay_confirmed: bool
+    """Goal errors within tolerance, no separation on either grid, replay within tolerance and within half a percent
+    of all limits; false where the certificate was cut off.
+    """
+    report: Report
+    """What the plan states about itself."""
+    robot: Robot | None = None
+    """The robot with its payload, as one robot; left out where it carries nothing. Its centre of mass is that of
+    chassis and payload.
+    """
+    solver_version: str
+    """Version of the solver."""
+    status: Status
+    """How good the plan is."""
+    stop_reason: StopReason
+    """Why the solve ended."""
+    torque_schedule: TorqueSchedule
+    """The torques."""
+    trajectory: Trajectory | None = None
+    """The motion; left out of the view plan."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TorqueSchedule:
+    """Piecewise constant torques."""
+
+    interval_s: float
+    """Length of one interval, s; required in requests."""
+    left_n_m: Array
+    """Torques of the left wheel, N m."""
+    right_n_m: Array
+    """Torques of the right wheel, as many, N m."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory:
+    """States of the reference point; one entry per node, that is steps + 1."""
+
+    heading_rad: Array
+    """Heading, rad, not wrapped."""
+    time_s: Array
+    """Time, s."""
+    velocity_x_m_s: Array
+    """World x velocity, m/s."""
+    velocity_y_m_s: Array
+    """World y velocity, m/s."""
+    wheel_angle_left_rad: Array
+    """Left wheel angle, rad."""
+    wheel_angle_right_rad: Array
+    """Right wheel angle, rad."""
+    wheel_rate_left_rad_s: Array
+    """Left wheel rate, rad/s."""
+    wheel_rate_right_rad_s: Array
+    """Right wheel rate, rad/s."""
+    x_m: Array
+    """World x, m."""
+    y_m: Array
+    """World y, m."""
+    yaw_rate_rad_s: Array
+    """Yaw rate, rad/s."""

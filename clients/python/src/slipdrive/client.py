@@ -1,0 +1,197 @@
+"""The client of a server: one call, one answer."""
+
+from __future__ import annotations
+
+import json
+import random
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from ssl import SSLContext
+from types import TracebackType
+from typing import Any, TypeVar, cast
+
+import httpx
+
+from . import answers, requests
+from .errors import AnswerLost, ProblemError, SlipdriveError
+from .figures import Figures, body_of
+from .many import Result, Results, SolveMany
+from .solutions import Simulation, Solution, Validated
+from .wire import deadline_header, decode, encode, events
+
+T = TypeVar("T")
+# What a server may need beside the time to solve: to send an answer over a slow line.
+_GRACE_S = 10.0
+
+
+class Client:
+    """A client of the server at `url`. Threads may share it; it is a context manager that closes its connections.
+
+    What the server refuses for now (429, 503) is asked again after the time that it names, and what is lost on the way
+    soon, `attempts` times in all. A server that cannot be reached is an error at once, as are `timeout_s` of silence.
+    """
+
+    def __init__(
+        self,
+        url: str = "http://127.0.0.1:8080",
+        api_key: str | None = None,
+        *,
+        attempts: int = 5,
+        timeout_s: float = 300.0,
+        verify: bool | SSLContext = True,
+    ) -> None:
+        if httpx.URL(url).scheme not in ("http", "https"):
+            raise ValueError(f"`url` is {url!r}, must begin with http:// or https://")
+        self.attempts = attempts
+        self.timeout_s = timeout_s
+        headers = {"content-type": "application/json", "user-agent": "slipdrive-python"}
+        if api_key is not None:
+            headers["authorization"] = f"Bearer {api_key}"
+        # For the client of `solve_many` too.
+        self._settings: dict[str, Any] = {"base_url": url.rstrip("/") + "/", "headers": headers, "verify": verify}
+        self._http = httpx.Client(**self._settings)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the connections."""
+        self._http.close()
+
+    def solve(
+        self,
+        request: requests.SolveRequest | None = None,
+        *,
+        deadline_s: float | None = None,
+        on_progress: Callable[[answers.Queued | answers.Progress], object] | None = None,
+    ) -> Solution:
+        """A plan for a maneuver. Absent fields take defaults; the outcome is a status, never an error.
+
+        At the deadline, counted from this call, waiting included, the best plan so far is answered. `on_progress` gets
+        the place in the queue, then the best plan so far as it comes; an exception in it stops the solve.
+        """
+        body = encode({} if request is None else request)
+        if on_progress is None:
+            answer = self._ask("POST", "solve", body, deadline_s)
+        else:
+            show = on_progress
+            answer = self._retried(lambda left_s: self._solve_events(body, left_s, show), deadline_s)
+        return Solution.read(body, answer, self)
+
+    def simulate(self, request: requests.SimulateRequest, *, deadline_s: float | None = None) -> Simulation:
+        """The motion under given torques."""
+        body = encode(request)
+        return Simulation.read(body, self._ask("POST", "simulate", body, deadline_s), self)
+
+    def validate(self, request: requests.SolveRequest | None = None) -> Validated:
+        """The completed request; raises ProblemError with all violations. Nothing is solved."""
+        completed = json.loads(self._ask("POST", "validate", encode({} if request is None else request)))
+        input_hash = completed.pop("input_hash")
+        return Validated(request=completed, input_hash=input_hash)
+
+    def solve_many(
+        self,
+        requests: Iterable[requests.SolveRequest] | Mapping[str, requests.SolveRequest],
+        results_file: str | Path,
+        *,
+        concurrency: int | None = None,
+        deadline_s: float | None = None,
+        outage_s: float = 300.0,
+        on_result: Callable[[Result], object] | None = None,
+    ) -> Results:
+        """Solves all requests, `concurrency` at a time, and appends one line to the file for each as it is answered.
+
+        Requests are known by their place, or in a mapping by their key. Those that the file already has are not solved
+        again: a call that was interrupted is repeated as it was. Refusals are waited out, and lost answers are solved
+        again; what the server will never accept is kept as a problem. `deadline_s` is for each attempt, from its
+        arrival at the server. Raises AnswerLost or ProblemError after `outage_s` without a server, and at once if the
+        API key is wrong. Without `concurrency` each worker of the server has one request, and one that waits.
+        """
+        many = SolveMany(
+            settings=self._settings,
+            timeout_s=self.timeout_s if deadline_s is None else deadline_s + _GRACE_S,
+            concurrency=concurrency,
+            deadline_s=deadline_s,
+            outage_s=outage_s,
+        )
+        return many.run(requests, Path(results_file), on_result)
+
+    def figures(self, *plans: Solution | Simulation) -> Figures:
+        """Figures of one to four plans, drawn over each other by the server."""
+        try:
+            return decode(Figures, json.loads(self._ask("POST", "present", encode(body_of(plans)))))
+        except ProblemError as problem:
+            if problem.code == "not_found":
+                raise SlipdriveError(
+                    f"{self._http.base_url} draws no figures: its version has no /present"
+                ) from problem
+            raise
+
+    def limits(self) -> answers.GetLimitsResponse:
+        """The limits of the server, and the rules of all fields."""
+        return decode(answers.GetLimitsResponse, json.loads(self._ask("GET", "limits")))
+
+    def example(self) -> requests.SolveRequest:
+        """The paper's case, 5 m forward, with all fields."""
+        return cast("requests.SolveRequest", json.loads(self._ask("GET", "examples/forward-drive")))
+
+    def _ask(self, method: str, path: str, body: bytes | None = None, deadline_s: float | None = None) -> bytes:
+        def once(left_s: float | None) -> bytes:
+            headers, timeout = self._call_settings(left_s)
+            response = self._http.request(method, path, content=body, headers=headers, timeout=timeout)
+            if response.status_code != 200:
+                raise ProblemError.from_response(response)
+            return response.content
+
+        return self._retried(once, deadline_s)
+
+    def _solve_events(self, body: bytes, left_s: float | None, show: Callable[[Any], object]) -> bytes:
+        headers, timeout = self._call_settings(left_s)
+        with self._http.stream("POST", "solve/events", content=body, headers=headers, timeout=timeout) as response:
+            if response.status_code != 200:
+                response.read()
+                raise ProblemError.from_response(response)
+            for name, data in events(response.iter_bytes()):
+                if name == "queued":
+                    show(decode(answers.Queued, json.loads(data)))
+                elif name == "progress":
+                    show(decode(answers.Progress, json.loads(data)))
+                elif name == "problem":
+                    raise ProblemError.from_json(json.loads(data))
+                elif name == "result":
+                    return data
+        raise AnswerLost("the stream of events ended without a result", was_sent=True, timed_out=False)
+
+    def _call_settings(self, left_s: float | None) -> tuple[dict[str, str], float]:
+        """Headers and the longest silence of a call that has this much time."""
+        if left_s is None:
+            return {}, self.timeout_s
+        return deadline_header(left_s), left_s + _GRACE_S
+
+    def _retried(self, once: Callable[[float | None], T], deadline_s: float | None) -> T:
+        """The answer of a call, which may be made several times."""
+        begin = time.monotonic()
+        for attempt in range(1, self.attempts + 1):
+            left_s = None if deadline_s is None else deadline_s - (time.monotonic() - begin)
+            try:
+                return once(left_s)
+            except (httpx.RequestError, AnswerLost) as error:
+                lost = AnswerLost.by(error) if isinstance(error, httpx.RequestError) else error
+                if not lost.was_sent or lost.timed_out or attempt == self.attempts:
+                    raise lost from error
+                wait_s = 0.1
+            except ProblemError as problem:
+                if not problem.retryable or problem.retry_after_s is None or attempt == self.attempts:
+                    raise
+                wait_s = problem.retry_after_s
+                if left_s is not None and wait_s >= left_s:
+                    raise
+            # Callers who were refused together do not come back together.
+            time.sleep(wait_s * random.uniform(1.0, 1.25))
+        raise ValueError(f"`attempts` is {self.attempts}, must be at least 1")

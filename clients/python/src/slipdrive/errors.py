@@ -1,0 +1,113 @@
+"""What goes wrong between a caller and a server."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import httpx
+
+from . import answers
+from .wire import decode
+
+# What a proxy in front of the server answers while the server cannot.
+_PASSING = {429, 502, 503, 504}
+
+
+class SlipdriveError(Exception):
+    """Any error of this package."""
+
+
+class AnswerLost(SlipdriveError):
+    """No answer came: the server cannot be reached, the connection was cut, or nothing came for too long.
+
+    A solve has no effect but its answer, so it may be asked for again.
+    """
+
+    def __init__(self, message: str, *, was_sent: bool, timed_out: bool) -> None:
+        super().__init__(message)
+        self.was_sent = was_sent
+        """Whether the server may have had the request."""
+        self.timed_out = timed_out
+        """Whether waiting for the server ended it."""
+
+    @classmethod
+    def by(cls, error: httpx.RequestError) -> AnswerLost:
+        """The same as an error of the library for HTTP."""
+        unsent = (
+            httpx.ConnectError,
+            httpx.ConnectTimeout,
+            httpx.PoolTimeout,
+            httpx.ProxyError,
+            httpx.UnsupportedProtocol,
+        )
+        url = error.request.url
+        text = str(error) or type(error).__name__
+        timed_out = isinstance(error, httpx.TimeoutException)
+        return cls(f"{url}: {text}", was_sent=not isinstance(error, unsent), timed_out=timed_out)
+
+
+class ProblemError(SlipdriveError):
+    """The server answered with a problem."""
+
+    def __init__(self, problem: answers.Problem, document: dict[str, Any]) -> None:
+        self.problem = problem
+        self.document = document
+        """The problem as JSON."""
+        violations = [f"  {violation.pointer}: {violation.message}" for violation in problem.errors]
+        super().__init__("\n".join([f"{problem.code}: {problem.detail}", *violations]))
+
+    @property
+    def code(self) -> str:
+        """What kind of problem it is, such as `invalid_value`; `http_502` and the like where a proxy answered."""
+        return self.problem.code
+
+    @property
+    def status(self) -> int:
+        """The status of HTTP."""
+        return self.problem.status
+
+    @property
+    def violations(self) -> list[answers.FieldError]:
+        """The faults of single fields."""
+        return self.problem.errors
+
+    @property
+    def retryable(self) -> bool:
+        """Whether the same request may succeed later."""
+        return self.problem.retryable
+
+    @property
+    def retry_after_s(self) -> float | None:
+        """When it is worth trying again, where that is known, s."""
+        return None if self.problem.retry_after_ms is None else self.problem.retry_after_ms / 1000
+
+    @property
+    def request_id(self) -> str:
+        """The id of the request, which the log of the server has too."""
+        return self.problem.request_id
+
+    @classmethod
+    def from_json(cls, document: dict[str, Any]) -> ProblemError:
+        return cls(decode(answers.Problem, document), document)
+
+    @classmethod
+    def from_response(cls, response: httpx.Response) -> ProblemError:
+        """The problem of a response whose body was read."""
+        if response.headers.get("content-type", "").startswith("application/problem+json"):
+            return cls.from_json(json.loads(response.content))
+        seconds = response.headers.get("retry-after", "")
+        return cls.from_json(
+            {
+                "type": "about:blank",
+                "title": response.reason_phrase,
+                "status": response.status_code,
+                "detail": f"{response.url} answered {response.status_code}, not as slipdrive does",
+                "instance": response.url.path,
+                "code": f"http_{response.status_code}",
+                "retryable": response.status_code in _PASSING,
+                "retry_after_ms": int(seconds) * 1000 if seconds.isdecimal() else None,
+                "request_id": response.headers.get("x-request-id", ""),
+                "errors": [],
+            }
+        )

@@ -1,0 +1,349 @@
+"""Requests, as dictionaries."""
+
+# Written by make_types.py: do not edit.
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal, TypedDict
+
+import numpy as np
+import numpy.typing as npt
+
+from . import answers
+
+Numbers = Sequence[float] | npt.NDArray[np.floating[Any]]
+
+# The solver of the one-step friction problem.
+# - `exact`: Contact patterns solved exactly.
+# - `fixed_point`: The paper's prox fixed point.
+ContactSolver = Literal["exact", "fixed_point"]
+
+# The optimiser.
+# - `sequential_linear`: Trust-region sequential linear programming on an exact penalty.
+# - `nelder_mead`: The paper's Nelder-Mead on the paper's penalty.
+Method = Literal["sequential_linear", "nelder_mead"]
+
+# The point of the chassis whose position and velocity start, goal and trajectory speak of.
+# - `chassis_center_of_mass`: Centre of mass of the chassis, as in the paper; a payload does not move it.
+# - `axle_midpoint`: Midpoint of the axle, what planners call base_link.
+ReferencePoint = Literal["chassis_center_of_mass", "axle_midpoint"]
+
+# Whether the wheels may slip.
+# - `allowed`: Wherever it is faster.
+# - `forbidden`: Never: both wheels stick at every step.
+SlipPolicy = Literal["allowed", "forbidden"]
+
+# How much of the answer is sent.
+# - `full`: Everything.
+# - `plan`: Without trajectory and contacts.
+View = Literal["full", "plan"]
+
+
+class BodyPoint(TypedDict, total=False):
+    """A point of the robot, from the axle midpoint; absent is 0."""
+
+    forward_m: float
+    """Forward, m. [>= -100, <= 100]"""
+    right_m: float
+    """To the right, m. [>= -100, <= 100]"""
+
+
+class Goal(TypedDict, total=False):
+    """The goal at the reference point. Absent: position and heading are the start's, velocities are 0, wheel angles
+    are free.
+    """
+
+    free: Sequence[str]
+    """Names of further fields of the goal that are free; none of them may be given too."""
+    heading_rad: float
+    """Heading, rad, met modulo 2 pi: the fastest winding wins. [>= -10000, <= 10000]"""
+    velocity_x_m_s: float
+    """World x velocity, m/s. [>= -100, <= 100]"""
+    velocity_y_m_s: float
+    """World y velocity, m/s. [>= -100, <= 100]"""
+    wheel_angle_left_rad: float
+    """Left wheel angle, rad. [>= -10000, <= 10000]"""
+    wheel_angle_right_rad: float
+    """Right wheel angle, rad. [>= -10000, <= 10000]"""
+    wheel_rate_left_rad_s: float
+    """Left wheel rate, rad/s. [>= -100000, <= 100000]"""
+    wheel_rate_right_rad_s: float
+    """Right wheel rate, rad/s. [>= -100000, <= 100000]"""
+    x_m: float
+    """World x, m. [>= -10000, <= 10000]"""
+    y_m: float
+    """World y, m. [>= -10000, <= 10000]"""
+    yaw_rate_rad_s: float
+    """Yaw rate, rad/s. [>= -1000, <= 1000]"""
+
+
+class InitialGuess(TypedDict):
+    """A start of the search, tried first. All fields are required."""
+
+    final_time_s: float
+    """Final time, s. [> 0]"""
+    torque_left_n_m: Numbers
+    """Torques of the left wheel in equal intervals, N m."""
+    torque_right_n_m: Numbers
+    """Torques of the right wheel, as many, N m."""
+
+
+class Maneuver(TypedDict, total=False):
+    """Start, goal, and what the plan must keep."""
+
+    goal: Goal
+    """Absent: as if it were empty."""
+    keep_in: Sequence[WorldPoint]
+    """Corners of a convex aisle in the world, in either order: the footprint, which it needs, stays inside. An empty
+    list is an absent one.
+    """
+    limits: ManeuverLimits
+    """What the plan must keep on the way."""
+    reference_point: ReferencePoint
+    """The point that start and goal speak of."""
+    slip: SlipPolicy
+    """Whether the wheels may slip."""
+    start: State
+    """Absent: at rest at the origin."""
+    torque_limit_left_n_m: float
+    """Largest torque magnitude of the left wheel, N m, 0 for a wheel without drive; default: the stall torque of the
+    motor, 1 without one. [>= 0, <= 1e+06]
+    """
+    torque_limit_right_n_m: float
+    """Largest torque magnitude of the right wheel, N m, 0 for a wheel without drive; default: the stall torque of
+    the motor, 1 without one. [>= 0, <= 1e+06]
+    """
+
+
+class ManeuverLimits(TypedDict, total=False):
+    """What a plan must keep at every step of its grid. An absent limit bounds nothing, apart from the first. Speed
+    and accelerations are those of the reference point, or of the centre of the payload where there is one.
+    """
+
+    acceleration_m_s2: float
+    """Largest acceleration while the speed grows, m/s2. [>= 0.0001, <= 10000]"""
+    deceleration_m_s2: float
+    """Largest acceleration while the speed falls, m/s2. [>= 0.0001, <= 10000]"""
+    grip_utilization: float
+    """Largest share of the grip of each wheel that its friction force may use, below 1; forbids slip. [>= 0.001, <
+    1]
+    """
+    normal_load_share: float
+    """Least normal force of each contact as a share of the robot's weight, at most half of the contact's share at
+    rest; 0 for no more than no separation; default 0.01. [>= 0, <= 0.5]
+    """
+    speed_m_s: float
+    """Largest speed, m/s. [>= 0.0001, <= 100]"""
+    torque_rate_n_m_s: float
+    """Largest magnitude of the change of the torque of each wheel per time, N m/s. [>= 1e-06, <= 1e+09]"""
+    wheel_rate_rad_s: float
+    """Largest magnitude of the rate of each wheel, rad/s. [>= 0.001, <= 100000]"""
+    yaw_acceleration_rad_s2: float
+    """Largest magnitude of the yaw acceleration, rad/s2. [>= 0.0001, <= 1e+06]"""
+    yaw_rate_rad_s: float
+    """Largest magnitude of the yaw rate, rad/s. [>= 0.0001, <= 1000]"""
+
+
+class _PayloadRequired(TypedDict):
+    height_m: float
+    """Height of its centre of mass above the ground, m; required. [>= 0, <= 100]"""
+    mass_kg: float
+    """Mass, kg; required, 0 is no load. [>= 0, <= 50000]"""
+
+
+class Payload(_PayloadRequired, total=False):
+    """A load that is fixed to the chassis. Joined to it by the parallel-axis theorem, it is a heavier chassis with
+    another centre of mass; a reference point `chassis_center_of_mass` stays that of the chassis alone.
+    """
+
+    forward_m: float
+    """Its centre of mass ahead of the axle, m; default 0. [>= -100, <= 100]"""
+    right_m: float
+    """Its centre of mass to the right of the axle midpoint, m; default 0. [>= -100, <= 100]"""
+    yaw_inertia_kg_m2: float
+    """Yaw inertia about its own centre of mass, kg m2; default 0, a point. [>= 0, <= 500000]"""
+
+
+class Robot(TypedDict, total=False):
+    """The robot; the defaults are the reference robot. Lateral is positive to the right, longitudinal forward."""
+
+    axle_to_front_support_m: float
+    """Distance of the front support ahead of the axle, m; default 0.28. [>= 0.01, <= 100]"""
+    center_of_mass_forward_m: float
+    """Centre of mass of the chassis ahead of the axle, m; default 0.07. [>= -100, <= 100]"""
+    center_of_mass_height_m: float
+    """Height of the centre of mass above the ground, m; default 0.10. [>= 0, <= 100]"""
+    center_of_mass_right_m: float
+    """Centre of mass of the chassis to the right of the middle, m; default -0.02. [>= -100, <= 100]"""
+    chassis_mass_kg: float
+    """Mass of the chassis without wheels, kg; default 10.33. [>= 0.001, <= 100000]"""
+    chassis_yaw_inertia_kg_m2: float
+    """Yaw inertia of the chassis about its centre of mass, kg m2; default 0.20. [>= 1e-07, <= 1e+06]"""
+    footprint: Sequence[BodyPoint]
+    """Corners of the robot's convex outline, in either order; what `keep_in` keeps inside. Alone it has no effect,
+    an empty list is an absent one.
+    """
+    front_friction_coefficient: float
+    """Friction coefficient of the front support; default 0. [>= 0, <= 10]"""
+    front_support_right_m: float
+    """The front support to the right of the middle, m; default 0. [>= -100, <= 100]"""
+    gravity_m_s2: float
+    """Gravity, m/s2; default 9.81. [>= 0.01, <= 1000]"""
+    motor_free_speed_rad_s: float
+    """Speed of the motor of each wheel without load, rad/s at the wheel; given together with the stall torque. [>=
+    0.001, <= 100000]
+    """
+    motor_stall_torque_n_m: float
+    """Torque of the motor of each wheel at standstill, N m at the wheel, gears included; absent: no motor curve.
+    Between there and the free speed the torque falls linearly. [>= 1e-06, <= 1e+06]
+    """
+    tangential_restitution: float
+    """Tangential restitution of impacts, 0 to 1; default 0. [>= 0, <= 1]"""
+    track_width_m: float
+    """Distance of the wheels' contact points, m; default 0.30. [>= 0.01, <= 100]"""
+    wheel_diametral_inertia_kg_m2: float
+    """Inertia of one wheel about a diameter, kg m2; default 5.5e-4. [>= 1e-09, <= 10000]"""
+    wheel_friction_coefficient: float
+    """Friction coefficient of the wheels; default 0.45. [>= 0, <= 10]"""
+    wheel_mass_kg: float
+    """Mass of one wheel, kg; default 0.6. [>= 0.0001, <= 10000]"""
+    wheel_radius_m: float
+    """Radius of the wheels, m; default 0.06. [>= 0.001, <= 10]"""
+    wheel_spin_inertia_kg_m2: float
+    """Inertia of one wheel about its axle, kg m2; default 3.0e-3. [>= 1e-09, <= 10000]"""
+    wheel_viscous_friction_n_m_s: float
+    """Viscous friction between chassis and each wheel, N m s/rad; default 0. [>= 0, <= 10000]"""
+
+
+class SimulateGrid(TypedDict, total=False):
+    """The time grid of a simulation."""
+
+    steps: int
+    """Number of time steps; default 200, or one per interval where there are more intervals. [>= 1, <= 10000]"""
+
+
+class _SimulateRequestRequired(TypedDict):
+    torque_schedule: TorqueSchedule | answers.TorqueSchedule
+    """The torques; required."""
+
+
+class SimulateRequest(_SimulateRequestRequired, total=False):
+    """A torque schedule to integrate."""
+
+    contact_solver: ContactSolver
+    """The solver of the one-step friction problem."""
+    grid: SimulateGrid
+    """The time grid."""
+    keep_in: Sequence[WorldPoint]
+    """Corners of a convex aisle in the world, in either order, which the footprint is compared with. An empty list
+    is an absent one.
+    """
+    limits: ManeuverLimits
+    """What the motion is compared with: the answer says how far it uses each limit that is given, and never changes
+    by it. `normal_load_share` has no effect here.
+    """
+    payload: Payload
+    """What the robot carries; absent: nothing."""
+    reference_point: ReferencePoint
+    """The point that the start and the answer speak of."""
+    robot: Robot
+    """The robot; absent: the reference robot."""
+    start: State
+    """Absent: at rest at the origin."""
+
+
+class SolveGrid(TypedDict, total=False):
+    """The time grid of a solve."""
+
+    control_intervals: int
+    """Torques per wheel; default 40. [>= 1, <= 1000]"""
+    steps: int
+    """Number of time steps. Absent: automatic, refined until the plan's replay is within tolerance. [>= 1, <= 10000]"""
+
+
+class SolveRequest(TypedDict, total=False):
+    """A maneuver to solve."""
+
+    grid: SolveGrid
+    """The time grid."""
+    initial_guess: InitialGuess
+    """A start of the search, tried first."""
+    maneuver: Maneuver
+    """Start, goal, and what the plan must keep."""
+    payload: Payload
+    """What the robot carries; absent: nothing."""
+    robot: Robot
+    """The robot; absent: the reference robot."""
+    solver: Solver
+    """Search effort and tolerances."""
+    view: View
+    """How much of the answer is sent."""
+
+
+class Solver(TypedDict, total=False):
+    """Search effort and tolerances."""
+
+    goal_tolerance: float
+    """Largest accepted magnitude of each goal error (m, rad, m/s, rad/s); default 1e-6. [>= 1e-09, <= 1]"""
+    method: Method
+    """The optimiser."""
+    replay_tolerance_m: float
+    """Largest accepted replay miss of the position, m; default 0.001. [>= 1e-09, <= 100]"""
+    replay_tolerance_rad: float
+    """Largest accepted replay miss of the heading, rad; default 0.001. [>= 1e-09, <= 100]"""
+    rollout_limit: int
+    """Most rollouts that the search may spend; default 2,000,000. [>= 1, <= 1e+08]"""
+    seed: int
+    """Seed of all randomness; default 0. [>= 0, <= 1.84467e+19]"""
+    starts: int
+    """How many starts the search tries, and up to twice as many where fewer than half lead to a plan; default 24.
+    [>= 1, <= 64]
+    """
+    time_limit_s: float
+    """How long the solve may run, s, counted from its start; default 10. [> 0, <= 60]"""
+
+
+class State(TypedDict, total=False):
+    """A state at the reference point; absent is 0."""
+
+    heading_rad: float
+    """Heading, rad. [>= -10000, <= 10000]"""
+    velocity_x_m_s: float
+    """World x velocity, m/s. [>= -100, <= 100]"""
+    velocity_y_m_s: float
+    """World y velocity, m/s. [>= -100, <= 100]"""
+    wheel_angle_left_rad: float
+    """Left wheel angle, rad. [>= -10000, <= 10000]"""
+    wheel_angle_right_rad: float
+    """Right wheel angle, rad. [>= -10000, <= 10000]"""
+    wheel_rate_left_rad_s: float
+    """Left wheel rate, rad/s. [>= -100000, <= 100000]"""
+    wheel_rate_right_rad_s: float
+    """Right wheel rate, rad/s. [>= -100000, <= 100000]"""
+    x_m: float
+    """World x, m. [>= -10000, <= 10000]"""
+    y_m: float
+    """World y, m. [>= -10000, <= 10000]"""
+    yaw_rate_rad_s: float
+    """Yaw rate, rad/s. [>= -1000, <= 1000]"""
+
+
+class TorqueSchedule(TypedDict):
+    """Piecewise constant torques."""
+
+    interval_s: float
+    """Length of one interval, s; required in requests."""
+    left_n_m: Numbers
+    """Torques of the left wheel, N m."""
+    right_n_m: Numbers
+    """Torques of the right wheel, as many, N m."""
+
+
+class WorldPoint(TypedDict, total=False):
+    """A point of the world; absent is 0."""
+
+    x_m: float
+    """World x, m. [>= -10000, <= 10000]"""
+    y_m: float
+    """World y, m. [>= -10000, <= 10000]"""

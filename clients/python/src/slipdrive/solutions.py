@@ -1,0 +1,118 @@
+"""Answers with the request that they belong to."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, cast
+
+import numpy as np
+
+from . import answers, requests
+from .wire import decode, members
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from .client import Client
+    from .figures import Figures
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Validated:
+    """A request that the server accepts."""
+
+    request: requests.SolveRequest
+    """The request with all defaults filled in."""
+    input_hash: str
+    """SHA-256 of the completed request, which the solution has too."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Asked:
+    """What an answer has beside its fields."""
+
+    request_json: bytes = field(repr=False)
+    """The request as it was sent."""
+    answer_json: bytes = field(repr=False)
+    """The answer as it came."""
+    client: Client | None = field(repr=False, default=None)
+
+    @property
+    def answer(self) -> dict[str, Any]:
+        """The answer as plain dictionaries and lists."""
+        return cast("dict[str, Any]", json.loads(self.answer_json))
+
+    def figures(self) -> Figures:
+        """The figures of this answer, drawn by the server that gave it."""
+        if self.client is None:
+            raise ValueError("this answer was read from a file: give it to Client.figures")
+        return self.client.figures(self)  # type: ignore[arg-type]  # Only the two below are made.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solution(answers.Solution, Asked):
+    """A plan and what it is worth."""
+
+    kind: ClassVar[str] = "solve"
+
+    @property
+    def request(self) -> requests.SolveRequest:
+        """The request as it was sent."""
+        return cast("requests.SolveRequest", json.loads(self.request_json))
+
+    @classmethod
+    def read(cls, request_json: bytes, answer_json: bytes, client: Client | None = None) -> Solution:
+        answer = members(answers.Solution, json.loads(answer_json))
+        return cls(**answer, request_json=request_json, answer_json=answer_json, client=client)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The motion by time; see `Simulation.to_pandas`. Raises ValueError for plans without trajectory."""
+        if self.trajectory is None or self.contacts is None:
+            raise ValueError("this answer has no trajectory: `view` was `plan`, or there is no motion")
+        return _frame(self.trajectory, self.contacts, self.torque_schedule)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Simulation(answers.SimulateResponse, Asked):
+    """The motion under given torques."""
+
+    kind: ClassVar[str] = "simulate"
+
+    @property
+    def request(self) -> requests.SimulateRequest:
+        """The request as it was sent."""
+        return cast("requests.SimulateRequest", json.loads(self.request_json))
+
+    @classmethod
+    def read(cls, request_json: bytes, answer_json: bytes, client: Client | None = None) -> Simulation:
+        answer = members(answers.SimulateResponse, json.loads(answer_json))
+        return cls(**answer, request_json=request_json, answer_json=answer_json, client=client)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The motion by time, one row per node.
+
+        Torques, forces and slips are those of the step that begins at the node, nan in the last row.
+        """
+        schedule = decode(answers.TorqueSchedule, json.loads(self.request_json)["torque_schedule"])
+        return _frame(self.trajectory, self.contacts, schedule)
+
+
+def _frame(trajectory: answers.Trajectory, contacts: answers.Contacts, torques: answers.TorqueSchedule) -> pd.DataFrame:
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise ImportError("pandas is missing: pip install 'slipdrive[pandas]'") from error
+    columns = dict(vars(trajectory))
+    time = columns.pop("time_s")
+    steps, intervals = max(len(time) - 1, 0), len(torques.left_n_m)
+    # The interval that the middle of a step is in, as the server takes it.
+    interval = (2 * np.arange(steps) + 1) * intervals // (2 * max(steps, 1))
+    by_step = {"torque_left_n_m": torques.left_n_m[interval], "torque_right_n_m": torques.right_n_m[interval]}
+    for contact in ("left", "right", "front"):
+        by_step |= {f"{contact}_{name}": values for name, values in vars(getattr(contacts, contact)).items()}
+    # Without motion there is one node and no step.
+    last = np.full(len(time) - steps, np.nan)
+    columns |= {name: np.append(values, last) for name, values in by_step.items()}
+    frame: pd.DataFrame = pd.DataFrame(columns, index=pd.Index(time, name="time_s"))
+    return frame

@@ -1,0 +1,210 @@
+"""Single calls, against a server."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import LONG, QUICK, Server
+
+from slipdrive import AnswerLost, Client, ProblemError, SlipdriveError, answers
+from slipdrive.requests import Goal, Maneuver, SolveGrid, Solver, SolveRequest
+
+FORWARD = SolveRequest(
+    maneuver=Maneuver(goal=Goal(y_m=5)), grid=SolveGrid(steps=200), solver=Solver(starts=1, seed=np.int64(7).item())
+)
+
+
+def test_solution_has_arrays(client: Client) -> None:
+    plan = client.solve(FORWARD)
+    assert plan.status == "converged" and abs(plan.final_time_s - 2.930) < 0.001
+    assert plan.trajectory is not None and plan.contacts is not None
+    assert plan.trajectory.y_m.shape == (201,) and plan.contacts.left.normal_force_n.shape == (200,)
+    assert plan.torque_schedule.left_n_m.dtype == np.float64
+    assert plan.report.replay is not None and plan.report.replay.steps == 3200
+    assert plan.answer["final_time_s"] == plan.final_time_s and plan.request["maneuver"]["goal"]["y_m"] == 5
+
+
+def test_simulation_repeats_the_plan(client: Client) -> None:
+    plan = client.solve(FORWARD)
+    assert plan.trajectory is not None
+    # A part of an answer is part of a request; so are arrays.
+    for left in (plan.torque_schedule.left_n_m, list(plan.torque_schedule.left_n_m)):
+        schedule = {**vars(plan.torque_schedule), "left_n_m": left}
+        motion = client.simulate({"torque_schedule": schedule, "grid": {"steps": 200}})  # type: ignore[typeddict-item]
+        np.testing.assert_array_equal(motion.trajectory.y_m, plan.trajectory.y_m)
+    again = client.simulate({"torque_schedule": plan.torque_schedule, "grid": {"steps": 200}})
+    assert again.end_state.y_m == plan.end_state.y_m
+
+
+def test_frames_have_a_row_per_node(client: Client) -> None:
+    pd = pytest.importorskip("pandas")
+    plan = client.solve(FORWARD)
+    frame = plan.to_pandas()
+    assert plan.trajectory is not None and plan.contacts is not None
+    assert frame.index.name == "time_s" and len(frame) == 201
+    np.testing.assert_array_equal(frame["y_m"], plan.trajectory.y_m)
+    np.testing.assert_array_equal(frame["left_normal_force_n"][:-1], plan.contacts.left.normal_force_n)
+    # 200 steps of 40 intervals.
+    np.testing.assert_array_equal(frame["torque_right_n_m"][:-1], np.repeat(plan.torque_schedule.right_n_m, 5))
+    assert np.isnan(frame["torque_right_n_m"].iloc[-1])
+    motion = client.simulate({"torque_schedule": plan.torque_schedule, "grid": {"steps": 200}})
+    pd.testing.assert_frame_equal(motion.to_pandas(), frame)
+    with pytest.raises(ValueError, match="no trajectory"):
+        client.solve({**FORWARD, "view": "plan"}).to_pandas()
+
+
+def test_plans_without_motion_are_read(client: Client) -> None:
+    rest = client.solve({"maneuver": {"goal": {"y_m": 0}}})
+    assert rest.status == "converged" and rest.final_time_s == 0 and rest.torque_schedule.left_n_m.size == 0
+    stuck = client.solve({"maneuver": {"goal": {"y_m": 5}, "torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0}})
+    assert stuck.status == "infeasible" and stuck.reason is not None and stuck.reason.code == "no_torque"
+
+
+def test_progress_is_reported(client: Client) -> None:
+    seen: list[answers.Queued | answers.Progress] = []
+    plan = client.solve({"maneuver": {"goal": {"y_m": 1}}, "view": "plan"}, on_progress=seen.append)
+    assert isinstance(seen[0], answers.Queued) and isinstance(seen[-1], answers.Progress)
+    assert seen[-1].start_count == 24 and plan.trajectory is None
+    assert plan.final_time_s == client.solve({"maneuver": {"goal": {"y_m": 1}}, "view": "plan"}).final_time_s
+
+
+def test_exception_in_the_callback_stops_the_solve(client: Client, server: Server) -> None:
+    def stop(_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        client.solve(LONG, on_progress=stop)
+    # The only worker is free again.
+    assert client.solve(FORWARD, deadline_s=10).status == "converged"
+
+
+def test_deadline_gives_the_best_plan(client: Client) -> None:
+    assert client.solve(LONG, deadline_s=1.0).stop_reason == "deadline"
+
+
+def test_validation_completes_the_request(client: Client) -> None:
+    checked = client.validate(FORWARD)
+    assert checked.request["robot"]["gravity_m_s2"] == 9.81
+    assert client.solve(checked.request).input_hash == checked.input_hash
+    assert client.validate(client.example()).request["grid"]["steps"] == 200
+
+
+def test_refusal_has_all_violations(client: Client) -> None:
+    with pytest.raises(ProblemError) as refused:
+        client.solve({"robot": {"wheel_radius_m": 0, "chassis_mass_kg": -1}})
+    problem = refused.value
+    assert (problem.code, problem.status, problem.retryable) == ("invalid_value", 422, False)
+    assert [one.pointer for one in problem.violations] == ["#/robot/chassis_mass_kg", "#/robot/wheel_radius_m"]
+    assert problem.violations[1].limit == 0.001 and "#/robot/wheel_radius_m" in str(problem)
+    with pytest.raises(ProblemError, match="invalid_field"):
+        client.solve({"robots": {}}, on_progress=print)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        client.solve({"robot": {"wheel_radius_m": float("nan")}})
+
+
+def test_limits_have_rules(client: Client) -> None:
+    rules = {(rule.job, rule.field): rule for rule in client.limits().rules}
+    assert rules["solve", "robot.wheel_radius_m"].minimum == 0.001
+
+
+def test_figures_are_drawn_or_the_server_is_too_old(client: Client, tmp_path: Path) -> None:
+    plan = client.solve(FORWARD)
+    motion = client.simulate({"torque_schedule": plan.torque_schedule, "grid": {"steps": 200}})
+    try:
+        figures = client.figures(plan, motion)
+    except SlipdriveError as error:
+        assert "draws no figures" in str(error)
+        return
+    assert figures["path"].svg.startswith("<svg") and len(figures.plans) == 2
+    assert [path.name for path in plan.figures().save(tmp_path)][0] == f"{figures.figures[0].name}.svg"
+
+
+def test_api_key_is_sent() -> None:
+    server = Server(keys="secret")
+    try:
+        assert Client(server.url, "secret").validate().input_hash
+        with pytest.raises(ProblemError) as refused:
+            Client(server.url).validate()
+        assert refused.value.code == "unauthenticated"
+    finally:
+        server.kill()
+
+
+def test_unreachable_server_is_an_error_at_once() -> None:
+    server = Server()
+    server.kill()
+    with pytest.raises(AnswerLost) as lost:
+        Client(server.url).solve()
+    assert not lost.value.was_sent
+    with pytest.raises(ValueError, match="must begin with"):
+        Client("localhost:8080")
+
+
+class Unreliable(BaseHTTPRequestHandler):
+    """Cuts off the first connection, is a proxy without server for the second, and refuses after that."""
+
+    asked: list[str] = []
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["content-length"]))
+        self.asked.append(self.headers.get("request-timeout-ms", ""))
+        if len(self.asked) == 1:
+            self.send_response(200)
+            self.send_header("content-length", "1000")
+            self.end_headers()
+            self.wfile.write(b'{"status": "conv')
+            self.close_connection = True
+        else:
+            self.send_response(502 if len(self.asked) == 2 else 404)
+            self.send_header("retry-after", "0")
+            self.send_header("content-length", "6")
+            self.end_headers()
+            self.wfile.write(b"<html>")
+
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+@pytest.fixture
+def unreliable() -> Iterator[str]:
+    Unreliable.asked = []
+    with ThreadingHTTPServer(("127.0.0.1", 0), Unreliable) as proxy:
+        threading.Thread(target=proxy.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{proxy.server_port}"
+        proxy.shutdown()
+
+
+def test_lost_answers_and_refusals_are_asked_again(unreliable: str) -> None:
+    with pytest.raises(ProblemError) as refused:
+        Client(unreliable).solve(deadline_s=5)
+    assert (refused.value.code, refused.value.retryable) == ("http_404", False)
+    # The deadline is that of the call.
+    first, second, third = map(int, Unreliable.asked)
+    assert 5000 >= first > second >= third > 4000
+    Unreliable.asked = []
+    with pytest.raises(AnswerLost) as lost:
+        Client(unreliable, attempts=1).solve()
+    assert lost.value.was_sent
+
+
+def test_full_queue_is_waited_for() -> None:
+    server = Server("--workers", "1", "--queue-length", "0")
+    try:
+        busy = Client(server.url)
+        begun = threading.Event()
+        solve = threading.Thread(target=lambda: busy.solve(LONG, deadline_s=2, on_progress=lambda _: begun.set()))
+        solve.start()
+        assert begun.wait(10)
+        with pytest.raises(ProblemError) as refused:
+            Client(server.url, attempts=1).solve(QUICK)
+        assert refused.value.code == "queue_full" and refused.value.retry_after_s
+        assert Client(server.url, attempts=100).solve(QUICK).status == "converged"
+        solve.join()
+    finally:
+        server.kill()
