@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Clients that nobody here wrote, clients that generators made, and the examples, against a running server. Needs Python 3
-# with venv, npm and curl; what they need beside is installed into a temporary folder. Flags are those of the `cargo test`
+# The package for Python, clients that nobody here wrote, clients that generators made, and the examples, against a running
+# server. Needs Python 3.10 with venv, npm and curl; what they need beside is installed into a temporary folder. Flags are those of the `cargo test`
 # before, so that nothing is built twice: tests/clients/run.sh [--all-features]
 set -euo pipefail
 cd "$(dirname "$0")/../.."
@@ -66,9 +66,20 @@ buf="$work/node_modules/.bin/buf"
 step "buf lint" "$buf" lint proto
 step "buf breaking" "$buf" breaking proto --against tests/data/proto_v1.binpb
 
+package() {
+  "$work/venv/bin/python" -m build --no-isolation --outdir "$work/dist" clients/python
+  "$work/venv/bin/pip" install -q "$(echo "$work"/dist/*.whl)[pandas]"
+}
+export -f package
+step "clients/python: types" "$python" clients/python/make_types.py --check
+step "clients/python: sdist and wheel" bash -euc package
+# These start servers of their own, and kill some of them.
+step "clients/python: tests" env SLIPDRIVE_PROGRAM="$(realpath "$built/slipdrive")" PYTHONDONTWRITEBYTECODE=1 \
+  "$python" -m pytest -p no:cacheprovider clients/python
+step "clients/python: mypy" bash -c "cd clients/python && $work/venv/bin/mypy --cache-dir '$work/mypy'"
+
 serve
 step "examples/curl.sh" bash -c "holds '\"code\":\"invalid_value\"' examples/curl.sh $rest"
-step "examples/rest_client.py" bash -c "holds 'converged: ' $python examples/rest_client.py $rest"
 step "examples/fleet_planner.py" bash -c "holds 'robot-7: .* s, STATUS_' $python examples/fleet_planner.py $grpc"
 step "examples/grpc_client.rs" bash -c "holds 'STATUS_CONVERGED: ' $built/examples/grpc_client http://$grpc"
 step "reflection, health and rich errors" "$python" tests/clients/probe.py "$grpc"

@@ -1,6 +1,7 @@
 //! The OpenAPI document is what was agreed on: a change must be meant.
 //!
-//! After a change that is meant: `SLIPDRIVE_UPDATE_SNAPSHOTS=1 cargo test --test service openapi`.
+//! After a change that is meant: `SLIPDRIVE_UPDATE_SNAPSHOTS=1 cargo test --test service openapi`, then
+//! `clients/python/make_types.py`.
 
 use std::path::Path;
 

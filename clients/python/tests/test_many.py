@@ -153,9 +153,9 @@ def test_full_queue_slows_down_and_loses_nothing(tmp_path: Path) -> None:
     server = Server("--workers", "1", "--queue-length", "2")
     try:
         slow: list[SolveRequest] = [
-            {**FEW[0], "grid": {"steps": 500}, "solver": {"starts": 2, "seed": n}} for n in range(12)
+            {**FEW[0], "grid": {"steps": 200}, "solver": {"starts": 2, "seed": n}} for n in range(8)
         ]
-        results = Client(server.url).solve_many(slow, tmp_path / "results.ndjson", concurrency=12)
+        results = Client(server.url).solve_many(slow, tmp_path / "results.ndjson", concurrency=8)
     finally:
         server.kill()
     assert results.refused > 0 and all(result.solution for result in results)
@@ -167,13 +167,15 @@ def test_deadlines_hold_in_each_attempt(client: Client, tmp_path: Path) -> None:
     assert [result.solution and result.solution.stop_reason for result in results] == ["deadline", "deadline"]
 
 
-def test_absent_server_and_wrong_key_end_the_call(tmp_path: Path) -> None:
+def test_absent_server_and_wrong_key_end_the_call(client: Client, tmp_path: Path) -> None:
     server = Server(keys="secret")
     try:
         with pytest.raises(ProblemError, match="unauthenticated"):
             Client(server.url, "wrong").solve_many(FEW, tmp_path / "results.ndjson")
     finally:
         server.kill()
+    with pytest.raises(ProblemError, match="not_found"):
+        Client(f"{client.url}/elsewhere").solve_many(FEW, tmp_path / "results.ndjson", concurrency=1)
     with pytest.raises(AnswerLost):
         Client(server.url).solve_many(FEW, tmp_path / "results.ndjson", outage_s=0.5)
     assert lines(tmp_path / "results.ndjson") == 0

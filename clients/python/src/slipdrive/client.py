@@ -43,13 +43,14 @@ class Client:
     ) -> None:
         if httpx.URL(url).scheme not in ("http", "https"):
             raise ValueError(f"`url` is {url!r}, must begin with http:// or https://")
+        self.url = url.rstrip("/")
         self.attempts = attempts
         self.timeout_s = timeout_s
         headers = {"content-type": "application/json", "user-agent": "slipdrive-python"}
         if api_key is not None:
             headers["authorization"] = f"Bearer {api_key}"
         # For the client of `solve_many` too.
-        self._settings: dict[str, Any] = {"base_url": url.rstrip("/") + "/", "headers": headers, "verify": verify}
+        self._settings: dict[str, Any] = {"base_url": self.url, "headers": headers, "verify": verify}
         self._http = httpx.Client(**self._settings)
 
     def __enter__(self) -> Client:
@@ -110,8 +111,9 @@ class Client:
         Requests are known by their place, or in a mapping by their key. Those that the file already has are not solved
         again: a call that was interrupted is repeated as it was. Refusals are waited out, and lost answers are solved
         again; what the server will never accept is kept as a problem. `deadline_s` is for each attempt, from its
-        arrival at the server. Raises AnswerLost or ProblemError after `outage_s` without a server, and at once if the
-        API key is wrong. Without `concurrency` each worker of the server has one request, and one that waits.
+        arrival at the server. Raises AnswerLost or ProblemError after `outage_s` without a server, and at once if all
+        requests would fail, as with a wrong API key. Without `concurrency` each worker of the server has one request,
+        and one that waits.
         """
         many = SolveMany(
             settings=self._settings,
@@ -128,9 +130,7 @@ class Client:
             return decode(Figures, json.loads(self._ask("POST", "present", encode(body_of(plans)))))
         except ProblemError as problem:
             if problem.code == "not_found":
-                raise SlipdriveError(
-                    f"{self._http.base_url} draws no figures: its version has no /present"
-                ) from problem
+                raise SlipdriveError(f"{self.url} draws no figures: its version has no /present") from problem
             raise
 
     def limits(self) -> answers.GetLimitsResponse:

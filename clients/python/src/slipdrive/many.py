@@ -41,6 +41,8 @@ _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
 _LOST_AT_MOST = 20
 # A request that misses its deadline as often does not miss it by bad luck.
 _LATE_AT_MOST = 3
+# Statuses of problems that lie in one request. The others, such as a wrong API key or address, all requests would have.
+_OF_THE_REQUEST = {400, 413, 422, 500, 504}
 # How often the caller's thread looks whether it was interrupted, where waiting cannot be.
 _LOOK_S = 0.2
 
@@ -338,9 +340,9 @@ class SolveMany:
                 wait_s, now_s = min(2 * wait_s, _LONGEST_WAIT_S), wait_s
             except ProblemError as problem:
                 late += problem.code == "deadline_exceeded"
-                if problem.status == 401:
-                    raise
                 if not problem.retryable or late == _LATE_AT_MOST:
+                    if problem.status not in _OF_THE_REQUEST or problem.code.startswith("http_"):
+                        raise
                     self._out_since = None
                     return b"problem", encode(problem.document)
                 if problem.status == 429 or problem.code == "deadline_exceeded":
