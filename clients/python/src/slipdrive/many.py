@@ -155,14 +155,16 @@ def key_of(path: Path, number: int, line: bytes) -> Key:
 class Results:
     """Results in the order of their requests, read from their file when they are asked for."""
 
-    def __init__(self, path: Path, places: Mapping[Key, tuple[int, int]]) -> None:
+    def __init__(
+        self, path: Path, places: Mapping[Key, tuple[int, int]], *, skipped: int = 0, lost: int = 0, refused: int = 0
+    ) -> None:
         self.path = path
         self._places = places
-        self.skipped = 0
+        self.skipped = skipped
         """How many the file had before."""
-        self.lost = 0
+        self.lost = lost
         """How many answers were lost on the way, and asked for again."""
-        self.refused = 0
+        self.refused = refused
         """How often the server had no room."""
 
     def __len__(self) -> int:
@@ -235,18 +237,16 @@ class SolveMany:
         """Adds to the file what it lacks."""
         bodies = {key: encode(request) for key, request in keyed(requests)}
         with ResultsFile(path) as file:
-            results = Results(path, {})
+            had = Results(path, file.places)
             for key in bodies.keys() & file.places.keys():
-                have = Result(key, Results(path, file.places)[key].line)
-                if have.request != json.loads(bodies[key]):
+                if had[key].request != json.loads(bodies[key]):
                     raise ValueError(f"{path} has another request than this one for {key!r}")
-            open_keys = [key for key in bodies if key not in file.places]
-            results.skipped = len(bodies) - len(open_keys)
-            if open_keys:
-                self._run_beside({key: bodies[key] for key in open_keys}, file, on_result)
-            results._places = {key: file.places[key] for key in bodies}
-            results.lost, results.refused = self._lost, self._refused
-            return results
+            lacking = {key: body for key, body in bodies.items() if key not in file.places}
+            if lacking:
+                self._run_beside(lacking, file, on_result)
+            places = {key: file.places[key] for key in bodies}
+            skipped = len(bodies) - len(lacking)
+            return Results(path, places, skipped=skipped, lost=self._lost, refused=self._refused)
 
     def _run_beside(
         self, bodies: dict[Key, bytes], file: ResultsFile, on_result: Callable[[Result], object] | None
@@ -260,12 +260,14 @@ class SolveMany:
         thread.start()
         try:
             while True:
-                with contextlib.suppress(queue.Empty):
+                try:
                     result = answered.get(timeout=_LOOK_S)
-                    if result is None:
-                        break
-                    if on_result is not None:
-                        on_result(result)
+                except queue.Empty:
+                    continue
+                if result is None:
+                    break
+                if on_result is not None:
+                    on_result(result)
         except BaseException:
             # The server is told by the ends of the connections.
             loop.call_soon_threadsafe(task.cancel)
