@@ -69,6 +69,30 @@ class AppliedLimits:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class AxesMap:
+    """Where the data of one pair of axes lie in the viewBox of its figure."""
+
+    axes: str
+    """Name of the axes, unique in the figure, such as left_longitudinal_force."""
+    x: AxisMap
+    """Across."""
+    y: AxisMap
+    """Up."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AxisMap:
+    """One axis: linear from the first to the second pair of numbers."""
+
+    data: Array
+    """The values at its two ends."""
+    px: Array
+    """Where the two ends are, px of the viewBox."""
+    quantity: str
+    """What it measures, with its unit, such as time_s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BodyPoint:
     """A point of the robot, from the axle midpoint; absent is 0."""
 
@@ -212,6 +236,28 @@ class FieldRule:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Figure:
+    """A figure, complete by itself."""
+
+    caption: str
+    """What it shows, in a sentence or two."""
+    height_px: float
+    """Height of its viewBox, px."""
+    maps: list[AxesMap]
+    """Where the data lie, one entry per axes."""
+    name: str
+    """Its name, stable: path, contact, motion, torques, normal_forces, wheel_rates, friction."""
+    svg: str
+    """An SVG document without style and script. Its colours are presentation attributes, and what has one has a
+    class that starts with `sd-`, by which a page may give it another.
+    """
+    title: str
+    """Its title."""
+    width_px: float
+    """Width of its viewBox, px."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GetLimitsResponse:
     """What this server accepts at most."""
 
@@ -221,8 +267,12 @@ class GetLimitsResponse:
     """What several fields must keep together, by kind of job."""
     default_time_limit_s: float
     """Time limit of a solve that names none, s."""
+    jobs: list[JobLimits]
+    """What each kind of job takes."""
+    light_queue_length: int
+    """Light jobs that may wait for the one thread that runs them beside the workers."""
     max_body_bytes: int
-    """Largest request, bytes."""
+    """Largest request, bytes, of the kinds of jobs that have no other."""
     max_control_intervals: int
     """Most control intervals per wheel."""
     max_rollout_limit: int
@@ -234,13 +284,13 @@ class GetLimitsResponse:
     max_time_limit_s: float
     """Longest time limit of a solve, and that of each simulation, s."""
     queue_length: int
-    """Solves that may wait for a worker."""
+    """Jobs that may wait for a worker."""
     queue_work_s: float
     """Expected work per worker that may be in flight before more is refused, s."""
     rules: list[FieldRule]
     """The bounds of single fields, by kind of job."""
     workers: int
-    """Solves that run at once."""
+    """Jobs that run at once, light ones apart."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -267,6 +317,18 @@ class GoalError:
     """World y, m."""
     yaw_rate_rad_s: float | None
     """Yaw rate, rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JobLimits:
+    """What a kind of job takes."""
+
+    job: str
+    """The kind of job, such as solve."""
+    light: bool
+    """Whether it runs beside the workers, so that it never waits behind a solve."""
+    max_body_bytes: int
+    """Its largest request, bytes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -299,6 +361,34 @@ class NormalLoad:
     """The share; negative where the contact would have had to pull."""
     time_s: float
     """When, s: the start of its step."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanInWords:
+    """What is said of a plan."""
+
+    certificate: list[str]
+    """Why to trust the plan, in sentences; empty where its motion does not end where the answer says."""
+    details: list[str]
+    """The answer in further sentences."""
+    end_difference: float | None
+    """Largest difference between the end of the motion and `end_state`, in any of its fields; null (in protobuf not
+    a number) where the answer has no end.
+    """
+    headline: str
+    """The answer in one sentence."""
+    label: str
+    """Its name in the figures: A, B, C or D."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PresentResponse:
+    """Figures of plans, and the plans in words."""
+
+    figures: list[Figure]
+    """Figures in the order in which they are read. Those that need a motion are left out where no plan moves."""
+    plans: list[PlanInWords]
+    """What is said of each plan, in the order of the request."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -165,6 +165,22 @@ class Payload(_PayloadRequired, total=False):
     """Yaw inertia about its own centre of mass, kg m2; default 0, a point. [>= 0, <= 500000]"""
 
 
+class PresentRequest(TypedDict, total=False):
+    """Plans to show together."""
+
+    plans: Sequence[PresentedPlan]
+    """1 to 4 plans, overlaid in every figure."""
+
+
+class PresentedPlan(TypedDict, total=False):
+    """A request with its answer: exactly one of the two."""
+
+    simulate: SimulatedPlan
+    """An integrated torque schedule."""
+    solve: SolvedPlan
+    """A solved maneuver."""
+
+
 class Robot(TypedDict, total=False):
     """The robot; the defaults are the reference robot. Lateral is positive to the right, longitudinal forward."""
 
@@ -253,6 +269,15 @@ class SimulateRequest(_SimulateRequestRequired, total=False):
     """Absent: at rest at the origin."""
 
 
+class SimulatedPlan(TypedDict):
+    """An integrated torque schedule. The motion is rolled out again from the request."""
+
+    answer: answers.SimulateResponse
+    """What was answered; required. Null is absent, and what is not known is ignored."""
+    request: SimulateRequest
+    """What was asked; required."""
+
+
 class SolveGrid(TypedDict, total=False):
     """The time grid of a solve."""
 
@@ -279,6 +304,17 @@ class SolveRequest(TypedDict, total=False):
     """Search effort and tolerances."""
     view: View
     """How much of the answer is sent."""
+
+
+class SolvedPlan(TypedDict):
+    """A solved maneuver. The motion is rolled out again from the request and the torques of the answer, so the view
+    plan is enough: `trajectory` and `contacts` are not read.
+    """
+
+    answer: answers.Solution
+    """What was answered; required. Null is absent, and what is not known is ignored."""
+    request: SolveRequest
+    """What was asked; required."""
 
 
 class Solver(TypedDict, total=False):
