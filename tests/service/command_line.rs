@@ -203,6 +203,12 @@ fn figures_of_the_documentation_are_what_the_command_draws() {
     }
     assert_eq!(count, std::fs::read_dir(committed).unwrap().count());
     assert_eq!(count, 7);
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let example = root.join("examples/warehouse_aisle.json");
+    let output = run_with_input(&["solve", example.to_str().unwrap(), "--svg", &folder.file("aisle")], b"");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let drawn = std::fs::read(folder.0.join("aisle/path.svg")).unwrap();
+    assert!(std::fs::read(root.join("docs/aisle.svg")).unwrap() == drawn, "aisle: docs/draw.sh");
 }
 
 #[test]
