@@ -14,6 +14,7 @@ pub use decision::{decision_from_schedule, decision_len, schedule_from_decision}
 pub use maneuver::{Goal, Maneuver, ManeuverLimits, ReferencePoint, SlipPolicy, StateComponent, wrapped_angle};
 pub(crate) use maneuver::{check_state, rules_of_state};
 pub use path_constraints::LIMIT_TOLERANCE;
+pub(crate) use path_limits::{LEAST_LOAD_FOR_GRIP, limited_point};
 pub use path_limits::{PathLimit, PathLimits};
 pub use penalty::Penalty;
 pub use problem::{GoalScales, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem};

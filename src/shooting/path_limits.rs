@@ -4,12 +4,12 @@ use nalgebra::Vector2;
 
 use super::aisle::Aisle;
 use super::maneuver::{Maneuver, ManeuverLimits, ReferencePoint};
-use crate::robot::{Payload, Robot};
+use crate::robot::{Payload, Robot, RobotParameters};
 use crate::simulation::PathQuantity;
 
 /// A wheel that carries less than this share of the weight is judged by the friction that this share would give: without normal
 /// force no share of the friction is needed or left.
-const LEAST_LOAD_FOR_GRIP: f64 = 1e-3;
+pub(crate) const LEAST_LOAD_FOR_GRIP: f64 = 1e-3;
 
 /// A quantity and what a field of the request allows of it, beside the normal forces.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,10 +86,7 @@ impl PathLimits {
         aisle: Option<&Aisle>,
     ) -> Self {
         let parameters = robot.parameters();
-        let point = match payload {
-            Some(payload) => parameters.axle_midpoint() + Vector2::new(payload.right, payload.forward),
-            None => reference_point.offset(parameters),
-        };
+        let point = limited_point(parameters, reference_point, payload);
         let mut path = motor_limits(robot);
         let grip = |share| grip_limits(robot, "maneuver.limits.grip_utilization", share);
         path.extend(limits.grip_utilization.into_iter().flat_map(grip));
@@ -106,6 +103,19 @@ impl PathLimits {
     /// The limited quantities, in their order.
     pub fn quantities(&self) -> Vec<PathQuantity> {
         self.path.iter().map(|limit| limit.quantity).collect()
+    }
+}
+
+/// The point that limits of speeds and accelerations speak of, relative to the chassis centre of mass, (right, forward), m: the
+/// payload's centre, or the reference point.
+pub(crate) fn limited_point(
+    robot: &RobotParameters,
+    reference_point: ReferencePoint,
+    payload: Option<&Payload>,
+) -> Vector2<f64> {
+    match payload {
+        Some(payload) => robot.axle_midpoint() + payload.position(),
+        None => reference_point.offset(robot),
     }
 }
 

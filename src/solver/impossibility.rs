@@ -117,7 +117,9 @@ fn cause(input: &SolveInput, bound: &LowerBound) -> &'static str {
     match bound.assumption {
         LowerBoundAssumption::Friction | LowerBoundAssumption::YawFriction => "no_friction",
         LowerBoundAssumption::DriveTorque if !has_grip => "no_friction",
-        LowerBoundAssumption::DriveTorque | LowerBoundAssumption::WheelDrive => "no_torque",
+        LowerBoundAssumption::DriveTorque | LowerBoundAssumption::WheelDrive | LowerBoundAssumption::Limits => {
+            "no_torque"
+        }
     }
 }
 
@@ -145,11 +147,18 @@ fn unreachable_goal(input: &SolveInput, component: StateComponent, code: &'stati
 fn slow_goal(input: &SolveInput, bound: &LowerBound) -> Reason {
     let (field, goal) = goal_field(input, bound.component);
     let (time, assumption) = (bound.time, bound.assumption.as_str());
+    let help = match bound.assumption {
+        LowerBoundAssumption::Limits => "wider `maneuver.limits`, more torque",
+        LowerBoundAssumption::Friction
+        | LowerBoundAssumption::YawFriction
+        | LowerBoundAssumption::DriveTorque
+        | LowerBoundAssumption::WheelDrive => "more torque and friction",
+    };
     Reason {
         code: "final_time_too_long",
         message: format!(
             "`{field}` is {goal}, which takes at least {time} s (bound `{assumption}`), must be at most \
-             {LONGEST_FINAL_TIME} s; more torque and friction or a nearer goal help"
+             {LONGEST_FINAL_TIME} s; {help} or a nearer goal help"
         ),
         field,
         time,

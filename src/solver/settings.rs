@@ -1,10 +1,12 @@
 //! How a maneuver is to be solved, and the validated input of a solve.
 
+use nalgebra::Vector2;
+
 use super::carried::{check_robot, joined};
 use super::schedule_check::{self, check_schedule};
 use crate::robot::{Payload, Robot, RobotParameters};
 use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
-use crate::shooting::{Aisle, AisleCorners, Maneuver, PathLimits};
+use crate::shooting::{Aisle, AisleCorners, Maneuver, PathLimits, limited_point};
 use crate::simulation::TorqueSchedule;
 
 /// The optimiser.
@@ -224,6 +226,11 @@ impl SolveInput {
     /// What the plan must keep on the way, beside the normal forces.
     pub fn path_limits(&self) -> PathLimits {
         PathLimits::of_maneuver(&self.robot, &self.maneuver, self.payload.as_ref(), self.aisle.as_ref())
+    }
+
+    /// The point that limits of speeds and accelerations speak of, relative to the chassis centre of mass, (right, forward), m.
+    pub(super) fn limited_point(&self) -> Vector2<f64> {
+        limited_point(self.robot.parameters(), self.maneuver.reference_point, self.payload.as_ref())
     }
 
     /// [`SolveParameters::forward_drive`], validated.

@@ -79,6 +79,8 @@ pub enum LowerBoundAssumption {
     DriveTorque,
     /// Torque and friction bound the acceleration of each wheel.
     WheelDrive,
+    /// Limits of the maneuver bound speeds, accelerations or slip, beside friction and torque.
+    Limits,
 }
 
 impl LowerBoundAssumption {
@@ -89,6 +91,7 @@ impl LowerBoundAssumption {
             Self::YawFriction => "yaw_friction",
             Self::DriveTorque => "drive_torque",
             Self::WheelDrive => "wheel_drive",
+            Self::Limits => "limits",
         }
     }
 }

@@ -16,7 +16,7 @@ use crate::solver::{
 same_values!(Status = Status { Converged, Feasible, NotConverged, Infeasible });
 same_values!(StopReason = StopReason { Finished, TimeLimit, Deadline, RolloutLimit });
 same_values!(Refinement = RefinementOutcome { Fixed, WithinTolerance, StepLimit, GoalLost, Interrupted, NoPlan });
-same_values!(LowerBoundAssumption = LowerBoundAssumption { Friction, YawFriction, DriveTorque, WheelDrive });
+same_values!(LowerBoundAssumption = LowerBoundAssumption { Friction, YawFriction, DriveTorque, WheelDrive, Limits });
 
 /// The answer of a solve.
 pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message::Solution {

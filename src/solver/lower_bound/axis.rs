@@ -8,6 +8,7 @@
 //! Viscous friction of the coordinate brakes it beyond its acceleration, but never drives it: then only what takes the speed away
 //! from zero needs time.
 
+use super::ceiling::Ceiling;
 use super::curve::{Curve, Level};
 use super::envelope::{Envelope, Piece};
 use super::first_time::{Floor, first_time};
@@ -55,6 +56,8 @@ pub(super) struct Axis {
     pub(super) drive_scale: Option<f64>,
     /// Whether viscous friction acts on the coordinate beside the acceleration.
     pub(super) is_damped: bool,
+    /// Limits of its speed.
+    pub(super) ceiling: Ceiling,
 }
 
 /// Which part of a goal takes the time.
@@ -97,9 +100,10 @@ impl GridLaw {
     }
 }
 
-/// Order of the curves, before that of the torques.
+/// Order of the curves; between these is that of the torques.
 const FORWARD: usize = 0;
 const BACKWARD: usize = 1;
+const LIMITS: usize = 3;
 
 impl Axis {
     /// The same coordinate with the opposite sign.
@@ -114,9 +118,14 @@ impl Axis {
         }
     }
 
-    /// The same coordinate without the torques' bound.
+    /// The same coordinate without the torques' bound and limits.
     pub(super) fn without_drive(&self) -> Self {
-        Self { drive_scale: None, ..self.clone() }
+        Self { drive_scale: None, ..self.without_limits() }
+    }
+
+    /// The same coordinate without limits of its speed.
+    pub(super) fn without_limits(&self) -> Self {
+        Self { ceiling: Ceiling::default(), ..self.clone() }
     }
 
     /// A time before which the coordinate cannot meet its goal, s; infinite where it never can, and zero where it is no
@@ -204,10 +213,14 @@ impl Axis {
         };
         let drive = self.drive_scale.and_then(|scale| Some(error.drive()?.scaled(scale)));
         let drive = drive.unwrap_or_else(|| Curve::above_all(to));
-        let envelope = Envelope::new([&forward, &backward, &drive]);
-        let convexity = error.of_convexity([&forward, &backward, &drive]);
+        let lines = self.ceiling.lines(&error, self.drive_scale, to);
+        let mut curves = vec![&forward, &backward, &drive];
+        curves.extend(&lines.curves);
+        let envelope = Envelope::new(&curves);
+        let convexity = error.of_convexity(&curves);
         let error_area: f64 = envelope.pieces().iter().map(|piece| law.error_area(piece, &error)).sum();
-        largest_area(envelope.pieces(), from) + error_area + convexity + law.error_of_displacement(&error)
+        let excess = lines.excess(envelope.pieces(), LIMITS, self.start_speed);
+        largest_area(envelope.pieces(), from) + error_area + convexity + law.error_of_displacement(&error) + excess
     }
 }
 

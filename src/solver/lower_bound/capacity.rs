@@ -7,13 +7,15 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector2;
 
+use super::ceiling::KEPT;
 use super::curve::Level;
 use super::drive_norm::{Bodies, DriveNorm};
 use super::drive_rate::drive_rates;
 use super::grid_error::Grid;
 use super::loads::{Loads, moments};
+use super::rolling::{Rolling, SpeedLimit};
 use crate::robot::{PerWheel, Robot};
-use crate::shooting::ManeuverLimits;
+use crate::solver::settings::SolveInput;
 
 /// A plan's contact residual is at most this share of the weight: its friction forces may be as far from the friction law.
 const LAW_ERROR: f64 = 1e-10;
@@ -42,11 +44,25 @@ pub(super) struct Capacity {
     /// Growth of the drive norm that errors in the direction of friction cause, per square root of step length times
     /// duration, 1/s.
     pub(super) direction_error: f64,
+    /// Where no wheel may slip.
+    pub(super) rolling: Option<Rolling>,
+    /// Limits with what they may be exceeded by; infinite without.
+    pub(super) limits: RateLimits,
     loads: Loads,
 }
 
+/// Limits of rates, rad/s, rad/s2.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RateLimits {
+    pub(super) wheel: f64,
+    pub(super) yaw: f64,
+    pub(super) yaw_acceleration: f64,
+}
+
 impl Capacity {
-    pub(super) fn new(robot: &Robot, torque_limit: PerWheel<f64>, limits: ManeuverLimits, grid: Grid) -> Self {
+    pub(super) fn new(input: &SolveInput, grid: Grid) -> Self {
+        let (robot, maneuver) = (&input.robot, &input.maneuver);
+        let (torque_limit, asked) = (maneuver.torque_limit, maneuver.limits);
         let parameters = robot.parameters();
         let bodies = bodies(robot);
         let Bodies { mass, yaw_inertia, spin_inertia, wheel_radius, .. } = bodies;
@@ -54,7 +70,7 @@ impl Capacity {
             Grid::Steps(_) => LAW_ERROR,
             Grid::Continuous => 0.0,
         };
-        let loads = Loads::new(robot, torque_limit, limits, law_error);
+        let loads = Loads::new(robot, torque_limit, asked, law_error);
         let norm = DriveNorm::new(bodies);
         let wheel_acceleration = |torque: f64, wheel: usize| {
             let mut lengthwise = [Vector2::zeros(); 3];
@@ -62,21 +78,53 @@ impl Capacity {
             (torque + loads.largest_magnitude(&lengthwise)) / spin_inertia
         };
         let has_restitution = parameters.tangential_restitution > 0.0;
+        let kept = |limit: Option<f64>| limit.map_or(f64::INFINITY, |limit| KEPT * limit);
+        let limits = RateLimits {
+            wheel: kept(asked.wheel_rate),
+            yaw: kept(asked.yaw_rate),
+            yaw_acceleration: kept(asked.yaw_acceleration),
+        };
+        let holds = maneuver.forbids_slip() && !has_restitution && bodies.has_grip;
+        let rolling = holds.then(|| Rolling::new(robot, torque_limit, &bodies, speed_limits(input), loads.law_error()));
+        let by_friction = loads.largest_magnitude(&moments(&levers(robot))) / yaw_inertia;
         Self {
             mass,
             yaw_inertia,
             center: parameters.whole_center_of_mass(),
             acceleration: loads.largest_sum() / mass,
-            yaw_acceleration: loads.largest_magnitude(&moments(&levers(robot))) / yaw_inertia,
+            yaw_acceleration: by_friction.min(limits.yaw_acceleration),
             wheel_acceleration: PerWheel::new(
                 wheel_acceleration(torque_limit.left, 0),
                 wheel_acceleration(torque_limit.right, 1),
             ),
             norm,
             drive_rates: (!has_restitution).then(|| drive_rates(&norm, &loads)),
-            direction_error: direction_error(robot, &loads),
+            direction_error: direction_error(robot, &loads, rolling.as_ref()),
+            rolling,
+            limits,
             loads,
         }
+    }
+
+    /// Whether a limit bounds the yaw acceleration, rather than friction.
+    pub(super) fn is_yaw_limited(&self) -> bool {
+        self.yaw_acceleration == self.limits.yaw_acceleration
+    }
+
+    /// Largest yaw rate at the end of each step, rad/s; infinite without a limit.
+    pub(super) fn largest_yaw_rate(&self, dt: f64) -> f64 {
+        let of_rolling = |rolling: &Rolling| rolling.largest_yaw_rate(dt);
+        self.limits.yaw.min(self.rolling.as_ref().map_or(f64::INFINITY, of_rolling))
+    }
+
+    /// Speed of G per unit of the drive norm, at most.
+    pub(super) fn translation_scale(&self) -> f64 {
+        self.rolling.as_ref().map_or_else(|| self.norm.translation_scale(), Rolling::translation_scale)
+    }
+
+    /// Yaw rate per unit of the drive norm, at most.
+    pub(super) fn yaw_scale(&self) -> f64 {
+        self.rolling.as_ref().map_or_else(|| self.norm.yaw_scale(), Rolling::yaw_scale)
     }
 
     /// Largest acceleration of G along a direction of the body (longitudinal, lateral), by the time after or before which
@@ -119,14 +167,26 @@ pub(super) fn bodies(robot: &Robot) -> Bodies {
     }
 }
 
+/// Limits of the forward speed where the wheels hold.
+fn speed_limits(input: &SolveInput) -> Vec<SpeedLimit> {
+    let limits = &input.maneuver.limits;
+    let from_axle = input.limited_point() - input.robot.parameters().axle_midpoint();
+    let of_wheels = limits.wheel_rate.map(|rate| SpeedLimit::Wheels(KEPT * rate));
+    let of_point = limits.speed.map(|speed| SpeedLimit::Point(from_axle, KEPT * speed));
+    of_wheels.into_iter().chain(of_point).collect()
+}
+
 /// Twice the root of twice the errors of the slips' directions times the friction that they misdirect.
-fn direction_error(robot: &Robot, loads: &Loads) -> f64 {
+fn direction_error(robot: &Robot, loads: &Loads, rolling: Option<&Rolling>) -> f64 {
     let delassus = robot.delassus();
     // The largest eigenvalue of each contact's block is below its trace.
     let traces = [[0, 2], [1, 2], [3, 4]].map(|[a, b]| delassus[(a, a)] + delassus[(b, b)]);
     let mut sum = 0.0;
     for (contact, trace) in traces.into_iter().enumerate() {
         sum += loads.law_error() * trace * loads.friction(contact) * loads.weight();
+    }
+    if let Some(rolling) = rolling {
+        sum += rolling.front_slip(levers(robot)[2]) * loads.friction(2) * loads.weight();
     }
     2.0 * (2.0 * sum).sqrt()
 }

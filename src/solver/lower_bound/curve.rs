@@ -101,6 +101,11 @@ impl Curve {
         &self.segments
     }
 
+    /// Value at the start of the span.
+    pub(super) fn at_start(&self) -> f64 {
+        self.segments.first().map_or(0.0, |first| first.line.start)
+    }
+
     /// Value at the end of the span.
     pub(super) fn end(&self) -> f64 {
         self.segments.last().map_or(0.0, |last| last.line.at(last.to))

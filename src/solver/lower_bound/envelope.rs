@@ -1,4 +1,4 @@
-//! The lowest of three curves of straight pieces over a span of time, and integrals of it.
+//! The lowest of some curves of straight pieces over a span of time, and integrals of it.
 
 use super::curve::{Curve, Line};
 
@@ -43,17 +43,20 @@ pub(super) struct Envelope {
 
 impl Envelope {
     /// Over the span of the curves, which are equally long.
-    pub(super) fn new(curves: [&Curve; 3]) -> Self {
+    pub(super) fn new(curves: &[&Curve]) -> Self {
         let mut envelope = Self { pieces: Vec::new(), areas_before: Vec::new() };
-        let segments = curves.map(Curve::segments);
-        let mut next = [0; 3];
+        let mut rest: Vec<_> = curves.iter().map(|curve| curve.segments()).collect();
+        let mut lines = Vec::with_capacity(curves.len());
         let mut from = 0.0;
-        while (0..3).all(|curve| next[curve] < segments[curve].len()) {
-            let current = [0, 1, 2].map(|curve| segments[curve][next[curve]]);
-            let to = current.iter().fold(f64::INFINITY, |least, segment| segment.to.min(least));
-            envelope.extend(&current.map(|segment| segment.line), from, to);
-            for (index, segment) in current.iter().enumerate() {
-                next[index] += usize::from(segment.to <= to);
+        while rest.iter().all(|segments| !segments.is_empty()) {
+            let to = rest.iter().fold(f64::INFINITY, |least, segments| segments[0].to.min(least));
+            lines.clear();
+            lines.extend(rest.iter().map(|segments| segments[0].line));
+            envelope.extend(&lines, from, to);
+            for segments in &mut rest {
+                if segments[0].to <= to {
+                    *segments = &segments[1..];
+                }
             }
             from = to;
         }
@@ -66,14 +69,14 @@ impl Envelope {
         envelope
     }
 
-    /// Adds the lowest of three lines over a span.
-    fn extend(&mut self, lines: &[Line; 3], mut from: f64, end: f64) {
+    /// Adds the lowest of some lines over a span.
+    fn extend(&mut self, lines: &[Line], mut from: f64, end: f64) {
         let lower_then_flatter = |a: usize, b: usize| {
             let order = lines[b].at(from).total_cmp(&lines[a].at(from)).then(lines[b].slope.total_cmp(&lines[a].slope));
             if order.is_lt() { b } else { a }
         };
-        let mut line = lower_then_flatter(lower_then_flatter(0, 1), 2);
-        // Slopes fall from piece to piece, so three pieces are the most.
+        let mut line = (1..lines.len()).fold(0, lower_then_flatter);
+        // Slopes fall from piece to piece, so there are no more pieces than lines.
         for _ in 0..lines.len() {
             let (to, next) = next_crossing(lines, line, from, end);
             let (value_from, value_to) = (lines[line].at(from), lines[line].at(to));
@@ -105,7 +108,7 @@ impl Envelope {
 }
 
 /// Where a flatter line undercuts `line`, and which; the end of the span where none does.
-fn next_crossing(lines: &[Line; 3], line: usize, from: f64, end: f64) -> (f64, Option<usize>) {
+fn next_crossing(lines: &[Line], line: usize, from: f64, end: f64) -> (f64, Option<usize>) {
     let mut crossing = (end, None);
     for (index, other) in lines.iter().enumerate() {
         let closing = lines[line].slope - other.slope;
@@ -128,7 +131,7 @@ mod tests {
     #[test]
     fn triangle_has_its_area_and_moments() {
         let [rising, falling] = triangle(2.0, 2.0);
-        let envelope = Envelope::new([&rising, &falling, &Curve::above_all(2.0)]);
+        let envelope = Envelope::new(&[&rising, &falling, &Curve::above_all(2.0)]);
         assert_eq!(envelope.pieces().len(), 2);
         assert_eq!(envelope.pieces().iter().map(Piece::area).sum::<f64>(), 2.0);
         // Twice the integral of (2 t)^3 from 0 to 1.
@@ -140,7 +143,7 @@ mod tests {
     #[test]
     fn a_level_cuts_a_trapezoid() {
         let [rising, falling] = triangle(1.0, 4.0);
-        let envelope = Envelope::new([&rising, &falling, &Curve::straight(1.0, 0.0, 4.0)]);
+        let envelope = Envelope::new(&[&rising, &falling, &Curve::straight(1.0, 0.0, 4.0)]);
         assert_eq!(order(&envelope), [(0, 1.0), (2, 3.0), (1, 4.0)]);
     }
 
@@ -149,7 +152,7 @@ mod tests {
         let rising = Curve::straight(0.0, 2.0, 4.0);
         let falling = Curve::straight(0.0, 1.0, 4.0).reversed();
         let levels = [Level { until: 1.0, rate: 1.0 }, Level { until: f64::INFINITY, rate: 3.0 }];
-        let envelope = Envelope::new([&rising, &falling, &Curve::by_value(&levels, 0.0, |_| 0.0, 4.0)]);
+        let envelope = Envelope::new(&[&rising, &falling, &Curve::by_value(&levels, 0.0, |_| 0.0, 4.0)]);
         assert_eq!(order(&envelope), [(2, 1.0), (2, 1.5), (1, 4.0)]);
     }
 

@@ -31,6 +31,8 @@ pub(super) struct KnownRates {
     pub(super) end_yaw: Option<f64>,
     /// Drive norm at the start.
     pub(super) start_norm: f64,
+    /// Largest forward speed of the axle at the goal, m/s; none where it is free.
+    pub(super) end_forward: Option<f64>,
 }
 
 /// Errors of one motion of known duration, and the bounds on its speeds that hold with them.
@@ -53,6 +55,9 @@ pub(super) struct GridError {
     /// of a step may add to the integral at both of its ends, rad/s.
     at_nodes: f64,
     drive: Option<Curve>,
+    brake: Option<Curve>,
+    yaw_level: f64,
+    center_level: f64,
 }
 
 impl GridError {
@@ -65,14 +70,20 @@ impl GridError {
         let nothing = Curve::above_all(duration);
         let forward = Curve::straight(rates.start_yaw, slope, duration);
         let backward = rates.end_yaw.map_or(nothing.clone(), |end| Curve::straight(end, slope, duration).reversed());
-        let by_friction = Envelope::new([&forward, &backward, &nothing]);
+        // No limit judges the first node.
+        let yaw_level = capacity.largest_yaw_rate(dt);
+        let level = yaw_level.max(rates.start_yaw);
+        let limit = if level.is_finite() { Curve::straight(level, 0.0, duration) } else { nothing };
+        let by_friction = Envelope::new(&[&forward, &backward, &limit]);
         let turning = Turning { lever, dt, peak: by_friction.peak() };
         let drive = turning.drive_curve(capacity, rates, duration);
         let yaw_rate = match &drive {
-            Some(drive) => Envelope::new([&forward, &backward, &drive.scaled(capacity.norm.yaw_scale())]),
+            Some(drive) => Envelope::new(&[&forward, &backward, &drive.scaled(capacity.yaw_scale()), &limit]),
             None => by_friction,
         };
         let peak = yaw_rate.peak();
+        let turning = Turning { peak, ..turning };
+        let brake = drive.as_ref().and_then(|drive| turning.brake_curve(capacity, rates, (drive.end(), duration)));
         let half_turn = 0.5 * dt * peak;
         let per_yaw_rate = dt * slope * bend(half_turn);
         Self {
@@ -88,7 +99,33 @@ impl GridError {
             at_nodes: 2.0 * peak * shift(half_turn) + 2.0 * dt * per_yaw_rate * peak,
             yaw_rate,
             drive,
+            brake,
+            yaw_level,
+            center_level: capacity
+                .rolling
+                .as_ref()
+                .map_or(f64::INFINITY, |rolling| rolling.speed_level((lever, dt), peak)),
         }
+    }
+
+    /// Bound on the norm over time that braking by torque alone leaves, where nothing else brakes.
+    pub(super) fn brake(&self) -> Option<&Curve> {
+        self.brake.as_ref()
+    }
+
+    /// Largest yaw rate at the end of each step by the limits, rad/s; infinite without.
+    pub(super) fn yaw_level(&self) -> f64 {
+        self.yaw_level
+    }
+
+    /// Largest speed of G at nodes where the wheels hold, m/s; infinite without a limit.
+    pub(super) fn center_level(&self) -> f64 {
+        self.center_level
+    }
+
+    /// Largest yaw rate at nodes, rad/s.
+    pub(super) fn peak_yaw_rate(&self) -> f64 {
+        self.peak
     }
 
     /// Bound on the drive norm over time, errors included.
@@ -123,15 +160,19 @@ impl GridError {
         if self.lever == 0.0 {
             return 0.0;
         }
+        self.lever * self.of_quadrature() + self.dt * self.since_start(self.duration)
+    }
+
+    /// Error of a point's displacement against the sum of its velocities relative to another one, per distance.
+    pub(super) fn of_quadrature(&self) -> f64 {
         let jerk = self.yaw_rate.cubic_area() + 3.0 * self.yaw_acceleration * self.largest_turn;
         let peak_jerk = self.peak.powi(3) + 3.0 * self.yaw_acceleration * self.peak;
-        let quadrature = self.dt * self.dt / 12.0 * (jerk + 2.0 * self.dt * peak_jerk);
-        self.lever * quadrature + self.dt * self.since_start(self.duration)
+        self.dt * self.dt / 12.0 * (jerk + 2.0 * self.dt * peak_jerk)
     }
 
     /// What the sum of node values may exceed the area under convex curves by.
-    pub(super) fn of_convexity(&self, curves: [&Curve; 3]) -> f64 {
-        self.dt * self.dt / 8.0 * curves.into_iter().map(Curve::slope_rise).sum::<f64>()
+    pub(super) fn of_convexity(&self, curves: &[&Curve]) -> f64 {
+        self.dt * self.dt / 8.0 * curves.iter().map(|curve| curve.slope_rise()).sum::<f64>()
     }
 
     /// Length of a step, s.
@@ -175,15 +216,29 @@ struct Turning {
 impl Turning {
     fn drive_curve(&self, capacity: &Capacity, rates: &KnownRates, duration: f64) -> Option<Curve> {
         let levels = capacity.drive_rates.as_ref()?;
+        let by_rolling = capacity.rolling.as_ref().map(|rolling| rolling.levels(rates.start_norm, (self.dt, duration)));
+        let levels = by_rolling.as_ref().unwrap_or(levels);
         let curve_from = |start| Curve::by_value(levels, start, |norm| self.rate(capacity, norm), duration);
         let half_step = 0.5 * self.dt * self.lever * capacity.mass.sqrt();
         let start = rates.start_norm
             + 3.0 * half_step * rates.start_yaw * rates.start_yaw
             + capacity.direction_error * (self.dt * duration).sqrt();
         let curve = curve_from(start);
+        if let Some(rolling) = &capacity.rolling {
+            return Some(curve_from(start + rolling.turn_of_node((self.lever, self.dt), curve.end(), self.peak)));
+        }
         // The norm in the frame of a step bounds the speed at its ends too, as long as a half step's turn is small.
         let bend = 0.5 * self.dt * self.lever * curve.end() * capacity.mass.sqrt() / capacity.yaw_inertia;
         if bend <= 0.5 { Some(curve) } else { Some(curve_from(start + half_step * self.peak * self.peak)) }
+    }
+
+    /// The norm over time from the end on backwards, where the wheels hold; `largest` is the norm that torque can build up.
+    fn brake_curve(&self, capacity: &Capacity, rates: &KnownRates, (largest, duration): (f64, f64)) -> Option<Curve> {
+        let rolling = capacity.rolling.as_ref()?;
+        let grid = (self.lever, self.dt);
+        let end = rolling.norm((rates.end_forward?, rates.end_yaw?), self.dt);
+        let end = end + rolling.turn_of_node(grid, largest, self.peak);
+        rolling.brake_curve((end, largest), grid, self.peak, duration)
     }
 
     /// Growth of the drive norm per second at a norm.

@@ -8,9 +8,10 @@
 
 use nalgebra::Vector2;
 
+use super::ceiling::KEPT;
 use crate::contact::ContactName;
 use crate::robot::{PerWheel, Robot};
-use crate::shooting::{LIMIT_TOLERANCE, ManeuverLimits};
+use crate::shooting::{LEAST_LOAD_FOR_GRIP, LIMIT_TOLERANCE, ManeuverLimits};
 
 /// Balances that are tried between weight alone and weight with pitch, each of which gives a bound: twice as many gain nothing
 /// in the median over the suite.
@@ -50,6 +51,8 @@ pub(super) struct Loads {
     torque_limit: Vector2<f64>,
     has_viscous_friction: bool,
     least: [f64; 3],
+    /// Normal force that wheels may be judged by beyond what they carry, where only a share of their grip may be used, N.
+    unloaded_grip: f64,
     /// How far a friction force may be from the friction law, N.
     law_error: f64,
 }
@@ -81,7 +84,10 @@ impl Loads {
         // Plans may miss their least loads by the search's tolerance.
         let least_loads = limits.least_normal_loads(robot);
         let least = contacts.map(|contact| (least_loads[contact] * weight - LIMIT_TOLERANCE * weight).max(0.0));
-        let (wheel, front) = (parameters.wheel_friction_coefficient, parameters.front_friction_coefficient);
+        let share = limits.grip_utilization.map_or(1.0, |share| (KEPT * share).min(1.0));
+        let (wheel, front) = (share * parameters.wheel_friction_coefficient, parameters.front_friction_coefficient);
+        let unloaded_grip = |wheel: usize| (LEAST_LOAD_FOR_GRIP * weight - least[wheel]).max(0.0);
+        let unloaded_grip = limits.grip_utilization.map_or(0.0, |_| unloaded_grip(0) + unloaded_grip(1));
         Self {
             friction: [wheel, wheel, front],
             weight,
@@ -93,6 +99,7 @@ impl Loads {
             torque_limit: Vector2::new(torque_limit.left, torque_limit.right),
             has_viscous_friction: parameters.wheel_viscous_friction > 0.0,
             least,
+            unloaded_grip,
             law_error: law_error_share * weight,
         }
     }
@@ -208,7 +215,7 @@ impl Loads {
         let front_least = if self.friction[FRONT] > 0.0 { 0.0 } else { self.least[FRONT] };
         // Normal forces of less than -1e-12 of the weight count as rounding: the errors of the law cover them.
         let law_error = self.law_error * (1.0 + response.iter().map(Vector2::norm).sum::<f64>());
-        let load = self.weight - share * self.static_force[FRONT] - rest * front_least + law_error;
+        let load = self.weight - share * self.static_force[FRONT] - rest * front_least + law_error + self.unloaded_grip;
         Some(ByTorque { at_rest: largest_gain * load, slope: -largest_gain * share * self.by_torque[FRONT] })
     }
 }

@@ -6,19 +6,23 @@
 
 mod axis;
 mod capacity;
+mod ceiling;
 mod curve;
 mod drive_norm;
 mod drive_rate;
 mod envelope;
 mod first_time;
 mod grid_error;
+mod limited_point;
 mod loads;
+mod rolling;
 mod targets;
 
 use nalgebra::Vector2;
 
 use self::axis::{Axis, Demand, GridLaw, Push};
 use self::capacity::Capacity;
+use self::ceiling::{Ceiling, SpeedLevel};
 use self::first_time::{Floor, first_time, rules_out};
 pub(super) use self::grid_error::Grid;
 use self::grid_error::{GridError, KnownRates};
@@ -105,13 +109,14 @@ struct Bounds<'a> {
 
 impl<'a> Bounds<'a> {
     fn new(input: &'a SolveInput, grid: Grid) -> Self {
-        let capacity = Capacity::new(&input.robot, input.maneuver.torque_limit, input.maneuver.limits, grid);
+        let capacity = Capacity::new(input, grid);
         let targets = Targets::new(input, &capacity, grid);
         let (low, high) = targets.component(StateComponent::YawRate);
         let rates = KnownRates {
             start_yaw: targets.start.velocity.yaw_rate.abs(),
             end_yaw: targets.value(StateComponent::YawRate).map(|_| high.max(-low)),
             start_norm: capacity.norm.at_most(&targets.start_speeds()),
+            end_forward: targets.end_speed_at(from_reference(input).norm()).map(|(_, largest)| largest),
         };
         Self { input, capacity, targets, rates, grid }
     }
@@ -133,6 +138,8 @@ impl<'a> Bounds<'a> {
         self.of_yaw(&mut found);
         let of_drive_norm = self.of_drive_norm(found.floor());
         found.bounds.extend(of_drive_norm);
+        let of_point_speed = self.of_point_speed(found.floor());
+        found.bounds.extend(of_point_speed);
         self.of_wheels(&mut found);
         found.bounds
     }
@@ -179,6 +186,11 @@ impl<'a> Bounds<'a> {
             (Demand::Velocity, false) => StateComponent::VelocityY,
         };
         self.of_axis(&axis, GridLaw::CenterOfMass, LowerBoundAssumption::Friction, name, found);
+        if let Some(point) = self.point_ceiling() {
+            let axis = Axis { ceiling: Ceiling { point: Some(point), ..axis.ceiling }, ..axis };
+            let (time, demand) = self.least_time(&axis, GridLaw::CenterOfMass, found.floor());
+            found.bounds.push(LowerBound { time, assumption: LowerBoundAssumption::Limits, component: name(demand) });
+        }
     }
 
     /// The direction with the largest bound by friction alone, and the whole robot's centre of mass along it.
@@ -203,6 +215,7 @@ impl<'a> Bounds<'a> {
 
     /// The whole robot's centre of mass along a direction.
     fn axis_along(&self, direction: Vector2<f64>) -> Axis {
+        let level = if self.capacity.rolling.is_some() { SpeedLevel::Center } else { SpeedLevel::None };
         Axis {
             acceleration: self.capacity.acceleration,
             start_push: self.start_push(direction),
@@ -210,8 +223,9 @@ impl<'a> Bounds<'a> {
             start_speed: direction.dot(&self.targets.start_velocity()),
             end_speed: self.targets.end_velocity(direction),
             displacement: self.targets.displacement(direction),
-            drive_scale: self.drive_scale(self.capacity.norm.translation_scale()),
+            drive_scale: self.drive_scale(self.capacity.translation_scale()),
             is_damped: false,
+            ceiling: Ceiling { level, ..Ceiling::default() },
         }
     }
 
@@ -242,15 +256,18 @@ impl<'a> Bounds<'a> {
 
     /// Bounds by the yaw about the whole robot's centre of mass.
     fn of_yaw(&self, found: &mut Found) {
-        let mut axis = Axis {
+        let is_limited = self.capacity.largest_yaw_rate(0.0).is_finite();
+        let yaw_level = if is_limited { SpeedLevel::Yaw } else { SpeedLevel::None };
+        let axis = Axis {
             acceleration: self.capacity.yaw_acceleration,
             start_push: Push::steady(self.capacity.yaw_acceleration),
             end_push: Push::steady(self.capacity.yaw_acceleration),
             start_speed: self.targets.start.velocity.yaw_rate,
             end_speed: self.targets.component(StateComponent::YawRate),
             displacement: (f64::NEG_INFINITY, f64::INFINITY),
-            drive_scale: self.drive_scale(self.capacity.norm.yaw_scale()),
+            drive_scale: self.drive_scale(self.capacity.yaw_scale()),
             is_damped: false,
+            ceiling: Ceiling { level: yaw_level, ..Ceiling::default() },
         };
         let name = |demand| match demand {
             Demand::Displacement => StateComponent::Heading,
@@ -258,13 +275,23 @@ impl<'a> Bounds<'a> {
         };
         // The goal's windings on both sides of the change that takes no time beyond that of the speed.
         let changes = self.targets.heading_changes(axis.displacement_of_fastest_change());
-        let windings = changes.into_iter().map(|change| {
-            axis.displacement = change;
-            let (time, demand) = self.least_time(&axis.without_drive(), GridLaw::Exact, found.floor());
-            LowerBound { time, assumption: LowerBoundAssumption::YawFriction, component: name(demand) }
-        });
-        let by_friction = windings.reduce(|a, b| if b.time < a.time { b } else { a });
+        let of_windings = |axis: &Axis, assumption, floor| {
+            let windings = changes.iter().map(|change| {
+                let axis = Axis { displacement: *change, ..axis.clone() };
+                let (time, demand) = self.least_time(&axis, GridLaw::Exact, floor);
+                LowerBound { time, assumption, component: name(demand) }
+            });
+            windings.reduce(|a, b| if b.time < a.time { b } else { a })
+        };
+        let is_limited = self.capacity.is_yaw_limited();
+        let assumption = if is_limited { LowerBoundAssumption::Limits } else { LowerBoundAssumption::YawFriction };
+        let by_friction = of_windings(&axis.without_drive(), assumption, found.floor());
         found.bounds.extend(by_friction);
+        if yaw_level != SpeedLevel::None {
+            let axis = Axis { drive_scale: None, ..axis.clone() };
+            let limited = of_windings(&axis, LowerBoundAssumption::Limits, found.floor());
+            found.bounds.extend(limited);
+        }
         found.bounds.extend(self.of_driven_yaw(&axis, found.floor()));
     }
 
@@ -284,7 +311,14 @@ impl<'a> Bounds<'a> {
             ..axis.clone()
         };
         let (time, _) = self.least_time(&magnitude, GridLaw::Exact, floor);
-        Some(LowerBound { time, assumption: LowerBoundAssumption::DriveTorque, component: StateComponent::Heading })
+        let is_limited = axis.ceiling.level != SpeedLevel::None;
+        let assumption = if is_limited { LowerBoundAssumption::Limits } else { self.of_torques() };
+        Some(LowerBound { time, assumption, component: StateComponent::Heading })
+    }
+
+    /// What bounds by the torques rest on: where no wheel may slip, on that.
+    fn of_torques(&self) -> LowerBoundAssumption {
+        if self.capacity.rolling.is_some() { LowerBoundAssumption::Limits } else { LowerBoundAssumption::DriveTorque }
     }
 
     /// The bound without the torques, then with them.
@@ -303,7 +337,7 @@ impl<'a> Bounds<'a> {
         let by_friction = bound(&axis.without_drive(), assumption, found.floor());
         found.bounds.push(by_friction);
         if axis.drive_scale.is_some() && by_friction.time.is_finite() {
-            found.bounds.push(bound(axis, LowerBoundAssumption::DriveTorque, found.floor()));
+            found.bounds.push(bound(axis, self.of_torques(), found.floor()));
         }
     }
 
@@ -338,7 +372,7 @@ impl<'a> Bounds<'a> {
         let energy =
             |(component, weight): (StateComponent, f64)| weight * self.targets.value(component).unwrap_or(0.0).powi(2);
         let (component, _) = weights.into_iter().max_by(|a, b| energy(*a).total_cmp(&energy(*b)))?;
-        Some(LowerBound { time, assumption: LowerBoundAssumption::DriveTorque, component })
+        Some(LowerBound { time, assumption: self.of_torques(), component })
     }
 
     /// Bounds by torque and friction at each wheel.
@@ -346,6 +380,8 @@ impl<'a> Bounds<'a> {
         let start = &self.targets.start;
         let PerWheel { left, right } = self.capacity.wheel_acceleration;
         let (angle, rate) = (start.configuration.wheel_angle, start.velocity.wheel_rate);
+        let limit = self.capacity.limits.wheel;
+        let level = if limit.is_finite() { SpeedLevel::Wheel(limit) } else { SpeedLevel::None };
         let wheels = [
             (left, angle.left, rate.left, StateComponent::WheelAngleLeft, StateComponent::WheelRateLeft),
             (right, angle.right, rate.right, StateComponent::WheelAngleRight, StateComponent::WheelRateRight),
@@ -361,12 +397,25 @@ impl<'a> Bounds<'a> {
                 displacement: (low - angle, high - angle),
                 drive_scale: None,
                 is_damped: self.input.robot.parameters().wheel_viscous_friction > 0.0,
+                ceiling: Ceiling { level, ..Ceiling::default() },
             };
-            let (time, demand) = self.least_time(&axis, GridLaw::Exact, found.floor());
-            let component = if demand == Demand::Displacement { angle_component } else { rate_component };
-            found.bounds.push(LowerBound { time, assumption: LowerBoundAssumption::WheelDrive, component });
+            let bound = |axis: &Axis, assumption, floor| {
+                let (time, demand) = self.least_time(axis, GridLaw::Exact, floor);
+                let component = if demand == Demand::Displacement { angle_component } else { rate_component };
+                LowerBound { time, assumption, component }
+            };
+            found.bounds.push(bound(&axis.without_limits(), LowerBoundAssumption::WheelDrive, found.floor()));
+            if level != SpeedLevel::None {
+                found.bounds.push(bound(&axis, LowerBoundAssumption::Limits, found.floor()));
+            }
         }
     }
+}
+
+/// From the reference point to the axle midpoint, m.
+fn from_reference(input: &SolveInput) -> Vector2<f64> {
+    let parameters = input.robot.parameters();
+    parameters.axle_midpoint() - input.maneuver.reference_point.offset(parameters)
 }
 
 #[cfg(test)]

@@ -113,13 +113,28 @@ impl<'a> Targets<'a> {
 
     /// The largest speed of the chassis centre of mass that the goal allows, m/s.
     fn largest_end_speed(&self) -> f64 {
-        let largest = |component| {
-            let (low, high) = self.component(component);
-            high.max(-low)
-        };
+        let largest = |component| largest_magnitude(self.component(component));
         let swing = if self.lever == 0.0 { 0.0 } else { self.lever * largest(StateComponent::YawRate) };
         let asked = largest(StateComponent::VelocityX).hypot(largest(StateComponent::VelocityY)) + swing;
         asked.min(self.free_speed)
+    }
+
+    /// The least and the largest speed at the end of a point at this distance from the reference point, m/s; none where the goal
+    /// leaves it free.
+    pub(super) fn end_speed_at(&self, distance: f64) -> Option<Interval> {
+        let components = [StateComponent::VelocityX, StateComponent::VelocityY];
+        let swing = if distance == 0.0 { 0.0 } else { distance * (self.end_yaw_rate()?.abs() + self.tolerance) };
+        components.iter().all(|component| self.value(*component).is_some()).then(|| {
+            let [x, y] = components.map(|component| self.component(component));
+            let largest = largest_magnitude(x).hypot(largest_magnitude(y));
+            ((least_magnitude(x).hypot(least_magnitude(y)) - swing).max(0.0), largest + swing)
+        })
+    }
+
+    /// Speed at the start of a point relative to G (right, forward), m/s.
+    pub(super) fn start_speed_at(&self, from_center: Vector2<f64>) -> f64 {
+        let velocity = self.start.moved_by(from_center).velocity;
+        velocity.x.hypot(velocity.y)
     }
 
     /// The yaw rate at the end where it is known: asked for, or unchangeable.
@@ -189,6 +204,10 @@ fn around(center: f64, slack: f64) -> Interval {
 
 fn least_magnitude((low, high): Interval) -> f64 {
     low.max(-high).max(0.0)
+}
+
+fn largest_magnitude((low, high): Interval) -> f64 {
+    high.max(-low)
 }
 
 fn rotated(vector: Vector2<f64>, heading: f64) -> Vector2<f64> {
