@@ -313,6 +313,7 @@ fn lower_bound(final_time: f64, report: &Report) -> Option<String> {
         LowerBoundAssumption::YawFriction => "since friction bounds the yaw acceleration",
         LowerBoundAssumption::DriveTorque => "since torque builds the motion up and friction brakes it",
         LowerBoundAssumption::WheelDrive => "since torque and friction bound the acceleration of each wheel",
+        LowerBoundAssumption::Limits => "since limits of the maneuver bound speeds, accelerations or slip",
     };
     let slower = short(100.0 * (final_time / bound - 1.0));
     let gap = if bound > 0.0 { format!("; this plan takes {slower} % longer") } else { String::new() };

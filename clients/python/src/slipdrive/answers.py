@@ -28,7 +28,8 @@ ContactName = Literal["left", "right", "front"]
 # - `yaw_friction`: Friction bounds the yaw acceleration.
 # - `drive_torque`: Torque builds up the motion that carries the robot; friction brakes it.
 # - `wheel_drive`: Torque and friction bound the acceleration of each wheel.
-LowerBoundAssumption = Literal["friction", "yaw_friction", "drive_torque", "wheel_drive"]
+# - `limits`: Limits of the maneuver bound speeds, accelerations or slip, beside friction and torque.
+LowerBoundAssumption = Literal["friction", "yaw_friction", "drive_torque", "wheel_drive", "limits"]
 
 # The optimiser.
 # - `sequential_linear`: Trust-region sequential linear programming on an exact penalty.
