@@ -224,7 +224,7 @@ impl ElasticSolver {
         self.value.neg_mut();
         self.x.fill(0.0);
         self.perturbation = 0.0;
-        let mut stalled = 0;
+        let (mut stalled, mut was_perturbed) = (0, false);
         for _ in 0..ITERATION_FACTOR * (rows + columns) {
             stop.check()?;
             *iterations += 1;
@@ -239,6 +239,11 @@ impl ElasticSolver {
             self.update_point(program);
             let Some(leaving) = self.leaving(program) else {
                 if self.basis.forget_updates() {
+                    continue;
+                }
+                if self.perturbation > 0.0 && !was_perturbed {
+                    // From here it is near; where the program stalls again, the perturbed one has to do.
+                    (self.perturbation, stalled, was_perturbed) = (0.0, 0, true);
                     continue;
                 }
                 self.x.iter_mut().enumerate().for_each(|(j, x)| *x = x.max(program.lower[j]).min(program.upper[j]));
