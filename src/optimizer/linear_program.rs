@@ -20,10 +20,12 @@
 //! Method", 2003). Rows that stay slack cost no more than a scalar product.
 
 mod basis;
+mod perturbation;
 mod ratio_test;
 
 use basis::Basis;
 use nalgebra::{DMatrix, DVector};
+use perturbation::Perturbation;
 use ratio_test::{Kink, KinkAt};
 
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
@@ -40,9 +42,6 @@ const TOLERANCE: f64 = 1e-9;
 const DEPENDENT: f64 = 1e-7;
 /// Iterations per variable and row after which the simplex gives up.
 const ITERATION_FACTOR: usize = 20;
-/// Where as many iterations as there are variables bring no progress, costs and the bounds of multipliers change by up to twice this share
-/// of the largest cost, each by its own, so that no vertex is degenerate and none comes back.
-const PERTURBATION: f64 = 1e-6;
 
 /// Memory of the simplex: the vertex of the last program, from which the next one begins.
 #[derive(Debug, Clone, Default)]
@@ -66,8 +65,7 @@ pub struct ElasticSolver {
     slope: DVector<f64>,
     x: DVector<f64>,
     kinks: Vec<Kink>,
-    /// Unit of the perturbation of costs and multipliers, 0 before there is one.
-    perturbation: f64,
+    perturbation: Perturbation,
 }
 
 /// Where the multiplier of a row is: at its lower bound, inside its box, or at its upper bound.
@@ -223,7 +221,7 @@ impl ElasticSolver {
         self.value.copy_from(program.target);
         self.value.neg_mut();
         self.x.fill(0.0);
-        self.perturbation = 0.0;
+        self.perturbation = Perturbation::default();
         let (mut stalled, mut was_perturbed) = (0, false);
         for _ in 0..ITERATION_FACTOR * (rows + columns) {
             stop.check()?;
@@ -241,9 +239,9 @@ impl ElasticSolver {
                 if self.basis.forget_updates() {
                     continue;
                 }
-                if self.perturbation > 0.0 && !was_perturbed {
+                if !self.perturbation.is_none() && !was_perturbed {
                     // From here it is near; where the program stalls again, the perturbed one has to do.
-                    (self.perturbation, stalled, was_perturbed) = (0.0, 0, true);
+                    (self.perturbation, stalled, was_perturbed) = (Perturbation::default(), 0, true);
                     continue;
                 }
                 self.x.iter_mut().enumerate().for_each(|(j, x)| *x = x.max(program.lower[j]).min(program.upper[j]));
@@ -254,8 +252,9 @@ impl ElasticSolver {
             let rises = kink.step * self.rise(program, leaving) > self.rounding(program);
             stalled = if rises { 0 } else { stalled + 1 };
             self.exchange(program, leaving, kink.at);
+            // As many iterations as there are variables without progress are no accident.
             if stalled > columns {
-                self.perturbation = PERTURBATION * program.cost.amax();
+                self.perturbation = Perturbation::new(program);
             }
         }
         Ok(false)
@@ -264,19 +263,6 @@ impl ElasticSolver {
     /// What the objective may miss.
     fn rounding(&self, program: &ElasticProgram) -> f64 {
         ROUNDING * program.penalty_parameter * self.range.amax()
-    }
-
-    /// The program's bounds of a row's multiplier, moved outwards by the perturbation.
-    fn multiplier_bounds(&self, program: &ElasticProgram, row: usize) -> (f64, f64) {
-        let (low, high) = program.multiplier_bounds(row);
-        let change = if self.range[row] > 0.0 { self.perturbation_of(row) / self.range[row] } else { 0.0 };
-        (low - change, high + change)
-    }
-
-    /// The perturbation of a cost, or of a row's multiplier times its range: multiples of the golden ratio spread evenly.
-    fn perturbation_of(&self, index: usize) -> f64 {
-        let share = (index + 1) as f64 * std::f64::consts::GOLDEN_RATIO;
-        self.perturbation * (1.0 + share.fract())
     }
 
     /// Multipliers at their bounds, and those of the tight rows that make the gradients of the basic variables zero.
@@ -290,7 +276,7 @@ impl ElasticSolver {
             };
         }
         let gradient = |column: &usize| {
-            let cost = program.cost[*column] + self.perturbation_of(*column);
+            let cost = program.cost[*column] + self.perturbation.of(*column);
             cost + program.matrix.column(*column).dot(&self.multiplier)
         };
         let missing = DVector::from_iterator(self.basis.basic.len(), self.basis.basic.iter().map(gradient));
@@ -322,10 +308,8 @@ impl ElasticSolver {
 
     fn update_gradient(&mut self, program: &ElasticProgram) {
         self.gradient.copy_from(program.cost);
-        if self.perturbation > 0.0 {
-            for column in 0..self.gradient.len() {
-                self.gradient[column] += self.perturbation_of(column);
-            }
+        for (column, gradient) in self.gradient.iter_mut().enumerate() {
+            *gradient += self.perturbation.of(column);
         }
         for (multiplier, coefficients) in self.multiplier.iter().zip(self.by_row.column_iter()) {
             if *multiplier != 0.0 {

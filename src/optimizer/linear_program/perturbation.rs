@@ -1,0 +1,40 @@
+//! A perturbation of costs and multiplier bounds, against cycles.
+//!
+//! Only the final time costs anything, so most gradients are zero at first, and most vertices of the dual degenerate: the simplex may
+//! come back to one. With a perturbation each variable and row has a cost and a bound of its own, and none comes back (Wolfe 1963).
+
+use super::ElasticSolver;
+use crate::optimizer::elastic_program::ElasticProgram;
+
+/// Of the largest cost: far below what a search reads from a solution, far above rounding.
+const SHARE: f64 = 1e-6;
+/// Its multiples, less whole numbers, spread evenly.
+const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
+
+/// By its unit, a cost; 0 is none.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Perturbation(f64);
+
+impl Perturbation {
+    pub(super) fn new(program: &ElasticProgram) -> Self {
+        Self(SHARE * program.cost.amax())
+    }
+
+    pub(super) fn is_none(self) -> bool {
+        self.0 == 0.0
+    }
+
+    /// What the cost of a variable grows by, or the multiplier bound of a row times its range: one to two units.
+    pub(super) fn of(self, index: usize) -> f64 {
+        self.0 * (1.0 + ((index + 1) as f64 * GOLDEN_RATIO).fract())
+    }
+}
+
+impl ElasticSolver {
+    /// The program's bounds of a row's multiplier, moved outwards by the perturbation.
+    pub(super) fn multiplier_bounds(&self, program: &ElasticProgram, row: usize) -> (f64, f64) {
+        let (low, high) = program.multiplier_bounds(row);
+        let change = if self.range[row] > 0.0 { self.perturbation.of(row) / self.range[row] } else { 0.0 };
+        (low - change, high + change)
+    }
+}
