@@ -339,6 +339,11 @@ fn limit_used(used: &LimitUse) -> String {
         Some(excess) if *excess <= 0.0 => ", on the finer grid too".to_owned(),
         Some(excess) => format!(", on the finer grid exceeded by {} %", short(100.0 * excess)),
     };
+    // Of an aisle the report has how far a corner is outside; negative inside.
+    if limit.ends_with("keep_in") {
+        let (distance, side) = (short(1e3 * largest.abs()), if *largest > 0.0 { "outside" } else { "inside" });
+        return format!("Limit {limit}: {verdict}{replayed}; at {time_s:.3} s a corner comes to {distance} mm {side}.");
+    }
     format!(
         "Limit {limit} = {}: {verdict}{replayed}; the largest use is {} at {time_s:.3} s.",
         short(*value),
