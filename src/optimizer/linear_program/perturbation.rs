@@ -26,7 +26,8 @@ impl Perturbation {
 
     /// What the cost of a variable grows by, or the multiplier bound of a row times its range: one to two units.
     pub(super) fn of(self, index: usize) -> f64 {
-        self.0 * (1.0 + ((index + 1) as f64 * GOLDEN_RATIO).fract())
+        // Nearly always none, and asked for every row and variable in each iteration.
+        if self.is_none() { 0.0 } else { self.0 * (1.0 + ((index + 1) as f64 * GOLDEN_RATIO).fract()) }
     }
 }
 
@@ -34,7 +35,10 @@ impl ElasticSolver {
     /// The program's bounds of a row's multiplier, moved outwards by the perturbation.
     pub(super) fn multiplier_bounds(&self, program: &ElasticProgram, row: usize) -> (f64, f64) {
         let (low, high) = program.multiplier_bounds(row);
-        let change = if self.range[row] > 0.0 { self.perturbation.of(row) / self.range[row] } else { 0.0 };
+        if self.perturbation.is_none() || self.range[row] <= 0.0 {
+            return (low, high);
+        }
+        let change = self.perturbation.of(row) / self.range[row];
         (low - change, high + change)
     }
 }
