@@ -1,7 +1,6 @@
 //! One command per kind of job (`slipdrive solve`): the REST bodies, run in process through the same service.
 
 mod progress;
-mod report;
 mod shown;
 
 use std::fs::{self, File};
@@ -12,7 +11,7 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use clap::{ArgMatches, Args as _, Command, FromArgMatches as _};
-use slipdrive::contract::{Problem, json};
+use slipdrive::contract::{Problem, indented, json};
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind, Limits, Visitor};
 use slipdrive::metrics::Metrics;
 use slipdrive::service::{Done, Service, ServiceSettings};
@@ -80,7 +79,7 @@ struct Examples(Vec<(&'static str, Vec<u8>)>);
 
 impl Visitor for Examples {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
-        self.0.extend(K::EXAMPLES.iter().map(|(name, request)| (*name, report::indented(&request()).into_bytes())));
+        self.0.extend(K::EXAMPLES.iter().map(|(name, request)| (*name, indented(&request()).into_bytes())));
     }
 }
 

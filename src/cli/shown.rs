@@ -12,7 +12,7 @@ use slipdrive::jobs::present::{AcceptedPlan, Present};
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _};
 use slipdrive::service::{Class, Service};
 
-use super::{report, write_file};
+use super::write_file;
 use crate::config::JobArguments;
 
 /// Whether anything is to be drawn or written beside the answer and its saved plan.
@@ -41,14 +41,15 @@ pub(super) fn write(
         return Ok(());
     }
     if let Some(path) = &arguments.csv {
-        let plans = Present::accept(request.clone(), jobs.limits())?;
-        let csv = AcceptedPlan::csv(&plans, &InProcessSolver, (&AtomicBool::new(false)).into());
+        let accepted = Present::accept(request.clone(), jobs.limits())?;
+        let csv = AcceptedPlan::csv(&accepted.plans, &InProcessSolver, (&AtomicBool::new(false)).into());
         write_file(path, csv.map_err(|_| anyhow::anyhow!("the motion was stopped"))?.as_bytes())?;
     }
     if arguments.report.is_none() && arguments.svg.is_none() {
         return Ok(());
     }
-    let input = Present::accept(request.clone(), jobs.limits())?;
+    let request = PresentRequest { report: arguments.report.is_some(), ..request.clone() };
+    let input = Present::accept(request, jobs.limits())?;
     let permit = service.reserve(Class::Light)?;
     let response = permit.submit(Arc::clone(&jobs.present), input, None, Present::answer)?;
     let response = response.blocking_outcome()?;
@@ -56,7 +57,7 @@ pub(super) fn write(
         write_figures(folder, &response)?;
     }
     match &arguments.report {
-        Some(path) => write_file(path, report::page(request, &response).as_bytes()),
+        Some(path) => write_file(path, response.report_html.as_bytes()),
         None => Ok(()),
     }
 }

@@ -5,10 +5,12 @@
 pub(crate) mod convert;
 mod error_table;
 mod goal;
+mod indented;
 pub mod json;
 pub mod message;
 mod problem;
 mod state;
 
 pub use error_table::{ErrorCode, ErrorEntry, GrpcCode};
+pub use indented::indented;
 pub use problem::{FieldError, Problem};

@@ -57,6 +57,27 @@ async fn plan_has_figures_and_a_certificate_by_both_transports() {
 }
 
 #[tokio::test]
+async fn report_says_and_quotes_all_where_it_is_asked_for() {
+    let server = TestServer::start(4, real_solver()).await;
+    let request = maneuver();
+    let mut body = presentation(&request, &solved(&server, &request).await);
+    let bare = presented(&server, &body).await;
+    assert_eq!(bare["report_html"], "");
+    body["report"] = json!(true);
+    let mut answer = presented(&server, &body).await;
+    let report = answer["report_html"].take();
+    let report = report.as_str().unwrap();
+    assert!(report.starts_with("<!doctype html>") && !report.contains("<script"));
+    for figure in answer["figures"].as_array().unwrap() {
+        assert!(report.contains(figure["svg"].as_str().unwrap().trim_end()));
+    }
+    assert!(report.contains(answer["plans"][0]["headline"].as_str().unwrap()) && report.contains("/solve -H"));
+    // Everything else is as without it.
+    answer["report_html"] = json!("");
+    assert_eq!(answer, bare);
+}
+
+#[tokio::test]
 async fn simulations_and_solves_share_figures() {
     let server = TestServer::start(4, real_solver()).await;
     let request = maneuver();

@@ -117,11 +117,12 @@ def test_figures_are_drawn_or_the_server_is_too_old(client: Client, tmp_path: Pa
     plan = client.solve(FORWARD)
     motion = client.simulate({"torque_schedule": plan.torque_schedule, "grid": {"steps": 200}})
     try:
-        figures = client.figures(plan, motion)
+        figures = client.figures(plan, motion, report=True)
     except SlipdriveError as error:
         assert "draws no figures" in str(error)
         return
     assert figures["path"].svg.startswith("<svg") and len(figures.plans) == 2
+    assert figures["path"].svg.strip() in figures.report_html and plan.figures().report_html == ""
     assert [path.name for path in plan.figures().save(tmp_path)][0] == f"{figures.figures[0].name}.svg"
 
 

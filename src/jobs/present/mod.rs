@@ -3,6 +3,7 @@
 mod accept;
 mod csv;
 mod draw;
+mod report;
 mod words;
 
 use std::sync::Arc;
@@ -14,7 +15,7 @@ pub use accept::AcceptedPlan;
 
 use super::table::line;
 use super::{Kind, Limits, ManeuverSolver};
-use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentResponse};
+use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentResponse, PresentedPlan};
 use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::plot;
@@ -44,6 +45,15 @@ impl Present {
     }
 }
 
+/// Plans to show.
+#[derive(Debug)]
+pub struct AcceptedPlans {
+    /// The plans, in the order of the request.
+    pub plans: Vec<AcceptedPlan>,
+    /// What was asked and answered, where the report is to quote it.
+    quoted: Option<Vec<PresentedPlan>>,
+}
+
 /// The plans as they are shown.
 #[derive(Debug)]
 pub struct Presented {
@@ -56,23 +66,24 @@ pub struct Presented {
 impl Job for Present {
     const NAME: &'static str = "present";
     const CLASS: Class = Class::Light;
-    type Input = Vec<AcceptedPlan>;
+    type Input = AcceptedPlans;
     type Output = Presented;
     type Progress = ();
 
-    fn cost(&self, plans: &Vec<AcceptedPlan>) -> Cost {
-        Cost::seconds(plans.iter().map(|plan| DRAWING_S + plan.step_count() as f64 * STEP_S).sum())
+    fn cost(&self, input: &AcceptedPlans) -> Cost {
+        Cost::seconds(input.plans.iter().map(|plan| DRAWING_S + plan.step_count() as f64 * STEP_S).sum())
     }
 
-    fn work_done(&self, plans: &Vec<AcceptedPlan>, _output: &Presented) -> Option<WorkDone> {
-        Some(WorkDone { cost: self.cost(plans), is_complete: true })
+    fn work_done(&self, input: &AcceptedPlans, _output: &Presented) -> Option<WorkDone> {
+        Some(WorkDone { cost: self.cost(input), is_complete: true })
     }
 
-    fn time_limit(&self, _plans: &Vec<AcceptedPlan>) -> Option<Duration> {
+    fn time_limit(&self, _input: &AcceptedPlans) -> Option<Duration> {
         Some(TIME_LIMIT)
     }
 
-    fn run(&self, plans: &Vec<AcceptedPlan>, control: &JobControl<'_, ()>) -> Result<Presented, Stopped> {
+    fn run(&self, input: &AcceptedPlans, control: &JobControl<'_, ()>) -> Result<Presented, Stopped> {
+        let plans = &input.plans;
         let rolled_out = |plan: &AcceptedPlan| plan.trajectory(&*self.0, control.stop().cut_flag().into());
         let trajectories: Result<Vec<_>, _> = plans.iter().map(rolled_out).collect();
         let trajectories = trajectories.map_err(|_| control.cut_off())?;
@@ -101,21 +112,26 @@ impl Kind for Present {
             .across(&["plans"], "each plan has either `solve` or `simulate`, whose request keeps the rules of its kind")
     }
 
-    fn accept(request: PresentRequest, limits: &Limits) -> Result<Vec<AcceptedPlan>, Problem> {
-        accept::accept(request, limits)
+    fn accept(request: PresentRequest, limits: &Limits) -> Result<AcceptedPlans, Problem> {
+        let quoted = request.report.then(|| request.plans.clone());
+        Ok(AcceptedPlans { plans: accept::accept(request, limits)?, quoted })
     }
 
     fn max_body_bytes(_limits: &Limits) -> usize {
         MAX_BODY_BYTES
     }
 
-    fn answer_numbers(plans: &Vec<AcceptedPlan>) -> usize {
-        plans.len() * NUMBERS_OF_FIGURES
+    fn answer_numbers(input: &AcceptedPlans) -> usize {
+        // A report has the figures again.
+        input.plans.len() * NUMBERS_OF_FIGURES * if input.quoted.is_some() { 2 } else { 1 }
     }
 
-    fn answer(_plans: &Vec<AcceptedPlan>, done: &Done<Presented>) -> PresentResponse {
+    fn answer(input: &AcceptedPlans, done: &Done<Presented>) -> PresentResponse {
         let Presented { figures, words } = &done.output;
-        PresentResponse { figures: figures.iter().map(Figure::from).collect(), plans: words.clone() }
+        let figures = figures.iter().map(Figure::from).collect();
+        let shown = PresentResponse { figures, plans: words.clone(), report_html: String::new() };
+        let report_html = input.quoted.as_deref().map(|quoted| report::page(quoted, &shown)).unwrap_or_default();
+        PresentResponse { report_html, ..shown }
     }
 
     fn presentation(body: &[u8], _answer: PresentResponse) -> Option<PresentRequest> {
@@ -142,7 +158,7 @@ impl Kind for Present {
     }
 
     /// What is said of each plan.
-    fn table(_plans: &Vec<AcceptedPlan>, done: &Done<Presented>) -> String {
+    fn table(_input: &AcceptedPlans, done: &Done<Presented>) -> String {
         let mut table = String::new();
         for (index, words) in done.output.words.iter().enumerate() {
             if index > 0 {

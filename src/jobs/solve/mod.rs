@@ -152,7 +152,7 @@ impl Kind for Solve {
 
     fn presentation(body: &[u8], answer: message::Solution) -> Option<PresentRequest> {
         let solve = SolvedPlan { request: Some(json::read_object(body).ok()?), answer: Some(answer) };
-        Some(PresentRequest { plans: vec![PresentedPlan { solve: Some(solve), simulate: None }] })
+        Some(PresentRequest { plans: vec![PresentedPlan { solve: Some(solve), simulate: None }], report: false })
     }
 
     fn progress_line(progress: &SolveProgress) -> Option<ProgressLine> {

@@ -390,6 +390,10 @@ class PresentResponse:
     """Figures in the order in which they are read. Those that need a motion are left out where no plan moves."""
     plans: list[PlanInWords]
     """What is said of each plan, in the order of the request."""
+    report_html: str
+    """All of it as one page that needs nothing beside it, with what was asked and answered and how to repeat it, in
+    HTML; empty where no report was asked for.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -124,10 +124,11 @@ class Client:
         )
         return many.run(requests, Path(results_file), on_result)
 
-    def figures(self, *plans: Solution | Simulation) -> Figures:
-        """Figures of one to four plans, drawn over each other by the server."""
+    def figures(self, *plans: Solution | Simulation, report: bool = False) -> Figures:
+        """Figures of one to four plans, drawn over each other by the server; with `report` a page about them in `report_html` too."""
         try:
-            return decode(Figures, json.loads(self._ask("POST", "present", encode(body_of(plans)))))
+            body = {**body_of(plans), "report": report}
+            return decode(Figures, json.loads(self._ask("POST", "present", encode(body))))
         except ProblemError as problem:
             if problem.code == "not_found":
                 raise SlipdriveError(f"{self.url} draws no figures: its version has no /present") from problem

@@ -170,6 +170,8 @@ class PresentRequest(TypedDict, total=False):
 
     plans: Sequence[PresentedPlan]
     """1 to 4 plans, overlaid in every figure."""
+    report: bool
+    """Whether a report is written too."""
 
 
 class PresentedPlan(TypedDict, total=False):

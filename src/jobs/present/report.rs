@@ -1,20 +1,15 @@
 //! A page about plans that needs nothing beside it: answer and certificate in words, figures, request, how to repeat it.
 
 use std::fmt::Write as _;
-use std::io;
 
-use serde::Serialize;
-use serde_json::Serializer;
-use serde_json::ser::{Formatter, PrettyFormatter};
-use slipdrive::contract::message::{
-    Figure, PlanInWords, PresentRequest, PresentResponse, PresentedPlan, SimulateResponse, Solution,
-};
-use slipdrive::plot::{STYLE, escaped};
+use crate::contract::indented;
+use crate::contract::message::{Figure, PlanInWords, PresentResponse, PresentedPlan, SimulateResponse, Solution};
+use crate::plot::{STYLE, escaped};
 
 const PAGE_STYLE: &str = include_str!("report.css");
 
-/// The page.
-pub(super) fn page(request: &PresentRequest, response: &PresentResponse) -> String {
+/// The page about plans that were asked for, and are presented.
+pub(super) fn page(asked: &[PresentedPlan], response: &PresentResponse) -> String {
     let mut page = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
@@ -31,8 +26,8 @@ pub(super) fn page(request: &PresentRequest, response: &PresentResponse) -> Stri
     for figure in &response.figures {
         write_figure(figure, &mut page);
     }
-    for (plan, words) in request.plans.iter().zip(&response.plans) {
-        write_repetition(plan, &words.label, request.plans.len(), &mut page);
+    for (plan, words) in asked.iter().zip(&response.plans) {
+        write_repetition(plan, &words.label, asked.len(), &mut page);
     }
     // Writing to a string cannot fail, here and below.
     let _ = write!(page, "<p class=\"foot\">slipdrive {}</p>\n</main>\n</body>\n</html>\n", env!("CARGO_PKG_VERSION"));
@@ -105,43 +100,4 @@ fn write_repetition(plan: &PresentedPlan, label: &str, count: usize, page: &mut 
 /// Escaped, with its lines.
 fn escaped_lines(text: &str) -> String {
     text.lines().map(escaped).collect::<Vec<_>>().join("\n")
-}
-
-/// JSON for people: a line per field, an array in one.
-pub(super) fn indented(message: &impl Serialize) -> String {
-    let mut text = Vec::new();
-    let mut writer = Serializer::with_formatter(&mut text, Lines(PrettyFormatter::new()));
-    // Messages are names and numbers, and writing to memory cannot fail.
-    let _ = message.serialize(&mut writer);
-    text.push(b'\n');
-    String::from_utf8_lossy(&text).into_owned()
-}
-
-/// Objects on lines of their own, arrays in one.
-struct Lines(PrettyFormatter<'static>);
-
-impl Formatter for Lines {
-    fn begin_object<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        self.0.begin_object(writer)
-    }
-
-    fn end_object<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        self.0.end_object(writer)
-    }
-
-    fn begin_object_key<W: ?Sized + io::Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
-        self.0.begin_object_key(writer, first)
-    }
-
-    fn begin_object_value<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        self.0.begin_object_value(writer)
-    }
-
-    fn end_object_value<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
-        self.0.end_object_value(writer)
-    }
-
-    fn begin_array_value<W: ?Sized + io::Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
-        if first { Ok(()) } else { writer.write_all(b", ") }
-    }
 }

@@ -1,0 +1,82 @@
+// The answer in words and numbers.
+
+import { byId, html, signed } from "./dom.js";
+import { forceAt, slipsAt, torqueAt, valueOf } from "./motion.js";
+
+/** @typedef {import("./state.js").Plan} Plan */
+/** @typedef {import("slipdrive-api").components["schemas"]["PlanInWords"]} PlanInWords */
+
+/** What is known before the service has drawn: what the answer itself says. @param {Plan} plan */
+export function showFacts({ shown, trajectory }) {
+  const { answer } = shown.solve ?? {};
+  byId("headline", HTMLElement).textContent = answer ? headline(answer) : "A simulated motion";
+  const end = trajectory.time_s.at(-1) ?? 0;
+  const facts = answer ? factsOf(answer) : [["Final time", "final-time", `${end.toFixed(4)} s`]];
+  byId("facts", HTMLElement).replaceChildren(
+    ...facts.map(([name, id, value]) => html("div", {}, html("dt", {}, name), html("dd", { id }, value))),
+  );
+  byId("words", HTMLElement).replaceChildren(...(answer?.reason ? [html("p", {}, answer.reason.message)] : []));
+}
+
+/** @param {import("./state.js").Solution} answer */
+function headline({ status, final_time_s }) {
+  const met = status === "converged" || status === "feasible";
+  return met ? `The robot reaches its goal in ${final_time_s.toFixed(3)} s.` : "There is no plan that reaches the goal.";
+}
+
+/** @param {import("./state.js").Solution} answer @returns {[string, string, string][]} */
+function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }) {
+  const { replay, lower_bound_s, solve_time_s } = report;
+  const stopped = stop_reason === "finished" ? "" : `, ${stop_reason.replaceAll("_", " ")}`;
+  return [
+    ["Final time", "final-time", `${final_time_s.toFixed(4)} s`],
+    ["Status", "plan-status", `${status.replaceAll("_", " ")}${stopped}`],
+    ["Replay", "replay", replay_confirmed ? "confirmed" : "not confirmed"],
+    ["Replay miss", "replay-miss", replay?.miss_m == null ? "not known" : `${(1000 * replay.miss_m).toPrecision(3)} mm`],
+    ["No plan is faster than", "bound", lower_bound_s == null ? "not known" : `${lower_bound_s.toFixed(4)} s`],
+    ["Solved in", "solve-time", `${(1000 * solve_time_s).toFixed(0)} ms`],
+  ];
+}
+
+/** The service's sentences. @param {PlanInWords[]} plans */
+export function showWords(plans) {
+  byId("headline", HTMLElement).textContent = plans[0].headline;
+  byId("words", HTMLElement).replaceChildren(...plans.flatMap(inWords));
+}
+
+/** @param {PlanInWords} words @param {number} index @param {PlanInWords[]} all */
+function inWords({ label, headline, details, certificate }, index, all) {
+  const title = all.length > 1 ? [html("h3", {}, `${label}. ${index ? headline : "This plan"}`)] : [];
+  const why = certificate.map((sentence) => {
+    const [topic, ...rest] = sentence.split(": ");
+    return html("li", {}, ...(rest.length ? [html("b", {}, `${topic}: `), rest.join(": ")] : [sentence]));
+  });
+  const trust = why.length ? [html("h3", {}, "Why to trust it"), html("ul", {}, ...why)] : [];
+  return [...title, ...details.map((sentence) => html("p", {}, sentence)), ...trust];
+}
+
+const SIDES = /** @type {const} */ (["left", "right"]);
+
+/** The numbers of a moment. @param {HTMLElement} root @param {Plan | null} plan @param {number} time s */
+export function showMoment(root, plan, time) {
+  if (!plan || plan.trajectory.time_s.length < 2) return root.replaceChildren();
+  const { trajectory } = plan;
+  const speed = Math.hypot(valueOf(trajectory, "velocity_x_m_s", time), valueOf(trajectory, "velocity_y_m_s", time));
+  const torque = torqueAt(plan, time);
+  const rows = [
+    ["Speed", `${speed.toFixed(2)} m/s`],
+    ["Yaw rate", `${signed(valueOf(trajectory, "yaw_rate_rad_s", time), 2)} rad/s`],
+    ...SIDES.map((side) => {
+      const { forward, right } = forceAt(plan, side, time);
+      const mode = slipsAt(plan, side, time) ? "slips" : "sticks";
+      return [`${side === "left" ? "Left" : "Right"} wheel`, `${mode}, torque ${signed(torque[side], 2)} N m, friction ${Math.hypot(forward, right).toFixed(1)} N`];
+    }),
+  ];
+  // The same elements again: this runs at every frame.
+  while (root.children.length < rows.length) root.append(html("div", {}, html("dt"), html("dd")));
+  rows.forEach(([name, value], index) => {
+    const [term, said] = root.children[index].children;
+    if (term.textContent !== name) term.textContent = name;
+    said.textContent = value;
+  });
+}

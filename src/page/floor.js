@@ -1,0 +1,190 @@
+// The floor from above: start, goal, aisle, and the motion of plans.
+
+import { bodyOf, placing, poseOf } from "./body.js";
+import { setAttributes, signed, svg } from "./dom.js";
+import { Handle } from "./handle.js";
+import { Robot } from "./robot.js";
+import { isRecord, valueAt } from "./state.js";
+import { roundStep, View } from "./view.js";
+
+/** @typedef {import("./state.js").State} State */
+/** @typedef {import("./state.js").Plan} Plan */
+/** @typedef {import("./body.js").Point} Point */
+/** @typedef {import("./body.js").Pose} Pose */
+
+/** Room around all that is shown, px; the lines of the grid are at least so far apart. */
+const MARGIN_PX = 56;
+const GRID_PX = 56;
+const CLEAR_PX = 46;
+/** A robot that is followed is shown at this scale, px/m. */
+const FOLLOWED_PX_PER_M = 160;
+
+export class Floor {
+  #view = new View(80, false, [200, 200]);
+  #frame = { width: 0, height: 0 };
+  #grid = svg("g", { class: "grid", "aria-hidden": "true" });
+  #aisle = svg("polygon", { class: "keep-in", "aria-hidden": "true" });
+  #traces = svg("g", { "aria-hidden": "true" });
+  #isDragged = false;
+  /** @type {Robot[]} */
+  #robots;
+  /** @type {Handle[]} */
+  #handles;
+  /** @type {Readonly<State> | null} */
+  #state = null;
+  isFollowing = false;
+
+  /**
+   * @param {SVGSVGElement} root
+   * @param {Record<string, number>} byDefault the reference robot
+   * @param {(which: "start" | "goal", pose: Pose) => void} onMove
+   */
+  constructor(root, byDefault, onMove) {
+    this.root = root;
+    this.byDefault = byDefault;
+    const view = () => this.#view;
+    this.#handles = /** @type {const} */ (["start", "goal"]).map((which) => new Handle(which, view, (pose, isLast) => {
+      this.#isDragged = !isLast;
+      onMove(which, pose);
+    }));
+    this.#robots = [new Robot("b"), new Robot("a")];
+    const robots = this.#robots.map(({ element }) => element);
+    root.append(this.#grid, this.#aisle, this.#traces, ...this.#handles.map(({ element }) => element), ...robots);
+    new ResizeObserver(() => this.#resize()).observe(root);
+  }
+
+  #resize() {
+    const { width, height } = this.root.getBoundingClientRect();
+    if (!width || (width === this.#frame.width && height === this.#frame.height)) return;
+    this.#frame = { width, height };
+    setAttributes(this.root, { viewBox: `0 0 ${width} ${height}` });
+    if (this.#state) this.show(this.#state);
+  }
+
+  /** All of it: after a change of the request or of the plans. @param {Readonly<State>} state */
+  show(state) {
+    this.#state = state;
+    const start = poseOf(state.request.maneuver?.start, { x: 0, y: 0, heading: 0 });
+    const goal = poseOf(state.request.maneuver?.goal, start);
+    const body = bodyOf(state.request, this.byDefault);
+    if (!this.#isDragged) this.#fit([...around(start), ...around(goal)]);
+    this.#handles.forEach((handle, index) => handle.show(body, [start, goal][index]));
+    this.showTime(state);
+  }
+
+  /** The moment alone. @param {Readonly<State>} state */
+  showTime(state) {
+    const plans = [state.compared, state.plan];
+    const follows = this.isFollowing && state.plan;
+    if (follows) this.#follow(state);
+    this.#robots.forEach((robot, index) => {
+      const plan = plans[index];
+      robot.show(plan, plan ? bodyOf(plan.request, this.byDefault) : null, state.time, this.#view);
+    });
+  }
+
+  /** Shows everything again, after following ended. */
+  refit() {
+    if (this.#state) this.show(this.#state);
+  }
+
+  /** @param {Point[]} points */
+  #fit(points) {
+    const state = this.#state;
+    const paths = [state?.plan, state?.compared].flatMap((plan) => (plan ? everyPoint(plan) : []));
+    this.#view = View.fitting([...points, ...paths, ...this.#corners()], this.#frame, MARGIN_PX);
+    this.#drawGround();
+  }
+
+  /** @param {Readonly<State>} state */
+  #follow({ plan, time }) {
+    if (!plan) return;
+    const { x, y } = this.#robots[1].poseOf(plan, time);
+    const scale = Math.max(this.#view.scale, FOLLOWED_PX_PER_M);
+    this.#view = new View(scale, this.#view.onSide, [0, 0]).centred([x, y], this.#frame);
+    this.#drawGround();
+    if (this.#state) this.#showHandles(this.#state);
+  }
+
+  /** @param {Readonly<State>} state */
+  #showHandles({ request }) {
+    const start = poseOf(request.maneuver?.start, { x: 0, y: 0, heading: 0 });
+    const poses = [start, poseOf(request.maneuver?.goal, start)];
+    const body = bodyOf(request, this.byDefault);
+    this.#handles.forEach((handle, index) => handle.show(body, poses[index]));
+  }
+
+  /** @returns {Point[]} */
+  #corners() {
+    const corners = valueAt(this.#state?.request, ["maneuver", "keep_in"]);
+    if (!Array.isArray(corners)) return [];
+    return corners.filter(isRecord).map(({ x_m, y_m }) => [Number(x_m ?? 0), Number(y_m ?? 0)]);
+  }
+
+  #drawGround() {
+    this.#grid.replaceChildren(...gridLines(this.#view, this.#frame));
+    const corners = this.#corners().map((corner) => this.#view.place(corner));
+    setAttributes(this.#aisle, { points: corners.map((corner) => corner.join(",")).join(" ") });
+    const { plan, compared } = this.#state ?? {};
+    const traces = [compared && this.#trace(compared, "b"), plan && this.#trace(plan, "a")];
+    this.#traces.replaceChildren(...traces.flatMap((trace) => trace ?? []));
+  }
+
+  /** The path of the reference point, and the tracks of wheels where they slip. @param {Plan} plan @param {string} name */
+  #trace(plan, name) {
+    const body = bodyOf(plan.request, this.byDefault);
+    const poses = everyPose(plan);
+    const path = svg("path", { class: `trace plan-${name}`, d: pathOf(poses.map(({ x, y }) => this.#view.place([x, y]))) });
+    const tracks = /** @type {const} */ (["left", "right"]).flatMap((wheel) => {
+      const points = poses.map((pose) => this.#view.place(placing(body, pose)(body.wheels[wheel])));
+      const track = svg("path", { class: "track", d: pathOf(points) });
+      const slips = plan.spans.filter((span) => span[wheel] === "slip").map(({ start_s, end_s }) => {
+        const within = points.filter((_, node) => inside(plan.trajectory.time_s[node], start_s, end_s));
+        return svg("path", { class: "slip", d: pathOf(within) });
+      });
+      return [track, ...slips];
+    });
+    return [...tracks, path];
+  }
+}
+
+/** @param {number} time @param {number} start @param {number} end */
+const inside = (time, start, end) => time >= start - 1e-9 && time <= end + 1e-9;
+
+/** @param {Plan} plan @returns {Pose[]} */
+const everyPose = ({ trajectory: { x_m, y_m, heading_rad } }) =>
+  x_m.map((x, node) => ({ x: x ?? NaN, y: y_m[node] ?? NaN, heading: heading_rad[node] ?? NaN }));
+
+/** @param {Plan} plan */
+const everyPoint = (plan) => everyPose(plan).flatMap(({ x, y }) => /** @type {Point[]} */ ([[x - 0.2, y - 0.2], [x + 0.2, y + 0.2]]));
+
+/** Room for a robot at a pose. @param {Pose} pose @returns {Point[]} */
+const around = ({ x, y }) => [[x - 0.3, y - 0.3], [x + 0.3, y + 0.3]];
+
+/** @param {Point[]} points */
+function pathOf(points) {
+  const finite = points.filter(([x, y]) => Number.isFinite(x + y));
+  return finite.map(([x, y], index) => `${index ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
+}
+
+/** @param {View} view @param {{ width: number, height: number }} frame */
+function gridLines(view, { width, height }) {
+  const step = roundStep(GRID_PX / view.scale);
+  const [a, b] = [view.unplace([0, height]), view.unplace([width, 0])];
+  const digits = Math.max(0, -Math.floor(Math.log10(step)));
+  return [0, 1].flatMap((axis) => {
+    const [low, high] = [Math.min(a[axis], b[axis]), Math.max(a[axis], b[axis])];
+    const count = Math.min(100, Math.floor(high / step) - Math.ceil(low / step) + 1);
+    return Array.from({ length: Math.max(0, count) }, (_, index) => {
+      const value = (Math.ceil(low / step) + index) * step;
+      const [px, py] = view.place(axis === 0 ? [value, 0] : [0, value]);
+      const isUpright = (axis === 0) !== view.onSide;
+      const line = isUpright ? { x1: px, x2: px, y1: 0, y2: height } : { x1: 0, x2: width, y1: py, y2: py };
+      const text = isUpright ? { x: px + 3, y: height - 5 } : { x: 4, y: py - 3 };
+      // Labels of the other axis and the edges of the frame stay free.
+      const isClear = isUpright ? px > CLEAR_PX && px < width - CLEAR_PX : py > CLEAR_PX / 2 && py < height - CLEAR_PX / 2;
+      const words = value === 0 ? `${axis === 0 ? "x" : "y"} = 0` : `${signed(value, digits)} m`;
+      return svg("g", {}, svg("line", line), ...(isClear ? [svg("text", text, words)] : []));
+    });
+  }).flat();
+}

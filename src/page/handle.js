@@ -1,0 +1,121 @@
+// Start and goal on the floor: dragged, turned by their knob, or moved by keys.
+
+import { setAttributes, svg } from "./dom.js";
+import { placing } from "./body.js";
+
+/** @typedef {import("./body.js").Body} Body */
+/** @typedef {import("./body.js").Pose} Pose */
+/** @typedef {import("./body.js").Point} Point */
+/** @typedef {import("./view.js").View} View */
+
+/** By a key: metres, and radians; with Shift finer. */
+const MOVE_M = [0.1, 0.01];
+const TURN_RAD = [Math.PI / 12, Math.PI / 180];
+/** Least reach of a knob from the reference point, px. */
+const KNOB_PX = 34;
+
+export class Handle {
+  #outline = svg("polygon");
+  #nose = svg("line");
+  #touch = svg("circle", { class: "touch", r: 14 });
+  #knob = svg("circle", { class: "knob", r: 12 });
+  #name = svg("text", { class: "name", "aria-hidden": "true" });
+  /** @type {Pose} */
+  #pose = { x: 0, y: 0, heading: 0 };
+
+  /**
+   * @param {"start" | "goal"} which
+   * @param {() => View} view
+   * @param {(pose: Pose, isLast: boolean) => void} onMove
+   */
+  constructor(which, view, onMove) {
+    this.label = which === "start" ? "Start" : "Goal";
+    this.view = view;
+    this.onMove = onMove;
+    this.#name.textContent = this.label;
+    const parts = [this.#outline, this.#nose, this.#touch, this.#knob, this.#name];
+    this.element = svg("g", { class: `handle ${which}`, tabindex: 0, role: "button", id: `handle-${which}` }, ...parts);
+    this.element.addEventListener("keydown", (event) => this.#onKey(event));
+    this.element.addEventListener("pointerdown", (event) => this.#grab(event));
+  }
+
+  /** @param {Body} body @param {Pose} pose */
+  show(body, pose) {
+    this.#pose = pose;
+    const [view, place] = [this.view(), placing(body, pose)];
+    const corners = body.outline.map((corner) => view.place(place(corner)));
+    const at = view.place([pose.x, pose.y]);
+    const ahead = view.place([pose.x - Math.sin(pose.heading), pose.y + Math.cos(pose.heading)]);
+    const reach = Math.max(KNOB_PX, view.scale * Math.max(...body.outline.map(([, forward]) => forward)) + 16);
+    const knob = at.map((from, axis) => from + ((ahead[axis] - from) / view.scale) * reach);
+    setAttributes(this.#outline, { points: corners.map((corner) => corner.join(",")).join(" ") });
+    setAttributes(this.#nose, { x1: at[0], y1: at[1], x2: knob[0], y2: knob[1] });
+    setAttributes(this.#touch, { cx: at[0], cy: at[1] });
+    setAttributes(this.#knob, { cx: knob[0], cy: knob[1] });
+    const lowest = Math.max(...corners.map(([, y]) => y), at[1] + 14);
+    setAttributes(this.#name, { x: at[0], y: lowest + 15 });
+    const words = `x ${pose.x.toFixed(2)} m, y ${pose.y.toFixed(2)} m, heading ${pose.heading.toFixed(2)} rad`;
+    this.element.setAttribute("aria-label", `${this.label}: ${words}. Arrow keys move it, [ and ] turn it.`);
+  }
+
+  /** @param {KeyboardEvent} event */
+  #onKey(event) {
+    const fine = event.shiftKey ? 1 : 0;
+    const step = DIRECTIONS[event.key];
+    const turn = TURNS[event.key] ?? 0;
+    if (!step && !turn) return;
+    event.preventDefault();
+    const [px, py] = this.view().place([this.#pose.x, this.#pose.y]);
+    const [x, y] = step ? this.view().unplace([px + step[0], py + step[1]]) : [this.#pose.x, this.#pose.y];
+    // The direction is that on the screen, the length that of the world.
+    const length = Math.hypot(x - this.#pose.x, y - this.#pose.y) || 1;
+    this.onMove({
+      x: rounded(this.#pose.x + ((x - this.#pose.x) / length) * MOVE_M[fine]),
+      y: rounded(this.#pose.y + ((y - this.#pose.y) / length) * MOVE_M[fine]),
+      heading: rounded(this.#pose.heading + turn * TURN_RAD[fine], 4),
+    }, true);
+  }
+
+  /** @param {PointerEvent} event */
+  #grab(event) {
+    if (event.button !== 0) return;
+    event.preventDefault();
+    this.element.focus();
+    this.element.setPointerCapture(event.pointerId);
+    const turns = event.target === this.#knob;
+    const from = this.#world(event);
+    const offset = [this.#pose.x - from[0], this.#pose.y - from[1]];
+    let last = this.#pose;
+    /** @param {PointerEvent} moved */
+    const onMove = (moved) => {
+      const [x, y] = this.#world(moved);
+      last = turns
+        ? { ...this.#pose, heading: rounded(nearTurn(Math.atan2(this.#pose.x - x, y - this.#pose.y), this.#pose.heading), 2) }
+        : { ...this.#pose, x: rounded(x + offset[0]), y: rounded(y + offset[1]) };
+      this.onMove(last, false);
+    };
+    const onEnd = () => {
+      this.element.removeEventListener("pointermove", onMove);
+      this.onMove(last, true);
+    };
+    this.element.addEventListener("pointermove", onMove);
+    this.element.addEventListener("lostpointercapture", onEnd, { once: true });
+  }
+
+  /** @param {PointerEvent} event */
+  #world(event) {
+    const frame = this.element.ownerSVGElement?.getBoundingClientRect();
+    return this.view().unplace([event.clientX - (frame?.left ?? 0), event.clientY - (frame?.top ?? 0)]);
+  }
+}
+
+/** @type {Record<string, Point>} On the screen. */
+const DIRECTIONS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+/** @type {Record<string, number>} */
+const TURNS = { "[": 1, "]": -1, "{": 1, "}": -1 };
+
+/** A turn that is the same direction, nearest to another. @param {number} heading @param {number} to */
+const nearTurn = (heading, to) => heading + 2 * Math.PI * Math.round((to - heading) / (2 * Math.PI));
+
+/** @param {number} value @param {number} digits */
+const rounded = (value, digits = 2) => Number(value.toFixed(digits));

@@ -1,0 +1,106 @@
+// What a plan does at a time: between nodes poses are interpolated, and forces are those of the step.
+
+/** @typedef {import("./state.js").Plan} Plan */
+/** @typedef {import("./state.js").Trajectory} Trajectory */
+/** @typedef {import("./body.js").Pose} Pose */
+
+/** @param {Plan | null} plan s */
+export const durationOf = (plan) => plan?.trajectory.time_s.at(-1) ?? 0;
+
+/**
+ * The step that a time is in, from 0.
+ * @param {Trajectory} trajectory
+ * @param {number} time
+ */
+export function stepAt({ time_s }, time) {
+  let [low, high] = [0, Math.max(0, time_s.length - 2)];
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (time_s[middle] <= time) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}
+
+/**
+ * The value of a quantity of the trajectory at a time.
+ * @param {Trajectory} trajectory
+ * @param {Exclude<keyof Trajectory, "time_s">} name
+ * @param {number} time
+ */
+export function valueOf(trajectory, name, time) {
+  const [step, times, values] = [stepAt(trajectory, time), trajectory.time_s, trajectory[name]];
+  const [from, to] = [values[step] ?? 0, values[step + 1] ?? values[step] ?? 0];
+  const span = (times[step + 1] ?? times[step]) - times[step];
+  const share = span > 0 ? Math.min(1, Math.max(0, (time - times[step]) / span)) : 0;
+  return from + share * (to - from);
+}
+
+/**
+ * @param {Trajectory} trajectory
+ * @param {number} time
+ * @returns {Pose}
+ */
+export function poseAt(trajectory, time) {
+  return {
+    x: valueOf(trajectory, "x_m", time),
+    y: valueOf(trajectory, "y_m", time),
+    heading: valueOf(trajectory, "heading_rad", time),
+  };
+}
+
+/**
+ * @param {Plan} plan
+ * @param {"left" | "right" | "front"} contact
+ * @param {number} time
+ */
+export function slipsAt({ spans }, contact, time) {
+  const span = spans.find(({ end_s }) => time < end_s) ?? spans.at(-1);
+  return span?.[contact] === "slip";
+}
+
+/**
+ * Friction on the robot at a contact, N.
+ * @param {Plan} plan
+ * @param {"left" | "right" | "front"} contact
+ * @param {number} time
+ */
+export function forceAt({ contacts, trajectory }, contact, time) {
+  const [of, step] = [contacts?.[contact], stepAt(trajectory, time)];
+  return {
+    forward: of?.longitudinal_force_n[step] ?? 0,
+    right: of?.lateral_force_n[step] ?? 0,
+    limit: of?.normal_force_n[step] ?? 0,
+  };
+}
+
+/**
+ * Torques in the interval of a time, N m.
+ * @param {Plan} plan
+ * @param {number} time
+ */
+export function torqueAt({ shown }, time) {
+  const schedule = shown.solve ? shown.solve.answer.torque_schedule : shown.simulate?.request.torque_schedule;
+  if (!schedule?.left_n_m.length) return { left: 0, right: 0 };
+  const index = Math.min(schedule.left_n_m.length - 1, Math.max(0, Math.floor(time / (schedule.interval_s ?? 1))));
+  return { left: schedule.left_n_m[index], right: schedule.right_n_m[index] };
+}
+
+/**
+ * A row per node: the state there, and torques, forces and slips of the step that begins there.
+ * @param {Plan} plan
+ */
+export function asCsv(plan) {
+  const steps = plan.trajectory.time_s.slice(0, -1).map((from, step) => (from + plan.trajectory.time_s[step + 1]) / 2);
+  const torques = steps.map((middle) => torqueAt(plan, middle));
+  /** @type {[string, (number | null)[]][]} */
+  const columns = [
+    .../** @type {[string, number[]][]} */ (Object.entries(plan.trajectory)),
+    ["torque_left_n_m", torques.map(({ left }) => left)],
+    ["torque_right_n_m", torques.map(({ right }) => right)],
+    ...Object.entries(plan.contacts ?? {}).flatMap(([contact, of]) =>
+      Object.entries(of).map(([name, values]) => /** @type {[string, number[]]} */ ([`${contact}_${name}`, values]))),
+  ];
+  const rows = plan.trajectory.time_s.map((_, node) => columns.map(([, values]) => values[node] ?? "").join(","));
+  return `${[columns.map(([name]) => name).join(","), ...rows].join("\n")}\n`;
+}
