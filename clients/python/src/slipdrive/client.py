@@ -125,7 +125,7 @@ class Client:
         return many.run(requests, Path(results_file), on_result)
 
     def figures(self, *plans: Solution | Simulation, report: bool = False) -> Figures:
-        """Figures of one to four plans, drawn over each other by the server; with `report` a page about them in `report_html` too."""
+        """Figures of one to four plans, drawn over each other by the server; `report` asks for `report_html` too."""
         try:
             body = {**body_of(plans), "report": report}
             return decode(Figures, json.loads(self._ask("POST", "present", encode(body))))
