@@ -79,7 +79,9 @@ struct Examples(Vec<(&'static str, Vec<u8>)>);
 
 impl Visitor for Examples {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
-        self.0.extend(K::EXAMPLES.iter().map(|(name, request)| (*name, indented(&request()).into_bytes())));
+        self.0.extend(
+            K::EXAMPLES.iter().map(|example| (example.name, indented(&(example.request)()).into_bytes())),
+        );
     }
 }
 
@@ -87,7 +89,8 @@ struct Commands(Option<Command>);
 
 impl Visitor for Commands {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
-        let examples: Vec<String> = K::EXAMPLES.iter().map(|(name, _)| format!(", or the example `{name}`")).collect();
+        let examples: Vec<String> =
+            K::EXAMPLES.iter().map(|example| format!(", or the example `{}`", example.name)).collect();
         let input = if K::SEVERAL_FILES {
             format!("Files that `--save` has written, or the JSON body of `POST /{}`; `-` is standard input", K::NAME)
         } else {
@@ -97,7 +100,7 @@ impl Visitor for Commands {
         let command = command.mut_arg("input", |argument| {
             let argument = argument.help(input).num_args(if K::SEVERAL_FILES { 1..=4 } else { 1..=1 });
             match K::EXAMPLES.first() {
-                Some((name, _)) => argument.required(false).default_value(name),
+                Some(example) => argument.required(false).default_value(example.name),
                 None => argument,
             }
         });
@@ -171,9 +174,9 @@ impl<K: Kind> Made<K> {
 
 /// The request: an example, a file, or several files as one.
 fn read_body<K: Kind>(arguments: &JobArguments, limits: &Limits) -> anyhow::Result<Result<Vec<u8>, Problem>> {
-    let example = |input: &Path| K::EXAMPLES.iter().find(|(name, _)| input == Path::new(name));
-    if let Some((_, request)) = arguments.input.first().and_then(|input| example(input)) {
-        return Ok(Ok(json::write(&request())));
+    let example = |input: &Path| K::EXAMPLES.iter().find(|example| input == Path::new(example.name));
+    if let Some(example) = arguments.input.first().and_then(|input| example(input)) {
+        return Ok(Ok(json::write(&(example.request)())));
     }
     let most = if K::SEVERAL_FILES { LARGEST_FILE } else { K::max_body_bytes(limits) };
     let files: anyhow::Result<Vec<_>> = arguments.input.iter().map(|input| read_file(input, most)).collect();

@@ -11,11 +11,10 @@ pub mod server;
 mod trace_context;
 
 use std::num::NonZeroUsize;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::Duration;
 
 use auth::ApiKeys;
-use axum::body::Bytes;
 use axum::http::HeaderValue;
 
 use crate::contract::ErrorCode;
@@ -56,8 +55,7 @@ pub struct ApiState {
     service: Arc<Service>,
     jobs: Jobs,
     settings: Arc<ApiSettings>,
-    /// The OpenAPI document, once somebody has asked for it.
-    document: Arc<OnceLock<Bytes>>,
+    documents: Arc<rest::Documents>,
 }
 
 impl ApiState {
@@ -66,7 +64,7 @@ impl ApiState {
         let codes = ErrorCode::ALL.into_iter().filter(|code| *code != ErrorCode::Cancelled);
         // One who left reads nothing: that code is never answered.
         service.metrics().expect_rejections(codes.map(|code| code.entry().code));
-        Self { service, jobs, settings: Arc::new(settings), document: Arc::default() }
+        Self { service, jobs, settings: Arc::new(settings), documents: Arc::default() }
     }
 }
 

@@ -31,8 +31,10 @@ use crate::metrics::ConnectionEnd;
 pub(super) use connection::{Connection, Use};
 pub use connections::Connections;
 use connections::Place;
-pub(super) use memory::{Lease, Purpose};
+pub(super) use memory::{Lease, Purpose, Shared};
 use metered_stream::MeteredStream;
+#[cfg(test)]
+pub(super) use requests::is_for_readers;
 
 /// Limits and timeouts of a server's connections.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -11,8 +11,15 @@ use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
 use crate::service::{Done, Job, ServiceError};
 
-/// A name, and a request to begin with.
-pub type Example<T> = (&'static str, fn() -> T);
+/// A request to begin with.
+pub struct Example<T> {
+    /// Its name in paths and on the command line.
+    pub name: &'static str,
+    /// What it is, for people.
+    pub title: &'static str,
+    /// The request, complete.
+    pub request: fn() -> T,
+}
 
 /// How far a job is, for people.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -36,7 +43,7 @@ pub trait Kind: Job {
     const METHODS: &'static [&'static str];
     /// Whether it reports progress, so that callers may ask for events.
     const REPORTS_PROGRESS: bool = false;
-    /// Requests to begin with, by name: `GET /examples/NAME`, and in place of a file on the command line.
+    /// Requests to begin with: `GET /examples/NAME`, and in place of a file on the command line.
     const EXAMPLES: &'static [Example<Self::Request>] = &[];
     /// Whether its command takes several files in place of one.
     const SEVERAL_FILES: bool = false;

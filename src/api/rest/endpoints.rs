@@ -3,24 +3,26 @@
 use std::sync::Arc;
 
 use axum::extract::State;
+use axum::http::HeaderMap;
 use axum::response::Response;
 use axum::routing::{MethodRouter, get, post};
 use utoipa::ToSchema as _;
 
+use super::document::Document;
 use super::handlers::{self, Delivery};
-use super::openapi;
 use super::operation::{Access, Answer, Operation, Request};
+use super::{openapi, page};
 use crate::api::{ApiState, Probes};
 use crate::contract::message::{GetLimitsResponse, SolveRequest, ValidateResponse};
 use crate::contract::{ErrorCode, json};
-use crate::jobs::{Kind, Visitor};
+use crate::jobs::{Example, Kind, Visitor};
 
 /// One endpoint.
 pub(super) struct Endpoint {
     pub(super) path: String,
     pub(super) access: Access,
     pub(super) handler: MethodRouter<ApiState>,
-    /// What the document says of it; the document and its page are not described.
+    /// What the document says of it; the document and the pages are not described.
     pub(super) operation: Option<Operation>,
 }
 
@@ -44,28 +46,31 @@ impl Endpoint {
 }
 
 fn undescribed(path: &str, handler: MethodRouter<ApiState>) -> Endpoint {
-    Endpoint { path: path.to_owned(), access: Access::WithKey, handler, operation: None }
+    Endpoint { path: path.to_owned(), access: Access::Open, handler, operation: None }
 }
 
 /// All endpoints of a server, on whatever port.
 pub(super) fn endpoints(state: &ApiState) -> Vec<Endpoint> {
     let mut of_jobs = OfJobs(Vec::new());
     state.jobs.each(&mut of_jobs);
-    of_jobs.0.into_iter().chain(beside_jobs()).collect()
+    let pages = page::files()
+        .iter()
+        .map(|(path, file)| undescribed(path, get(move |asked: HeaderMap| async move { file.answer(&asked) })));
+    of_jobs.0.into_iter().chain(beside_jobs()).chain(pages).collect()
 }
 
 /// `GET /openapi.json`: this API for machines.
-async fn document(State(state): State<ApiState>) -> Response {
-    let document = state.document.get_or_init(|| {
+async fn document(State(state): State<ApiState>, asked: HeaderMap) -> Response {
+    let document = state.documents.openapi.get_or_init(|| {
         let with_probes = state.settings.probes == Probes::WithApi;
         let served = endpoints(&state).into_iter().filter(|endpoint| with_probes || endpoint.access != Access::Probe);
         let described = served.filter_map(|Endpoint { path, access, operation, .. }| Some((path, access, operation?)));
-        openapi::document(&state, described).into()
+        Document::new("application/json", openapi::document(&state, described))
     });
-    handlers::json_answer(document.clone())
+    document.answer(&asked)
 }
 
-fn beside_jobs() -> [Endpoint; 7] {
+fn beside_jobs() -> [Endpoint; 6] {
     let validate = Operation {
         id: "validate".to_owned(),
         summary: "checks and completes a maneuver".to_owned(),
@@ -74,17 +79,13 @@ fn beside_jobs() -> [Endpoint; 7] {
         has_events: false,
         errors: Vec::new(),
     };
+    let about_limits = Answer::Json(GetLimitsResponse::name());
+    let limits = Endpoint::get("/limits", get(handlers::limits), "what this server accepts at most", about_limits);
     let unavailable = [ErrorCode::Unavailable];
     [
         Endpoint::post("/validate".to_owned(), post(handlers::validate), validate),
-        Endpoint::get(
-            "/limits",
-            get(handlers::limits),
-            "what this server accepts at most",
-            Answer::Json(GetLimitsResponse::name()),
-        ),
+        Endpoint { access: Access::Open, ..limits },
         undescribed("/openapi.json", get(document)),
-        undescribed("/docs", get(handlers::docs)),
         Endpoint::probe(
             "/livez",
             get(handlers::livez),
@@ -133,7 +134,7 @@ impl Visitor for OfJobs {
         let operation = operation(K::NAME.to_owned(), K::SUMMARY.to_owned(), answer);
         let operation = Operation { has_events: K::REPORTS_PROGRESS, ..operation };
         self.0.push(Endpoint::post(path, handler(Delivery::AsAccepted), operation));
-        for (name, request) in K::EXAMPLES {
+        for Example { name, request, .. } in K::EXAMPLES {
             let body = move || async move { handlers::json_answer(json::write(&request())) };
             let summary = format!("an example of a complete body for `/{}`", K::NAME);
             let answer = Answer::Json(K::Request::name());

@@ -7,9 +7,10 @@ use std::sync::Arc;
 use axum::Extension;
 use axum::body::Bytes;
 use axum::extract::{Request, State};
-use axum::http::header;
+use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 
+use super::document::Document;
 use super::events;
 use super::extract::{deadline, json_body};
 use crate::api::ApiState;
@@ -79,21 +80,12 @@ pub(super) async fn validate(State(state): State<ApiState>, request: Request) ->
 }
 
 /// `GET /limits`: what this server accepts at most.
-pub(super) async fn limits(State(state): State<ApiState>) -> Response {
-    let limits = limits_message(&state.jobs, state.service.settings(), state.settings.batch_window.get());
-    json_answer(json::write(&limits))
-}
-
-/// `GET /docs`: this API for people. The page loads nothing but `/openapi.json`.
-pub(super) async fn docs() -> Response {
-    let headers = [
-        (header::CONTENT_TYPE, "text/html; charset=utf-8"),
-        (
-            header::CONTENT_SECURITY_POLICY,
-            "default-src 'none'; connect-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline'",
-        ),
-    ];
-    (headers, include_str!("docs.html")).into_response()
+pub(super) async fn limits(State(state): State<ApiState>, asked: HeaderMap) -> Response {
+    let limits = state.documents.limits.get_or_init(|| {
+        let limits = limits_message(&state.jobs, state.service.settings(), state.settings.batch_window.get());
+        Document::new("application/json", json::write(&limits))
+    });
+    limits.answer(&asked)
 }
 
 /// `GET /livez`: the process answers, and a worker is there to end its job.

@@ -12,7 +12,7 @@ use tracing::Instrument as _;
 
 use super::endpoints::endpoints;
 use super::operation::Access;
-use super::problem_json;
+use super::{page, problem_json};
 use crate::api::access::{AccessLine, Endpoint, RequestContext};
 use crate::api::receive::{connection_of, only_probes, peer_of};
 use crate::api::server::Use;
@@ -40,6 +40,10 @@ impl Passage {
 
     /// The route of a path, and who may ask there.
     fn route(&self, path: &str) -> (Arc<str>, Access) {
+        // The files of the page count together, those that do not exist too.
+        if path.starts_with(page::FOLDER) {
+            return (page::FOLDER.into(), Access::Open);
+        }
         let known = self.routes.iter().find(|(route, _)| **route == *path).cloned();
         known.unwrap_or_else(|| (OTHER_ROUTE.into(), Access::WithKey))
     }
@@ -53,7 +57,7 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
     let is_probe = access == Access::Probe;
     let admitted = if !is_probe && connection_of(request.extensions()).may == Use::Probes {
         Err(only_probes().into_response())
-    } else if is_probe || passage.settings.keys.admit(request.headers()) {
+    } else if access != Access::WithKey || passage.settings.keys.admit(request.headers()) {
         check_host(&request).map_err(Problem::into_response)
     } else {
         Err(unauthenticated())
@@ -128,6 +132,7 @@ fn write_problem(problem: &Problem, context: &RequestContext, response: &mut Res
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::api::server::is_for_readers;
     use crate::jobs::{InProcessSolver, Jobs, Limits};
     use crate::service::{Service, ServiceSettings};
 
@@ -136,10 +141,20 @@ mod tests {
         let service = Service::start(ServiceSettings::default()).unwrap();
         let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
         let passage = Passage::new(&ApiState::new(service.into(), jobs, ApiSettings::default()));
-        for path in ["/solve", "/solve/events", "/simulate", "/validate", "/limits", "/examples/forward-drive"] {
+        for path in ["/solve", "/solve/events", "/simulate", "/validate", "/examples/forward-drive"] {
             assert_eq!(passage.route(path), (path.into(), Access::WithKey));
+        }
+        for path in ["/", "/docs", "/openapi.json", "/limits"] {
+            assert_eq!(passage.route(path), (path.into(), Access::Open));
+        }
+        for path in ["/page/main.js", "/page/nothing"] {
+            assert_eq!(passage.route(path), ("/page/".into(), Access::Open));
         }
         assert_eq!(passage.route("/livez"), ("/livez".into(), Access::Probe));
         assert_eq!(passage.route("/solve/"), (OTHER_ROUTE.into(), Access::WithKey));
+        // Connections have a list of their own.
+        for (path, access) in passage.routes.iter() {
+            assert_eq!(is_for_readers(path), *access == Access::Open, "{path}");
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! REST: JSON in and out, strict in what it reads, `application/problem+json` for every error.
 
 mod cors;
+mod document;
 mod endpoints;
 mod events;
 mod extract;
@@ -8,15 +9,26 @@ mod handlers;
 mod middleware;
 mod openapi;
 mod operation;
+mod page;
 mod problem_json;
+
+use std::sync::OnceLock;
 
 use axum::Router;
 use axum::middleware::from_fn_with_state;
 
 use crate::api::{ApiState, Probes, panic};
+use document::Document;
 use endpoints::{Endpoint, endpoints};
 use middleware::Passage;
 use operation::Access;
+
+/// What a server says of itself, once somebody has asked.
+#[derive(Default)]
+pub(super) struct Documents {
+    openapi: OnceLock<Document>,
+    limits: OnceLock<Document>,
+}
 
 /// All endpoints of a server; probes and metrics only where they have no port of their own.
 pub fn router(state: &ApiState) -> Router {

@@ -44,6 +44,8 @@ pub(super) enum Answer {
 pub(super) enum Access {
     /// Callers with a key, where keys are configured.
     WithKey,
+    /// Everyone, since browsers load a page and what it shows without a key.
+    Open,
     /// Everyone, since probes and scrapers have no keys; may have a port of its own.
     Probe,
 }

@@ -20,6 +20,8 @@ const PREFACE_BYTES: u64 = 24;
 pub(super) const TENURE: Duration = Duration::from_millis(100);
 /// Requests of guests that one connection may have open at once: probes ask one by one, or a few together.
 const MAX_GUESTS: usize = 4;
+/// The same where they read the page: a browser asks for all of its files together.
+const MAX_READERS: usize = 32;
 /// What a request holds beside its body and its answer, bytes: its stream, its head, and the future of its handler.
 pub(super) const REQUEST_BYTES: usize = 8 * 1024;
 
@@ -28,6 +30,8 @@ pub(super) const REQUEST_BYTES: usize = 8 * 1024;
 pub(super) enum Standing {
     /// Somebody without a key, or a probe: few requests at a time.
     Guest,
+    /// Somebody without a key who asks for the page or what it shows: as many requests as it has files.
+    Reader,
     /// Somebody who may ask for work.
     Caller,
 }
@@ -142,7 +146,8 @@ impl Connection {
         state.requests += 1;
         match standing {
             Standing::Guest if state.guests >= MAX_GUESTS => return None,
-            Standing::Guest => {
+            Standing::Reader if state.guests >= MAX_READERS => return None,
+            Standing::Guest | Standing::Reader => {
                 state.guests += 1;
                 state.served = state.served.max(Served::Guests);
             }
@@ -236,7 +241,7 @@ impl Drop for UnderWay {
         let mut state = self.connection.state();
         state.last_used = Instant::now();
         match self.standing {
-            Standing::Guest => state.guests -= 1,
+            Standing::Guest | Standing::Reader => state.guests -= 1,
             Standing::Caller => state.callers -= 1,
         }
     }
@@ -310,7 +315,9 @@ mod tests {
         assert_eq!(guests.len(), MAX_GUESTS);
         assert!(connection.enter(Standing::Guest).is_none());
         assert!(connection.enter(Standing::Caller).is_some(), "callers are not held back by them");
-        drop(guests);
+        let readers: Vec<_> = (0..MAX_READERS).filter_map(|_| connection.enter(Standing::Reader)).collect();
+        assert_eq!(guests.len() + readers.len(), MAX_READERS, "all without a key count together");
+        drop((guests, readers));
         assert!(connection.enter(Standing::Guest).is_some());
     }
 

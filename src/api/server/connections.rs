@@ -290,7 +290,7 @@ impl Drop for Place {
 #[cfg(test)]
 mod tests {
     use super::super::connection::Standing;
-    use super::super::memory::Lease;
+    use super::super::memory::{Ceiling, Lease};
     use super::*;
 
     fn connections(max_connections: usize, probe_places: usize) -> Arc<Connections> {
@@ -314,7 +314,7 @@ mod tests {
 
     fn lease(connection: &Arc<Connection>, bytes: usize) -> Option<Lease> {
         let lease = Lease::empty(connection, Purpose::Requests);
-        lease.grow(bytes).then_some(lease)
+        lease.grow(Ceiling::BySize, bytes).then_some(lease)
     }
 
     #[tokio::test(start_paused = true)]

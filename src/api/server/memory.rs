@@ -15,6 +15,10 @@ const SMALL_BYTES: usize = 16 * 1024;
 /// How long a request waits for memory that others are about to release.
 const RELEASE_WAIT: Duration = Duration::from_millis(100);
 
+/// Says of an answer that its bytes are in memory anyway, once for all who ask: nothing is reserved for them.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::api) struct Shared;
+
 /// What memory is held for. Each has a share of its own: what waits for memory must not hold what it waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::api) enum Purpose {
@@ -50,8 +54,8 @@ impl Held {
 pub(super) enum Ceiling {
     /// All for small leases, three quarters for large ones.
     BySize,
-    /// Half, for items of batches: the rest is left to single callers.
-    Items,
+    /// Half, for items of batches and for readers without a key: the rest is left to single callers.
+    Half,
 }
 
 /// Memory that is reserved for one request; released on drop.
@@ -69,11 +73,7 @@ impl Lease {
     }
 
     /// Reserves more; false, and nothing changes, where the share of the connection or of the process is used up.
-    pub(in crate::api) fn grow(&self, bytes: usize) -> bool {
-        self.grow_to(Ceiling::BySize, bytes)
-    }
-
-    fn grow_to(&self, ceiling: Ceiling, bytes: usize) -> bool {
+    pub(super) fn grow(&self, ceiling: Ceiling, bytes: usize) -> bool {
         let connections = &self.connection.connections;
         let share = connections.share(self.purpose);
         let is_small = self.bytes.load(Ordering::Relaxed) + bytes <= SMALL_BYTES;
@@ -81,7 +81,7 @@ impl Lease {
             (Purpose::ReadAhead, _) => share,
             (Purpose::Requests, Ceiling::BySize) if is_small => share,
             (Purpose::Requests, Ceiling::BySize) => share / 4 * 3,
-            (Purpose::Requests, Ceiling::Items) => share / 2,
+            (Purpose::Requests, Ceiling::Half) => share / 2,
         };
         let [of_connection, of_process] = [&self.connection.held, &connections.held].map(|held| held.of(self.purpose));
         if !added(of_connection, bytes, share / 4) {
@@ -109,7 +109,7 @@ impl Lease {
             let released = connections.released.notified();
             tokio::pin!(released);
             released.as_mut().enable();
-            if self.grow_to(Ceiling::Items, bytes) {
+            if self.grow(Ceiling::Half, bytes) {
                 return true;
             }
             released.await;
@@ -118,13 +118,17 @@ impl Lease {
 
     /// Like [`Lease::grow`], after giving others a moment to release theirs.
     pub(in crate::api) async fn grow_soon(&self, bytes: usize) -> bool {
+        self.grow_soon_to(Ceiling::BySize, bytes).await
+    }
+
+    pub(super) async fn grow_soon_to(&self, ceiling: Ceiling, bytes: usize) -> bool {
         let end = Instant::now() + RELEASE_WAIT;
         loop {
             let released = self.connection.connections.released.notified();
             tokio::pin!(released);
             // Registered before the attempt, so that no release in between is missed.
             released.as_mut().enable();
-            if self.grow(bytes) {
+            if self.grow(ceiling, bytes) {
                 return true;
             }
             if timeout_at(end, released).await.is_err() {

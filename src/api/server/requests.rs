@@ -18,10 +18,14 @@ use tower::ServiceExt as _;
 
 use super::answer_body::AnswerBody;
 use super::connection::{Connection, REQUEST_BYTES, Standing, UnderWay};
-use super::memory::{Lease, Purpose};
+use super::memory::{Ceiling, Lease, Purpose, Shared};
 
 /// What everybody may ask: services for other purposes than work, and probes.
 const FOR_GUESTS: [&str; 4] = ["/grpc.", "/livez", "/readyz", "/metrics"];
+/// The page and what it shows, beside the files in its folder: what everybody may read.
+const FOR_READERS: [&str; 4] = ["/", "/docs", "/limits", "/openapi.json"];
+/// The folder of the page.
+const FILES_FOR_READERS: &str = "/page/";
 /// Most fields of a head: hyper's own limit over HTTP/1.
 const MAX_FIELDS: usize = 100;
 /// What a field of a head holds beside its name and value, bytes: its place in the map, and two allocations.
@@ -64,10 +68,11 @@ async fn answer(
     match (under_way.standing, version) {
         // Their number bounds what they hold.
         (Standing::Guest, _) => {}
+        (Standing::Reader, Version::HTTP_2) if held.grow_soon_to(Ceiling::Half, bytes).await => {}
         (Standing::Caller, Version::HTTP_2) if held.grow_soon(bytes).await => {}
-        (Standing::Caller, Version::HTTP_2) => return Err(refused_stream().into()),
+        (Standing::Reader | Standing::Caller, Version::HTTP_2) => return Err(refused_stream().into()),
         // There is one at a time, and without an answer the connection would end.
-        (Standing::Caller, _) => held.settle(bytes),
+        (Standing::Reader | Standing::Caller, _) => held.settle(bytes),
     }
     request.extensions_mut().insert(Arc::clone(&connection));
     let mut response = router.oneshot(request.map(Body::new)).await?;
@@ -79,14 +84,23 @@ async fn answer(
     Ok(response.map(|body| Body::new(AnswerBody::new(body, wait, lease, (under_way, held)))))
 }
 
-/// Whether somebody asks who may ask for work: probes and requests without a key are those of guests.
+/// Who asks: probes and requests without a key are those of guests, or of readers.
 fn standing<B>(connection: &Connection, request: &Request<B>) -> Standing {
-    let is_for_guests = FOR_GUESTS.iter().any(|path| request.uri().path().starts_with(path));
-    if is_for_guests || !connection.connections.keys.admit(request.headers()) {
+    let path = request.uri().path();
+    if FOR_GUESTS.iter().any(|prefix| path.starts_with(prefix)) {
         Standing::Guest
-    } else {
+    } else if connection.connections.keys.admit(request.headers()) {
         Standing::Caller
+    } else if is_for_readers(path) {
+        Standing::Reader
+    } else {
+        Standing::Guest
     }
+}
+
+/// Whether everybody may read what is at this path.
+pub(in crate::api) fn is_for_readers(path: &str) -> bool {
+    FOR_READERS.contains(&path) || path.starts_with(FILES_FOR_READERS)
 }
 
 /// What a head holds, beside what every request does.
@@ -101,6 +115,9 @@ fn is_too_long(headers: &HeaderMap, standing: Standing) -> bool {
 /// The lease of an answer that was not reserved before: what is known of its length.
 fn lease_of(connection: &Arc<Connection>, response: &Response) -> Arc<Lease> {
     let lease = Lease::empty(connection, Purpose::Requests);
+    if response.extensions().get::<Shared>().is_some() {
+        return Arc::new(lease);
+    }
     let bytes = response.body().size_hint().exact().and_then(|bytes| usize::try_from(bytes).ok());
     // Small ones are part of what the request holds.
     if let Some(bytes) = bytes.filter(|&bytes| bytes > REQUEST_BYTES) {

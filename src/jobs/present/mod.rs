@@ -19,6 +19,7 @@ use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentRespo
 use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::plot;
+pub use crate::plot::STYLE;
 use crate::rules::{Rule, RuleSet};
 use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
 

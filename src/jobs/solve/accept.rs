@@ -32,23 +32,6 @@ pub struct AcceptedSolve {
     pub completed: SolveRequest,
 }
 
-/// The paper's case: 5 m forward from rest to rest on 200 steps, complete.
-pub(super) fn forward_drive() -> SolveRequest {
-    let SolveParameters { robot, maneuver, settings, .. } = SolveParameters::forward_drive();
-    SolveRequest {
-        robot: Some((&robot).into()),
-        payload: None,
-        maneuver: Some((&maneuver).into()),
-        grid: Some(SolveGrid {
-            steps: Some(count(settings.step_count)),
-            control_intervals: Some(count(settings.control_count)),
-        }),
-        solver: Some(solver_message(&settings, DEFAULT_TIME_LIMIT_S)),
-        initial_guess: None,
-        view: View::Full.into(),
-    }
-}
-
 /// The rules of a request.
 pub(super) fn rules(limits: &Limits) -> RuleSet {
     let rules = SolveParameters::rules()
@@ -221,6 +204,7 @@ mod tests {
     use crate::jobs::Kind as _;
     use crate::jobs::limits::{MAX_CONTROL_INTERVALS, MAX_ROLLOUT_LIMIT, MAX_STARTS, MAX_STEPS};
     use crate::jobs::solve::Solve;
+    use crate::jobs::solve::examples::forward_drive;
     use crate::robot::RobotParameters;
     use crate::rules::ViolationCode;
     use crate::shooting::Maneuver;

@@ -3,6 +3,7 @@
 mod accept;
 mod answer;
 mod cost;
+mod examples;
 mod finishing;
 mod metrics;
 mod observer;
@@ -122,7 +123,7 @@ impl Kind for Solve {
     const METHODS: &'static [&'static str] = &["Solve", "SolveStream"];
     const REPORTS_PROGRESS: bool = true;
     const HAS_FIGURES: bool = true;
-    const EXAMPLES: &'static [Example<SolveRequest>] = &[("forward-drive", accept::forward_drive)];
+    const EXAMPLES: &'static [Example<SolveRequest>] = examples::ALL;
     const FAMILIES: &'static [Family] = metrics::FAMILIES;
     type Request = SolveRequest;
     type Answer = message::Solution;
