@@ -5,6 +5,6 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 cargo run --locked "$@" -- solve forward-drive --svg docs/figures
 folder=$(mktemp -d)
-cargo run --locked "$@" -- solve examples/warehouse_aisle.json --svg "$folder"
+cargo run --locked "$@" -- solve warehouse-aisle --svg "$folder"
 cp "$folder/path.svg" docs/aisle.svg
 rm -r "$folder"

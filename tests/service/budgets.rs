@@ -169,6 +169,46 @@ async fn unread_answers_stay_within_the_budget() {
 }
 
 #[tokio::test]
+async fn slow_readers_without_a_key_have_half_of_the_memory_and_starve_nobody() {
+    let api = ApiSettings { keys: ApiKeys::parse("key"), ..ApiSettings::default() };
+    let server = TestServer::start_with(64, instant_solver(), api, small_budget()).await;
+    let callers = [reqwest::Client::builder(), reqwest::Client::builder().http2_prior_knowledge()]
+        .map(|builder| builder.no_proxy().timeout(HANG_BOUND).build().unwrap());
+    let (mut unread, mut most) = (Vec::new(), 0);
+    for path in ["/openapi.json", "/page/docs.js", "/limits", "/", "/page/nothing"].into_iter().cycle().take(30) {
+        let mut connection = Connection::open(server.address, 0).await;
+        for stream in (1..128).step_by(2) {
+            connection.get(stream, path).await;
+        }
+        assert!(connection.reads_up_to(RST_STREAM).await, "one connection has a share only");
+        most = most.max(level(&server, "slipdrive_held_bytes"));
+        unread.push(connection);
+        for caller in &callers {
+            let solve = caller.post(server.url("/solve")).bearer_auth("key").header("content-type", "application/json");
+            assert_eq!(Answer::of(solve.body("{}")).await.status, 200, "beside {path}");
+        }
+    }
+    assert!((SMALL_BUDGET / 8..=SMALL_BUDGET / 8 * 3).contains(&most), "{most} bytes were held");
+    drop(unread);
+    is_released(&server).await;
+    assert_eq!(fresh(&server, "/openapi.json").await.status, 200);
+}
+
+#[tokio::test]
+async fn page_is_loaded_over_one_connection_at_once() {
+    let api = ApiSettings { keys: ApiKeys::parse("key"), ..ApiSettings::default() };
+    let server = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
+    let mut connection = Connection::open(server.address, 1 << 20).await;
+    // As many files as a page may have that a browser asks for together.
+    for stream in (1..64).step_by(2) {
+        connection.get(stream, "/page/main.js").await;
+    }
+    for _ in 0..32 {
+        assert!(connection.answer().await.is_some_and(|head| head.is_ok()), "none is refused");
+    }
+}
+
+#[tokio::test]
 async fn answers_that_are_larger_than_expected_make_room_for_themselves() {
     let solver = FakeSolver(|_: &SolveInput, _: &RunControl<'_>| {
         let state = vec![State::default(); 4_000];

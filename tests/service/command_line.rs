@@ -204,8 +204,7 @@ fn figures_of_the_documentation_are_what_the_command_draws() {
     assert_eq!(count, std::fs::read_dir(committed).unwrap().count());
     assert_eq!(count, 7);
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    let example = root.join("examples/warehouse_aisle.json");
-    let output = run_with_input(&["solve", example.to_str().unwrap(), "--svg", &folder.file("aisle")], b"");
+    let output = run_with_input(&["solve", "warehouse-aisle", "--svg", &folder.file("aisle")], b"");
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let drawn = std::fs::read(folder.0.join("aisle/path.svg")).unwrap();
     assert!(std::fs::read(root.join("docs/aisle.svg")).unwrap() == drawn, "aisle: docs/draw.sh");
@@ -280,6 +279,8 @@ fn examples_and_completions_are_printed() {
     assert_eq!(example, named);
     let body: Value = serde_json::from_slice(&example).unwrap();
     assert_eq!(body["maneuver"]["goal"]["y_m"], 5.0);
+    let body: Value = serde_json::from_slice(&run_with_input(&["example", "warehouse-aisle"], b"").stdout).unwrap();
+    assert_eq!(body["payload"]["mass_kg"], 100.0);
     for shell in ["bash", "zsh", "fish"] {
         let script = String::from_utf8(run_with_input(&["completions", shell], b"").stdout).unwrap();
         assert!(script.contains("present") && script.contains("report"), "{shell}");

@@ -266,10 +266,10 @@ async fn keys_are_asked_for_on_both_transports_except_for_health() {
     for path in ["/livez", "/readyz"] {
         assert_eq!(server.get(path).await.status, 200, "{path}");
     }
-    assert_eq!(server.get("/limits").await.status, 401);
+    assert_eq!(server.get("/examples/forward-drive").await.status, 401);
     assert_eq!(server.get("/nowhere").await.status, 401, "keys come before paths");
-    let limits = server.client.get(server.url("/limits"));
-    assert_eq!(Answer::of(limits.header("authorization", "Bearer key-2")).await.status, 200);
+    let example = server.client.get(server.url("/examples/forward-drive"));
+    assert_eq!(Answer::of(example.header("authorization", "Bearer key-2")).await.status, 200);
 
     let mut health = tonic_health::pb::health_client::HealthClient::new(server.channel().await);
     assert!(health.check(tonic_health::pb::HealthCheckRequest::default()).await.is_ok());

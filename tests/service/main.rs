@@ -31,6 +31,7 @@ mod openapi;
 mod otel_export;
 mod overload;
 mod pace;
+mod page;
 mod present;
 mod real_robots;
 #[cfg(unix)]

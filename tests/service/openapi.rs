@@ -14,7 +14,8 @@ async fn document_is_the_committed_one() {
     let answer = TestServer::start(4, instant_solver()).await.get("/openapi.json").await;
     assert_eq!((answer.status, answer.header("content-type")), (200, "application/json"));
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/openapi.json");
-    let served = answer.text() + "\n";
+    // Over the wire it has no white space.
+    let served = serde_json::to_string_pretty(&answer.json()).unwrap() + "\n";
     if std::env::var_os("SLIPDRIVE_UPDATE_SNAPSHOTS").is_some() {
         std::fs::write(&path, &served).unwrap();
     }
@@ -60,14 +61,6 @@ async fn requests_have_rules_and_no_further_fields() {
 }
 
 #[tokio::test]
-async fn page_of_the_documentation_loads_nothing_from_elsewhere() {
-    let page = TestServer::start(4, instant_solver()).await.get("/docs").await;
-    assert_eq!((page.status, page.header("content-type")), (200, "text/html; charset=utf-8"));
-    assert!(!page.text().contains("http://") && !page.text().contains("https://"));
-    assert!(page.header("content-security-policy").starts_with("default-src 'none'"));
-}
-
-#[tokio::test]
 async fn every_field_has_a_meaning_and_none_a_default() {
     let document = TestServer::start(4, instant_solver()).await.get("/openapi.json").await.json();
     let schemas = document["components"]["schemas"].as_object().unwrap();
@@ -88,8 +81,9 @@ async fn keys_are_asked_for_where_they_are_checked() {
     let document = TestServer::start(4, instant_solver()).await.get("/openapi.json").await.json();
     for (path, operations) in document["paths"].as_object().unwrap() {
         for operation in operations.as_object().unwrap().values() {
-            let is_probe = ["/livez", "/readyz", "/metrics"].contains(&path.as_str());
-            assert_eq!(operation["responses"].get("401").is_none(), is_probe, "{path}");
+            let is_open = ["/livez", "/readyz", "/metrics", "/limits"].contains(&path.as_str());
+            assert_eq!(operation["responses"].get("401").is_none(), is_open, "{path}");
+            assert_eq!(operation["security"] == Value::Array(Vec::new()), is_open, "{path}");
         }
     }
 }

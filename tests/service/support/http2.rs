@@ -95,6 +95,14 @@ impl Connection {
         self.write(&request_frame(stream, path, flags)).await;
     }
 
+    /// A whole request to read what is at the path.
+    pub(crate) async fn get(&mut self, stream: u32, path: &str) {
+        let mut block = request_block(path);
+        // GET from the static table.
+        block[0] = 0x82;
+        self.send(HEADERS, END_HEADERS | END_STREAM, stream, &block).await;
+    }
+
     /// A whole request with the smallest body that its transport understands.
     pub(crate) async fn whole_request(&mut self, stream: u32, path: &str) {
         self.request(stream, path, 0).await;
