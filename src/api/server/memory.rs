@@ -118,17 +118,13 @@ impl Lease {
 
     /// Like [`Lease::grow`], after giving others a moment to release theirs.
     pub(in crate::api) async fn grow_soon(&self, bytes: usize) -> bool {
-        self.grow_soon_to(Ceiling::BySize, bytes).await
-    }
-
-    pub(super) async fn grow_soon_to(&self, ceiling: Ceiling, bytes: usize) -> bool {
         let end = Instant::now() + RELEASE_WAIT;
         loop {
             let released = self.connection.connections.released.notified();
             tokio::pin!(released);
             // Registered before the attempt, so that no release in between is missed.
             released.as_mut().enable();
-            if self.grow(ceiling, bytes) {
+            if self.grow(Ceiling::BySize, bytes) {
                 return true;
             }
             if timeout_at(end, released).await.is_err() {

@@ -68,7 +68,8 @@ async fn answer(
     match (under_way.standing, version) {
         // Their number bounds what they hold.
         (Standing::Guest, _) => {}
-        (Standing::Reader, Version::HTTP_2) if held.grow_soon_to(Ceiling::Half, bytes).await => {}
+        // At once or not at all: a crowd without a key must not wait beside callers.
+        (Standing::Reader, Version::HTTP_2) if held.grow(Ceiling::Half, bytes) => {}
         (Standing::Caller, Version::HTTP_2) if held.grow_soon(bytes).await => {}
         (Standing::Reader | Standing::Caller, Version::HTTP_2) => return Err(refused_stream().into()),
         // There is one at a time, and without an answer the connection would end.
