@@ -60,6 +60,10 @@ function outlineOf(corners) {
   ]);
 }
 
+/** The farthest that a robot reaches from its reference point, m. @param {Body} body */
+export const reachOf = ({ outline, reference: [right, forward] }) =>
+  Math.max(0.3, ...outline.map(([r, f]) => Math.hypot(r - right, f - forward)));
+
 /**
  * A pose of a start or goal; what is absent is taken from another.
  * @param {unknown} state
@@ -83,5 +87,10 @@ export function placing({ reference: [right, forward] }, { x, y, heading }) {
   return ([r, f]) => [x + (r - right) * cos - (f - forward) * sin, y + (r - right) * sin + (f - forward) * cos];
 }
 
-/** @param {unknown} value @param {number} byDefault */
-export const numberOr = (value, byDefault) => (typeof value === "number" && Number.isFinite(value) ? value : byDefault);
+/** A number that can be drawn: the service refuses larger ones. @param {unknown} value @param {number} byDefault */
+export function numberOr(value, byDefault) {
+  if (typeof value !== "number" || !Number.isFinite(value)) return byDefault;
+  return Math.max(-MOST, Math.min(MOST, value));
+}
+
+const MOST = 1e5;

@@ -1,9 +1,10 @@
 // The floor from above: start, goal, aisle, and the motion of plans.
 
-import { bodyOf, placing, poseOf } from "./body.js";
+import { bodyOf, numberOr, placing, poseOf, reachOf } from "./body.js";
 import { setAttributes, signed, svg } from "./dom.js";
 import { Handle } from "./handle.js";
 import { Robot } from "./robot.js";
+import { poseAt } from "./motion.js";
 import { isRecord, valueAt } from "./state.js";
 import { roundStep, View } from "./view.js";
 
@@ -16,8 +17,8 @@ import { roundStep, View } from "./view.js";
 const MARGIN_PX = 56;
 const GRID_PX = 56;
 const CLEAR_PX = 46;
-/** A robot that is followed is shown at this scale, px/m. */
-const FOLLOWED_PX_PER_M = 160;
+/** A robot that is followed reaches over so much of the frame. */
+const FOLLOWED_SHARE = 0.2;
 
 export class Floor {
   #view = new View(80, false, [200, 200]);
@@ -64,11 +65,9 @@ export class Floor {
   /** All of it: after a change of the request or of the plans. @param {Readonly<State>} state */
   show(state) {
     this.#state = state;
-    const start = poseOf(state.request.maneuver?.start, { x: 0, y: 0, heading: 0 });
-    const goal = poseOf(state.request.maneuver?.goal, start);
-    const body = bodyOf(state.request, this.byDefault);
-    if (!this.#isDragged) this.#fit([...around(start), ...around(goal)]);
-    this.#handles.forEach((handle, index) => handle.show(body, [start, goal][index]));
+    const reach = reachOf(bodyOf(state.request, this.byDefault));
+    if (!this.#isDragged) this.#fit(endsOf(state).flatMap((pose) => around(pose, reach)));
+    this.#showHandles(state);
     this.showTime(state);
   }
 
@@ -91,26 +90,30 @@ export class Floor {
   /** @param {Point[]} points */
   #fit(points) {
     const state = this.#state;
-    const paths = [state?.plan, state?.compared].flatMap((plan) => (plan ? everyPoint(plan) : []));
+    const paths = [state?.plan, state?.compared].flatMap((plan) => (plan ? this.#everyPoint(plan) : []));
     this.#view = View.fitting([...points, ...paths, ...this.#corners()], this.#frame, MARGIN_PX);
     this.#drawGround();
+  }
+
+  /** @param {Plan} plan */
+  #everyPoint(plan) {
+    const reach = reachOf(bodyOf(plan.request, this.byDefault));
+    return everyPose(plan).flatMap((pose) => around(pose, reach));
   }
 
   /** @param {Readonly<State>} state */
   #follow({ plan, time }) {
     if (!plan) return;
-    const { x, y } = this.#robots[1].poseOf(plan, time);
-    const scale = Math.max(this.#view.scale, FOLLOWED_PX_PER_M);
+    const { x, y } = poseAt(plan.trajectory, time);
+    const scale = FOLLOWED_SHARE * Math.min(this.#frame.width, this.#frame.height) / reachOf(bodyOf(plan.request, this.byDefault));
     this.#view = new View(scale, this.#view.onSide, [0, 0]).centred([x, y], this.#frame);
     this.#drawGround();
     if (this.#state) this.#showHandles(this.#state);
   }
 
   /** @param {Readonly<State>} state */
-  #showHandles({ request }) {
-    const start = poseOf(request.maneuver?.start, { x: 0, y: 0, heading: 0 });
-    const poses = [start, poseOf(request.maneuver?.goal, start)];
-    const body = bodyOf(request, this.byDefault);
+  #showHandles(state) {
+    const [body, poses] = [bodyOf(state.request, this.byDefault), endsOf(state)];
     this.#handles.forEach((handle, index) => handle.show(body, poses[index]));
   }
 
@@ -118,7 +121,7 @@ export class Floor {
   #corners() {
     const corners = valueAt(this.#state?.request, ["maneuver", "keep_in"]);
     if (!Array.isArray(corners)) return [];
-    return corners.filter(isRecord).map(({ x_m, y_m }) => [Number(x_m ?? 0), Number(y_m ?? 0)]);
+    return corners.filter(isRecord).map(({ x_m, y_m }) => [numberOr(x_m, 0), numberOr(y_m, 0)]);
   }
 
   #drawGround() {
@@ -148,6 +151,12 @@ export class Floor {
   }
 }
 
+/** Start and goal. @param {Readonly<State>} state */
+function endsOf({ request }) {
+  const start = poseOf(request.maneuver?.start, { x: 0, y: 0, heading: 0 });
+  return [start, poseOf(request.maneuver?.goal, start)];
+}
+
 /** @param {number} time @param {number} start @param {number} end */
 const inside = (time, start, end) => time >= start - 1e-9 && time <= end + 1e-9;
 
@@ -155,11 +164,8 @@ const inside = (time, start, end) => time >= start - 1e-9 && time <= end + 1e-9;
 const everyPose = ({ trajectory: { x_m, y_m, heading_rad } }) =>
   x_m.map((x, node) => ({ x: x ?? NaN, y: y_m[node] ?? NaN, heading: heading_rad[node] ?? NaN }));
 
-/** @param {Plan} plan */
-const everyPoint = (plan) => everyPose(plan).flatMap(({ x, y }) => /** @type {Point[]} */ ([[x - 0.2, y - 0.2], [x + 0.2, y + 0.2]]));
-
-/** Room for a robot at a pose. @param {Pose} pose @returns {Point[]} */
-const around = ({ x, y }) => [[x - 0.3, y - 0.3], [x + 0.3, y + 0.3]];
+/** Room for a robot at a pose. @param {Pose} pose @param {number} reach m @returns {Point[]} */
+const around = ({ x, y }, reach) => [[x - reach, y - reach], [x + reach, y + reach]];
 
 /** @param {Point[]} points */
 function pathOf(points) {

@@ -25,11 +25,6 @@ export class Robot {
     this.element = svg("g", { class: `robot plan-${name}`, "aria-hidden": "true" }, ...parts);
   }
 
-  /** @param {Plan} plan @param {number} time s */
-  poseOf(plan, time) {
-    return poseAt(plan.trajectory, time);
-  }
-
   /**
    * @param {Plan | null} plan
    * @param {Body | null} body
