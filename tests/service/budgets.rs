@@ -199,11 +199,11 @@ async fn page_is_loaded_over_one_connection_at_once() {
     let api = ApiSettings { keys: ApiKeys::parse("key"), ..ApiSettings::default() };
     let server = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
     let mut connection = Connection::open(server.address, 1 << 20).await;
-    // As many files as a page may have that a browser asks for together.
-    for stream in (1..64).step_by(2) {
+    // More files than the page has: a browser asks for all of them together.
+    for stream in (1..128).step_by(2) {
         connection.get(stream, "/page/main.js").await;
     }
-    for _ in 0..32 {
+    for _ in 0..64 {
         assert!(connection.answer().await.is_some_and(|head| head.is_ok()), "none is refused");
     }
 }

@@ -21,7 +21,7 @@ pub(super) const TENURE: Duration = Duration::from_millis(100);
 /// Requests of guests that one connection may have open at once: probes ask one by one, or a few together.
 const MAX_GUESTS: usize = 4;
 /// The same where they read the page: a browser asks for all of its files together.
-const MAX_READERS: usize = 32;
+const MAX_READERS: usize = 64;
 /// What a request holds beside its body and its answer, bytes: its stream, its head, and the future of its handler.
 pub(super) const REQUEST_BYTES: usize = 8 * 1024;
 
