@@ -79,9 +79,7 @@ struct Examples(Vec<(&'static str, Vec<u8>)>);
 
 impl Visitor for Examples {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
-        self.0.extend(
-            K::EXAMPLES.iter().map(|example| (example.name, indented(&(example.request)()).into_bytes())),
-        );
+        self.0.extend(K::EXAMPLES.iter().map(|example| (example.name, indented(&(example.request)()).into_bytes())));
     }
 }
 
