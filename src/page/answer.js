@@ -18,22 +18,28 @@ export function showFacts({ shown, trajectory }) {
   byId("words", HTMLElement).replaceChildren(...(answer?.reason ? [html("p", {}, answer.reason.message)] : []));
 }
 
+/** @param {string} status */
+const isMet = (status) => status === "converged" || status === "feasible";
+
 /** @param {import("./state.js").Solution} answer */
 function headline({ status, final_time_s }) {
-  const met = status === "converged" || status === "feasible";
-  return met ? `The robot reaches its goal in ${final_time_s.toFixed(3)} s.` : "There is no plan that reaches the goal.";
+  return isMet(status) ? `The robot reaches its goal in ${final_time_s.toFixed(3)} s.` : "There is no plan that reaches the goal.";
 }
 
 /** @param {import("./state.js").Solution} answer @returns {[string, string, string][]} */
 function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }) {
   const { replay, lower_bound_s, solve_time_s } = report;
   const stopped = stop_reason === "finished" ? "" : `, ${stop_reason.replaceAll("_", " ")}`;
-  return [
-    ["Final time", "final-time", `${final_time_s.toFixed(4)} s`],
-    ["Status", "plan-status", `${status.replaceAll("_", " ")}${stopped}`],
+  /** @type {[string, string, string][]} */
+  const ofPlan = [
     ["Replay", "replay", replay_confirmed ? "confirmed" : "not confirmed"],
     ["Replay miss", "replay-miss", replay?.miss_m == null ? "not known" : `${(1000 * replay.miss_m).toPrecision(3)} mm`],
     ["No plan is faster than", "bound", lower_bound_s == null ? "not known" : `${lower_bound_s.toFixed(4)} s`],
+  ];
+  return [
+    ["Final time", "final-time", `${final_time_s.toFixed(4)} s`],
+    ["Status", "plan-status", `${status.replaceAll("_", " ")}${stopped}`],
+    ...(isMet(status) ? ofPlan : []),
     ["Solved in", "solve-time", `${(1000 * solve_time_s).toFixed(0)} ms`],
   ];
 }

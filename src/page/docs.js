@@ -107,3 +107,6 @@ try {
 } catch (error) {
   place?.replaceChildren(`/openapi.json cannot be read: ${error}`);
 }
+
+// A module, so that it may wait.
+export {};

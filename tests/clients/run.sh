@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# The package for Python, clients that nobody here wrote, clients that generators made, and the examples, against a running
-# server. Needs Python 3.10 with venv, npm and curl; what they need beside is installed into a temporary folder. Flags are those of the `cargo test`
-# before, so that nothing is built twice: tests/clients/run.sh [--all-features]
+# The page in a browser, the package for Python, clients that nobody here wrote, clients that generators made, and the
+# examples, against a running server. Needs Python 3.11 with venv, npm, curl and chromium; what they need beside is installed
+# into a temporary folder. Flags are those of the `cargo test` before, so that nothing is built twice:
+# tests/clients/run.sh [--all-features]
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -78,7 +79,12 @@ step "clients/python: tests" env SLIPDRIVE_PROGRAM="$(realpath "$built/slipdrive
   "$python" -m pytest -p no:cacheprovider clients/python
 step "clients/python: mypy" bash -c "cd clients/python && $work/venv/bin/mypy --cache-dir '$work/mypy'"
 
+# Servers of its own too.
+step "the page in a browser" "$python" tests/page/check.py "$built/slipdrive" "$work/node_modules/axe-core/axe.min.js"
+grep -v '^ok' "$work/output" || true
+
 serve
+step "the page's types" tests/page/types.sh "$work" "$rest"
 step "examples/curl.sh" bash -c "holds '\"code\":\"invalid_value\"' examples/curl.sh $rest"
 step "examples/fleet_planner.py" bash -c "holds 'robot-7: .* s, STATUS_' $python examples/fleet_planner.py $grpc"
 step "examples/grpc_client.rs" bash -c "holds 'STATUS_CONVERGED: ' $built/examples/grpc_client http://$grpc"

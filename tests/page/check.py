@@ -259,20 +259,23 @@ def fragment_of(request: object) -> str:
     return "#request=" + urllib.request.quote(json.dumps(request), safe="")
 
 
+def sheet(page: Page, button: str, title: str) -> str:
+    """What a button shows to take away; closes an earlier one."""
+    if page.locator("#sheet").is_visible():
+        page.click("#sheet-close")
+    page.click(f"#{button}")
+    expect(page.locator("#sheet-title")).to_contain_text(title)
+    return page.input_value("#sheet-text")
+
+
 def links_and_snippets(browser: Browser, service: Service) -> None:
     visit = Visit(browser, service, fragment_of({"maneuver": {"goal": {"x_m": 1.5, "y_m": 2}}, "solver": {"starts": 1}}))
     page = visit.page
     assert (page.input_value("#maneuver-goal-x_m"), page.input_value("#solver-starts")) == ("1.5", "1")
     assert not any("/solve" in each for each in visit.requests), "a link solves nothing by itself"
-    page.click("#link")
-    link = page.input_value("#sheet-text")
+    link = sheet(page, "link", "A link")
     accessible(visit, "sheet")
-    page.click("#sheet-close")
-    page.click("#curl")
-    curl = page.input_value("#sheet-text")
-    page.click("#sheet-close")
-    page.click("#python")
-    python = page.input_value("#sheet-text")
+    curl, python = sheet(page, "curl", "The same in a shell"), sheet(page, "python", "The same in Python")
     assert curl.startswith("curl -s 'http://127.0.0.1:") and '"Authorization: Bearer $SLIPDRIVE_API_KEY"' in curl
     compile(python, "snippet.py", "exec")
     answer = json.loads(os.popen(curl).read())
@@ -354,7 +357,7 @@ def infeasible_in_words(browser: Browser, service: Service) -> None:
     visit = Visit(browser, service, fragment_of({"maneuver": {"goal": {"y_m": 5}, "torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0}}))
     answer = visit.solve()
     assert answer["status"] == "infeasible"
-    assert answer["reason"]["message"].rstrip(".") in shown(visit, "answer"), shown(visit, "answer")
+    assert answer["reason"]["message"].replace("`", "").rstrip(".") in shown(visit, "words")
     expect(visit.page.locator("#play")).to_be_disabled()
     visit.close()
 
