@@ -140,13 +140,16 @@ function showEvent(name, data) {
   if (name === "queued") {
     status.textContent = data.position ? `Waiting, ${data.position} from the front of the queue…` : "Solving…";
   } else if (name === "progress") {
-    const { start, start_count: count, best_final_time_s: time, best_goal_error: error } = data;
+    const { start, start_count: count, best_final_time_s: time, best_goal_error: error, phase } = data;
     const best = time == null ? "" : `, best ${time.toFixed(3)} s`;
     const missed = error > 1e-3 ? ` with ${error.toPrecision(2)} still missing` : "";
-    status.textContent = `Solving: start ${start} of ${count}${best}${missed}`;
+    status.textContent = `${PHASES[phase] ?? "Solving"}: start ${start} of ${count}${best}${missed}`;
     [progress.max, progress.value] = [count, start - 1];
   }
 }
+
+/** @type {Record<string, string>} */
+const PHASES = { start: "Searching", polish: "Polishing", refinement: "Refining the grid", certificate: "Certifying" };
 
 const longest = () => Math.max(durationOf(current().plan), durationOf(current().compared));
 

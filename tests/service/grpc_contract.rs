@@ -49,7 +49,8 @@ async fn streamed_solve_tells_queued_then_progress_then_the_solution() {
     let mut events = server.grpc().await.solve_stream(request).await.unwrap().into_inner();
     let mut next = async || timeout(HANG_BOUND, events.message()).await.unwrap().unwrap().and_then(|next| next.event);
     assert_eq!(next().await, Some(Event::Queued(pb::Queued { position: 0 })));
-    let progress = pb::Progress { best_final_time_s: 2.5, best_goal_error: 0.5, start: 1, start_count: 8 };
+    let phase = pb::SearchPhase::Start.into();
+    let progress = pb::Progress { best_final_time_s: 2.5, best_goal_error: 0.5, start: 1, start_count: 8, phase };
     assert_eq!(next().await, Some(Event::Progress(progress)));
     gate.open();
     let Some(Event::Solution(solution)) = next().await else { panic!("the solution is last") };

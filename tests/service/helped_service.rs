@@ -7,10 +7,10 @@ use std::time::Duration;
 
 use futures_util::StreamExt as _;
 use slipdrive::contract::json;
-use slipdrive::jobs::solve::{AcceptedSolve, Solve, Solved};
+use slipdrive::jobs::solve::{AcceptedSolve, Progressed, Solve, Solved};
 use slipdrive::jobs::{Jobs, Kind as _, Limits, ManeuverSolver};
 use slipdrive::service::{Class, Done, Event, Running, Service, ServiceError, ServiceSettings};
-use slipdrive::solver::{RunControl, SharedWork, SolveInput, SolveProgress, StopReason};
+use slipdrive::solver::{RunControl, SharedWork, SolveInput, StopReason};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 
@@ -35,7 +35,7 @@ impl Workers {
         &self,
         body: &str,
         answer: fn(&AcceptedSolve, &Done<Solved>) -> T,
-    ) -> Running<T, SolveProgress> {
+    ) -> Running<T, Progressed> {
         let accepted = Solve::read(body.as_bytes(), self.jobs.limits()).unwrap();
         self.service
             .reserve(Class::Heavy)

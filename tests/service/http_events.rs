@@ -73,8 +73,7 @@ async fn progress_is_told_while_the_solve_runs_and_the_latest_wins() {
     assert_eq!((names[0], names[1], *names.last().unwrap()), ("queued", "progress", "result"));
     assert!(names.len() < 20, "a thousand reports are coalesced: {names:?}");
     let latest = &events[events.len() - 2].1;
-    let expected =
-        serde_json::json!({"best_final_time_s": 1000.0, "best_goal_error": 0.5, "start": 1, "start_count": 8});
+    let expected = serde_json::json!({"best_final_time_s": 1000.0, "best_goal_error": 0.5, "start": 1, "start_count": 8, "phase": "start"});
     assert_eq!(latest, &expected);
 }
 

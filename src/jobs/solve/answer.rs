@@ -3,7 +3,7 @@
 use nalgebra::SVector;
 
 use super::accept::AcceptedSolve;
-use super::{Solved, StopReason};
+use super::{Progressed, Solved, StopReason};
 use crate::contract::convert::{contacts, count, same_values};
 use crate::contract::message;
 use crate::robot::State;
@@ -60,11 +60,11 @@ fn joined_robot(accepted: &AcceptedSolve) -> message::Robot {
     message::Robot { footprint, ..accepted.input.robot.parameters().into() }
 }
 
-impl From<SolveProgress> for message::Progress {
-    fn from(progress: SolveProgress) -> Self {
-        let SolveProgress { best_final_time, best_goal_error, start, start_count } = progress;
-        let (start, start_count) = (count(start), count(start_count));
-        Self { best_final_time_s: best_final_time, best_goal_error, start, start_count }
+impl From<Progressed> for message::Progress {
+    fn from(progress: Progressed) -> Self {
+        let SolveProgress { best_final_time, best_goal_error, start, start_count } = progress.best;
+        let (start, start_count, phase) = (count(start), count(start_count), progress.phase.into());
+        Self { best_final_time_s: best_final_time, best_goal_error, start, start_count, phase }
     }
 }
 

@@ -15,10 +15,11 @@ use std::time::{Duration, Instant};
 pub use accept::{AcceptedSolve, validated};
 use finishing::FinishingPace;
 use metrics::SolveMetrics;
+pub use observer::Progressed;
 use observer::SolveObserver;
 
 use super::{ARRAYS_OF_STEPS, Example, Kind, Limits, ManeuverSolver, ProgressLine};
-use crate::contract::message::{self, PresentRequest, PresentedPlan, SolveRequest, SolvedPlan, View};
+use crate::contract::message::{self, PresentRequest, PresentedPlan, SearchPhase, SolveRequest, SolvedPlan, View};
 use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::metrics::catalogue::Family;
@@ -80,7 +81,7 @@ impl Job for Solve {
     const NAME: &'static str = "solve";
     type Input = AcceptedSolve;
     type Output = Solved;
-    type Progress = SolveProgress;
+    type Progress = Progressed;
 
     fn cost(&self, accepted: &AcceptedSolve) -> Cost {
         cost::expected(&accepted.input.settings)
@@ -98,7 +99,7 @@ impl Job for Solve {
         self.finishing.finishing(&accepted.input.settings)
     }
 
-    fn run(&self, accepted: &AcceptedSolve, control: &JobControl<'_, SolveProgress>) -> Result<Solved, Stopped> {
+    fn run(&self, accepted: &AcceptedSolve, control: &JobControl<'_, Progressed>) -> Result<Solved, Stopped> {
         let observer = SolveObserver::new(control);
         let stop = control.stop();
         let run = RunControl::new(stop.flag(), &observer).cut_off_by(stop.cut_flag()).helped_by(&observer);
@@ -156,9 +157,14 @@ impl Kind for Solve {
         Some(PresentRequest { plans: vec![PresentedPlan { solve: Some(solve), simulate: None }], report: false })
     }
 
-    fn progress_line(progress: &SolveProgress) -> Option<ProgressLine> {
-        let SolveProgress { best_final_time, best_goal_error, start, start_count } = *progress;
-        let phase = if start < start_count { "searching" } else { "last start, then polish and certificate" };
+    fn progress_line(progress: &Progressed) -> Option<ProgressLine> {
+        let SolveProgress { best_final_time, best_goal_error, start, start_count } = progress.best;
+        let phase = match progress.phase {
+            SearchPhase::Unspecified | SearchPhase::Start => "searching",
+            SearchPhase::Polish => "polishing",
+            SearchPhase::Refinement => "refining",
+            SearchPhase::Certificate => "certifying",
+        };
         let words = format!(
             "start {start} of {start_count}, best {best_final_time:.3} s (goal error {best_goal_error:.1e}), {phase}"
         );

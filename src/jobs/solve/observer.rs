@@ -5,19 +5,38 @@ use std::sync::{Mutex, PoisonError};
 use tracing::Span;
 
 use super::finishing::SearchEnd;
+use crate::contract::message::SearchPhase;
 use crate::service::JobControl;
 use crate::solver::{Helpers, Phase, ProgressObserver, SharedWork, SolveProgress};
 
+/// The best iterate of a running solve, and what the search does.
+#[derive(Debug, Clone, Copy)]
+pub struct Progressed {
+    pub(super) best: SolveProgress,
+    pub(super) phase: SearchPhase,
+}
+
 /// Keeps the latest progress for whoever asks, when the search ended, and a span per running phase; lends idle workers.
 pub(super) struct SolveObserver<'a> {
-    control: &'a JobControl<'a, SolveProgress>,
+    control: &'a JobControl<'a, Progressed>,
     pub(super) search_end: SearchEnd,
+    latest: Mutex<(Option<SolveProgress>, SearchPhase)>,
     phases: Mutex<Vec<(Phase, Span)>>,
 }
 
 impl<'a> SolveObserver<'a> {
-    pub(super) fn new(control: &'a JobControl<'a, SolveProgress>) -> Self {
-        Self { control, search_end: SearchEnd::default(), phases: Mutex::default() }
+    pub(super) fn new(control: &'a JobControl<'a, Progressed>) -> Self {
+        let latest = Mutex::new((None, SearchPhase::Start));
+        Self { control, search_end: SearchEnd::default(), latest, phases: Mutex::default() }
+    }
+
+    /// Reports what is new together with what is known; nothing before there is an iterate.
+    fn report(&self, best: Option<SolveProgress>, phase: SearchPhase) {
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        *latest = (best.or(latest.0), phase.max(latest.1));
+        if let (Some(best), phase) = *latest {
+            self.control.report(Progressed { best, phase });
+        }
     }
 
     fn span_of(&self, phase: Phase) -> Span {
@@ -30,15 +49,25 @@ impl<'a> SolveObserver<'a> {
     }
 }
 
+fn search_phase(phase: Phase) -> SearchPhase {
+    match phase {
+        Phase::Start { .. } => SearchPhase::Start,
+        Phase::Polish => SearchPhase::Polish,
+        Phase::Refinement => SearchPhase::Refinement,
+        Phase::Certificate => SearchPhase::Certificate,
+    }
+}
+
 impl ProgressObserver for SolveObserver<'_> {
     fn progress(&self, progress: &SolveProgress) {
-        self.control.report(*progress);
+        self.report(Some(*progress), SearchPhase::Start);
     }
 
     fn begins(&self, phase: Phase) {
         if phase == Phase::Certificate {
             self.search_end.mark();
         }
+        self.report(None, search_phase(phase));
         let span = self.span_of(phase);
         self.phases.lock().unwrap_or_else(PoisonError::into_inner).push((phase, span));
     }

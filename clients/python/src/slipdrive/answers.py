@@ -45,6 +45,13 @@ Method = Literal["sequential_linear", "nelder_mead"]
 # - `no_plan`: Automatic: no plan met the goal, so there was nothing to refine.
 Refinement = Literal["fixed", "within_tolerance", "step_limit", "goal_lost", "interrupted", "no_plan"]
 
+# A part of a search that takes time of its own.
+# - `start`: Plans are sought from each start.
+# - `polish`: The best of them are worked on.
+# - `refinement`: The plan is carried to a finer grid.
+# - `certificate`: Why to trust the plan is found out.
+SearchPhase = Literal["start", "polish", "refinement", "certificate"]
+
 # How good a plan is.
 # - `converged`: Goal met, first-order measure small, no separation, contact law kept.
 # - `feasible`: Goal met, but not shown to be a local optimum: it is none, or the certificate was cut off by the time
@@ -430,6 +437,8 @@ class Progress:
     """Its final time, s."""
     best_goal_error: float | None
     """Largest magnitude of its goal errors (m, rad, m/s, rad/s)."""
+    phase: SearchPhase
+    """What the search does; starts and polishes overlap: the later of them."""
     start: int
     """The running start, from 1."""
     start_count: int
