@@ -23,7 +23,9 @@ const isMet = (status) => status === "converged" || status === "feasible";
 
 /** @param {import("./state.js").Solution} answer */
 function headline({ status, final_time_s }) {
-  return isMet(status) ? `The robot reaches its goal in ${final_time_s.toFixed(3)} s.` : "There is no plan that reaches the goal.";
+  return isMet(status)
+    ? `The robot reaches its goal in ${final_time_s.toFixed(3)} s.`
+    : "There is no plan that reaches the goal.";
 }
 
 /** @param {import("./state.js").Solution} answer @returns {[string, string, string][]} */
@@ -75,7 +77,10 @@ export function showMoment(root, plan, time) {
     ...SIDES.map((side) => {
       const { forward, right } = forceAt(plan, side, time);
       const mode = slipsAt(plan, side, time) ? "slips" : "sticks";
-      return [`${side === "left" ? "Left" : "Right"} wheel`, `${mode}, torque ${signed(torque[side], 2)} N m, friction ${Math.hypot(forward, right).toFixed(1)} N`];
+      return [
+        `${side === "left" ? "Left" : "Right"} wheel`,
+        `${mode}, torque ${signed(torque[side], 2)} N m, friction ${Math.hypot(forward, right).toFixed(1)} N`,
+      ];
     }),
   ];
   // The same elements again: this runs at every frame.

@@ -8,7 +8,7 @@ import { isRecord, valueAt } from "./state.js";
 /**
  * @typedef {{
  *   outline: Point[], wheels: { left: Point, right: Point }, front: Point,
- *   radius: number, tread: number, reference: Point, weight: number, grip: number,
+ *   radius: number, tread: number, reference: Point,
  * }} Body
  */
 
@@ -21,12 +21,14 @@ export function bodyOf(request, byDefault) {
   /** @param {string} name */
   const of = (name) => numberOr(valueAt(request, ["robot", name]), byDefault[name] ?? 0);
   const [half, radius, front, right] = [
-    of("track_width_m") / 2, of("wheel_radius_m"), of("axle_to_front_support_m"), of("front_support_right_m"),
+    of("track_width_m") / 2,
+    of("wheel_radius_m"),
+    of("axle_to_front_support_m"),
+    of("front_support_right_m"),
   ];
   const point = valueAt(request, ["maneuver", "reference_point"]) ?? valueAt(request, ["reference_point"]);
   /** @type {Point} */
   const reference = point === "axle_midpoint" ? [0, 0] : [of("center_of_mass_right_m"), of("center_of_mass_forward_m")];
-  const carried = numberOr(valueAt(request, ["payload", "mass_kg"]), 0);
   return {
     outline: outlineOf(valueAt(request, ["robot", "footprint"])) ?? wedge(half, radius, front, right),
     wheels: { left: [-half, 0], right: [half, 0] },
@@ -34,8 +36,6 @@ export function bodyOf(request, byDefault) {
     radius,
     tread: Math.min(0.5 * radius, 0.3 * half),
     reference,
-    weight: (of("chassis_mass_kg") + 2 * of("wheel_mass_kg") + carried) * of("gravity_m_s2"),
-    grip: of("wheel_friction_coefficient"),
   };
 }
 
@@ -47,8 +47,12 @@ export function bodyOf(request, byDefault) {
 function wedge(half, radius, front, right) {
   const nose = 0.24 * half;
   return [
-    [-half, -radius], [half, -radius], [half, 0.7 * radius],
-    [right + nose, front], [right - nose, front], [-half, 0.7 * radius],
+    [-half, -radius],
+    [half, -radius],
+    [half, 0.7 * radius],
+    [right + nose, front],
+    [right - nose, front],
+    [-half, 0.7 * radius],
   ];
 }
 
@@ -56,7 +60,8 @@ function wedge(half, radius, front, right) {
 function outlineOf(corners) {
   if (!Array.isArray(corners) || corners.length < 3) return undefined;
   return corners.map((corner) => [
-    numberOr(isRecord(corner) ? corner.right_m : 0, 0), numberOr(isRecord(corner) ? corner.forward_m : 0, 0),
+    numberOr(isRecord(corner) ? corner.right_m : 0, 0),
+    numberOr(isRecord(corner) ? corner.forward_m : 0, 0),
   ]);
 }
 

@@ -28,13 +28,16 @@ const typeOf = (schema) => {
 };
 
 /** What a number, or the length of an array, must be. @param {Schema} schema */
-const boundsOf = ({ minimum, exclusiveMinimum, maximum, exclusiveMaximum, minItems, maxItems }) => [
-  minimum !== undefined ? `at least ${minimum}` : "",
-  exclusiveMinimum !== undefined ? `above ${exclusiveMinimum}` : "",
-  maximum !== undefined ? `at most ${maximum}` : "",
-  exclusiveMaximum !== undefined ? `below ${exclusiveMaximum}` : "",
-  minItems !== undefined || maxItems !== undefined ? `${minItems ?? 0} to ${maxItems ?? "any number of"} items` : "",
-].filter(Boolean).join(", ");
+const boundsOf = ({ minimum, exclusiveMinimum, maximum, exclusiveMaximum, minItems, maxItems }) =>
+  [
+    minimum !== undefined ? `at least ${minimum}` : "",
+    exclusiveMinimum !== undefined ? `above ${exclusiveMinimum}` : "",
+    maximum !== undefined ? `at most ${maximum}` : "",
+    exclusiveMaximum !== undefined ? `below ${exclusiveMaximum}` : "",
+    minItems !== undefined || maxItems !== undefined ? `${minItems ?? 0} to ${maxItems ?? "any number of"} items` : "",
+  ]
+    .filter(Boolean)
+    .join(", ");
 
 /**
  * A table whose first column names its rows.
@@ -81,8 +84,12 @@ const message = (name, schema) => {
   const parts = [...(schema.allOf ?? []), schema];
   /** @type {[string, Schema][]} */
   const fields = parts.flatMap((part) => Object.entries(part.properties ?? {}));
-  const rows = fields.map(([field, each]) =>
-    [field, typeOf(each), boundsOf(each), each.description ?? each.oneOf?.[0]?.description ?? ""]);
+  const rows = fields.map(([field, each]) => [
+    field,
+    typeOf(each),
+    boundsOf(each),
+    each.description ?? each.oneOf?.[0]?.description ?? "",
+  ]);
   return [
     Object.assign(element("h3", element("code", name)), { id: name }),
     Object.assign(element("p", schema.description ?? ""), { className: "lines" }),
@@ -94,7 +101,8 @@ const message = (name, schema) => {
 const all = (api) => [
   element("h2", "Endpoints"),
   ...Object.entries(api.paths).flatMap(([path, methods]) =>
-    Object.entries(methods).flatMap(([method, about]) => operation(path, method, about))),
+    Object.entries(methods).flatMap(([method, about]) => operation(path, method, about)),
+  ),
   element("h2", "Messages"),
   ...Object.entries(api.components.schemas).flatMap(([name, schema]) => message(name, schema)),
 ];

@@ -123,7 +123,10 @@ function read(field, text) {
 function readPoints(text, axes) {
   const value = [];
   for (const [index, line] of text.split("\n").entries()) {
-    const numbers = line.trim().split(/[\s,;]+/).map(Number);
+    const numbers = line
+      .trim()
+      .split(/[\s,;]+/)
+      .map(Number);
     if (numbers.length !== axes.length || !numbers.every(Number.isFinite)) {
       return { fault: `line ${index + 1} is “${line.trim()}”, must be ${axes.join(", ")}` };
     }

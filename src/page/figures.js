@@ -26,7 +26,10 @@ export class Figures {
 
   /** @param {number} time s */
   showTime(time) {
-    for (const { line, map: { x } } of this.#cursors) {
+    for (const {
+      line,
+      map: { x },
+    } of this.#cursors) {
       const share = (time - x.data[0]) / (x.data[1] - x.data[0]);
       const at = x.px[0] + share * (x.px[1] - x.px[0]);
       setAttributes(line, { x1: at, x2: at, visibility: share >= 0 && share <= 1 ? undefined : "hidden" });

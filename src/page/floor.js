@@ -44,10 +44,13 @@ export class Floor {
     this.root = root;
     this.byDefault = byDefault;
     const view = () => this.#view;
-    this.#handles = /** @type {const} */ (["start", "goal"]).map((which) => new Handle(which, view, (pose, isLast) => {
-      this.#isDragged = !isLast;
-      onMove(which, pose);
-    }));
+    this.#handles = /** @type {const} */ (["start", "goal"]).map(
+      (which) =>
+        new Handle(which, view, (pose, isLast) => {
+          this.#isDragged = !isLast;
+          onMove(which, pose);
+        }),
+    );
     this.#robots = [new Robot("b"), new Robot("a")];
     const robots = this.#robots.map(({ element }) => element);
     root.append(this.#grid, this.#aisle, this.#traces, ...this.#handles.map(({ element }) => element), ...robots);
@@ -105,7 +108,8 @@ export class Floor {
   #follow({ plan, time }) {
     if (!plan) return;
     const { x, y } = poseAt(plan.trajectory, time);
-    const scale = FOLLOWED_SHARE * Math.min(this.#frame.width, this.#frame.height) / reachOf(bodyOf(plan.request, this.byDefault));
+    const scale =
+      (FOLLOWED_SHARE * Math.min(this.#frame.width, this.#frame.height)) / reachOf(bodyOf(plan.request, this.byDefault));
     this.#view = new View(scale, this.#view.onSide, [0, 0]).centred([x, y], this.#frame);
     this.#drawGround();
     if (this.#state) this.#showHandles(this.#state);
@@ -141,10 +145,12 @@ export class Floor {
     const tracks = /** @type {const} */ (["left", "right"]).flatMap((wheel) => {
       const points = poses.map((pose) => this.#view.place(placing(body, pose)(body.wheels[wheel])));
       const track = svg("path", { class: "track", d: pathOf(points) });
-      const slips = plan.spans.filter((span) => span[wheel] === "slip").map(({ start_s, end_s }) => {
-        const within = points.filter((_, node) => inside(plan.trajectory.time_s[node], start_s, end_s));
-        return svg("path", { class: "slip", d: pathOf(within) });
-      });
+      const slips = plan.spans
+        .filter((span) => span[wheel] === "slip")
+        .map(({ start_s, end_s }) => {
+          const within = points.filter((_, node) => inside(plan.trajectory.time_s[node], start_s, end_s));
+          return svg("path", { class: "slip", d: pathOf(within) });
+        });
       return [track, ...slips];
     });
     return [...tracks, path];
@@ -165,7 +171,10 @@ const everyPose = ({ trajectory: { x_m, y_m, heading_rad } }) =>
   x_m.map((x, node) => ({ x: x ?? NaN, y: y_m[node] ?? NaN, heading: heading_rad[node] ?? NaN }));
 
 /** Room for a robot at a pose. @param {Pose} pose @param {number} reach m @returns {Point[]} */
-const around = ({ x, y }, reach) => [[x - reach, y - reach], [x + reach, y + reach]];
+const around = ({ x, y }, reach) => [
+  [x - reach, y - reach],
+  [x + reach, y + reach],
+];
 
 /** @param {Point[]} points */
 function pathOf(points) {
@@ -178,19 +187,21 @@ function gridLines(view, { width, height }) {
   const step = roundStep(GRID_PX / view.scale);
   const [a, b] = [view.unplace([0, height]), view.unplace([width, 0])];
   const digits = Math.max(0, -Math.floor(Math.log10(step)));
-  return [0, 1].flatMap((axis) => {
-    const [low, high] = [Math.min(a[axis], b[axis]), Math.max(a[axis], b[axis])];
-    const count = Math.min(100, Math.floor(high / step) - Math.ceil(low / step) + 1);
-    return Array.from({ length: Math.max(0, count) }, (_, index) => {
-      const value = (Math.ceil(low / step) + index) * step;
-      const [px, py] = view.place(axis === 0 ? [value, 0] : [0, value]);
-      const isUpright = (axis === 0) !== view.onSide;
-      const line = isUpright ? { x1: px, x2: px, y1: 0, y2: height } : { x1: 0, x2: width, y1: py, y2: py };
-      const text = isUpright ? { x: px + 3, y: height - 5 } : { x: 4, y: py - 3 };
-      // Labels of the other axis and the edges of the frame stay free.
-      const isClear = isUpright ? px > CLEAR_PX && px < width - CLEAR_PX : py > CLEAR_PX / 2 && py < height - CLEAR_PX / 2;
-      const words = value === 0 ? `${axis === 0 ? "x" : "y"} = 0` : `${signed(value, digits)} m`;
-      return svg("g", {}, svg("line", line), ...(isClear ? [svg("text", text, words)] : []));
-    });
-  }).flat();
+  return [0, 1]
+    .flatMap((axis) => {
+      const [low, high] = [Math.min(a[axis], b[axis]), Math.max(a[axis], b[axis])];
+      const count = Math.min(100, Math.floor(high / step) - Math.ceil(low / step) + 1);
+      return Array.from({ length: Math.max(0, count) }, (_, index) => {
+        const value = (Math.ceil(low / step) + index) * step;
+        const [px, py] = view.place(axis === 0 ? [value, 0] : [0, value]);
+        const isUpright = (axis === 0) !== view.onSide;
+        const line = isUpright ? { x1: px, x2: px, y1: 0, y2: height } : { x1: 0, x2: width, y1: py, y2: py };
+        const text = isUpright ? { x: px + 3, y: height - 5 } : { x: 4, y: py - 3 };
+        // Labels of the other axis and the edges of the frame stay free.
+        const isClear = isUpright ? px > CLEAR_PX && px < width - CLEAR_PX : py > CLEAR_PX / 2 && py < height - CLEAR_PX / 2;
+        const words = value === 0 ? `${axis === 0 ? "x" : "y"} = 0` : `${signed(value, digits)} m`;
+        return svg("g", {}, svg("line", line), ...(isClear ? [svg("text", text, words)] : []));
+      });
+    })
+    .flat();
 }

@@ -45,7 +45,13 @@ export class Form {
         (field) => !placed.has(field) && takes.some((start) => field.path.join(".").startsWith(start)),
       );
       mine.forEach((field) => placed.add(field));
-      root.append(section(title, open, mine.map((field) => this.#add(makeField(field)).element)));
+      root.append(
+        section(
+          title,
+          open,
+          mine.map((field) => this.#add(makeField(field)).element),
+        ),
+      );
     }
   }
 
@@ -127,14 +133,14 @@ export class Form {
     goal.input.setAttribute("placeholder", POSE.includes(name) ? "as start" : name.includes("angle") ? "free" : "0");
     start.input.setAttribute("placeholder", "0");
     const box = html("input", { type: "checkbox", "aria-label": `Goal ${goal.field.label} is free`, id: `free-${name}` });
-    box.addEventListener("change", () => this.#free_(name, box.checked));
+    box.addEventListener("change", () => this.#setFree(name, box.checked));
     this.#free.push({ name, box });
     const label = html("span", { class: "label", title: start.field.meaning }, start.field.label, unit(start.field.unit));
     return [label, start.input, goal.input, box, start.error, goal.error];
   }
 
   /** @param {string} name @param {boolean} isFree */
-  #free_(name, isFree) {
+  #setFree(name, isFree) {
     const others = freeOf(this.#request).filter((each) => each !== name);
     const free = isFree ? [...others, name] : others;
     const path = ["maneuver", "goal"];

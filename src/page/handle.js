@@ -69,11 +69,14 @@ export class Handle {
     const [x, y] = step ? this.view().unplace([px + step[0], py + step[1]]) : [this.#pose.x, this.#pose.y];
     // The direction is that on the screen, the length that of the world.
     const length = Math.hypot(x - this.#pose.x, y - this.#pose.y) || 1;
-    this.onMove({
-      x: rounded(this.#pose.x + ((x - this.#pose.x) / length) * MOVE_M[fine]),
-      y: rounded(this.#pose.y + ((y - this.#pose.y) / length) * MOVE_M[fine]),
-      heading: rounded(this.#pose.heading + turn * TURN_RAD[fine], 4),
-    }, true);
+    this.onMove(
+      {
+        x: rounded(this.#pose.x + ((x - this.#pose.x) / length) * MOVE_M[fine]),
+        y: rounded(this.#pose.y + ((y - this.#pose.y) / length) * MOVE_M[fine]),
+        heading: rounded(this.#pose.heading + turn * TURN_RAD[fine], 4),
+      },
+      true,
+    );
   }
 
   /** @param {PointerEvent} event */
@@ -90,7 +93,10 @@ export class Handle {
     const onMove = (moved) => {
       const [x, y] = this.#world(moved);
       last = turns
-        ? { ...this.#pose, heading: rounded(nearTurn(Math.atan2(this.#pose.x - x, y - this.#pose.y), this.#pose.heading), 2) }
+        ? {
+            ...this.#pose,
+            heading: rounded(nearTurn(Math.atan2(this.#pose.x - x, y - this.#pose.y), this.#pose.heading), 2),
+          }
         : { ...this.#pose, x: rounded(x + offset[0]), y: rounded(y + offset[1]) };
       this.onMove(last, false);
     };

@@ -9,26 +9,24 @@ import { Form } from "./form.js";
 import { asCsv, durationOf } from "./motion.js";
 import { planOf, stripped } from "./plan.js";
 import { Player } from "./player.js";
+import { Problem } from "./problem.js";
 import { groupOf } from "./schema.js";
+import { Search } from "./search.js";
 import { Sheet } from "./sheet.js";
 import { asCurl, asPython, linkTo, requestIn } from "./snippets.js";
 import { change, current, isRecord, listen, withValue } from "./state.js";
 import { Timeline } from "./timeline.js";
-import { ask, Refusal, solve, useKey } from "./transport.js";
+import { ask, useKey } from "./transport.js";
 
 /** @typedef {import("./state.js").SolveRequest} SolveRequest */
 /** @typedef {import("./state.js").Plan} Plan */
 /** @typedef {{ name: string, title: string, request: SolveRequest }} Preset */
 
-const status = byId("status", HTMLElement);
-const problem = byId("problem", HTMLElement);
-const [solveButton, cancelButton] = [byId("solve", HTMLButtonElement), byId("cancel", HTMLButtonElement)];
-const progress = byId("progress", HTMLProgressElement);
 const prefersStill = matchMedia("(prefers-reduced-motion: reduce)");
 
 const [schema, limits, presets] = await Promise.all([ask("openapi.json"), ask("limits"), ask("page/presets.json")]).catch(
   (error) => {
-    status.textContent = `The page cannot begin: ${error.message}`;
+    byId("status", HTMLElement).textContent = `The page cannot begin: ${error.message}`;
     throw error;
   },
 );
@@ -37,10 +35,12 @@ const referenceRobot = presets[0].request.robot;
 
 /** The request that the shown answer belongs to. */
 let solved = "";
-/** @type {AbortController | null} */
-let running = null;
 
-const form = new Form(byId("fields", HTMLElement), groupOf(schema, limits, "SolveRequest"), (request) => change({ request }));
+const form = new Form(byId("fields", HTMLElement), groupOf(schema, limits, "SolveRequest"), (request) =>
+  change({ request }),
+);
+const problem = new Problem(form);
+const search = new Search();
 const player = new Player((time) => change({ time }));
 const seek = (/** @type {number} */ time) => {
   player.pause();
@@ -73,83 +73,18 @@ listen(["time"], (state) => {
 /** @param {SolveRequest} request @param {"start" | "goal"} which @param {string} name */
 const isFree = (request, which, name) => which === "goal" && (request.maneuver?.goal?.free?.includes(name) ?? false);
 
-/** @param {string} title @param {unknown} error */
-function showProblem(title, error) {
-  const refusal = error instanceof Refusal ? error.problem : undefined;
-  if (refusal?.code === "unauthenticated") byId("access", HTMLDetailsElement).open = true;
-  const faults = form.showErrors(refusal?.errors ?? []);
-  const lines = faults.map(({ message, control }) => {
-    if (!control) return html("li", {}, message);
-    const button = html("button", { type: "button", class: "link" }, message);
-    button.addEventListener("click", () => control.reveal());
-    return html("li", {}, button);
-  });
-  const words = error instanceof Error ? error.message : String(error);
-  const list = lines.length ? [html("ul", {}, ...lines)] : [];
-  problem.replaceChildren(html("h2", {}, title), html("p", {}, words), ...list);
-  problem.hidden = false;
-}
-
-function clearProblem() {
-  problem.hidden = true;
-  form.clearErrors();
-}
-
-/** Whether all that is typed can be read; else the first fault is shown. */
-function isReadable() {
-  clearProblem();
-  const [first] = form.unreadable();
-  first?.reveal();
-  return !first;
-}
-
 async function run() {
-  if (!isReadable()) return;
-  const request = /** @type {SolveRequest} */ ({ ...current().request, view: "full" });
-  const asked = JSON.stringify(current().request);
-  running = new AbortController();
-  showRunning(true, "Asking the service…");
+  if (!problem.isReadable()) return;
+  const { request } = current();
   try {
-    const answer = await solve(request, showEvent, running.signal);
-    solved = asked;
-    await showPlan({ solve: { request, answer } });
-    status.textContent = `Answered: ${answer.status.replaceAll("_", " ")}, ${answer.final_time_s.toFixed(3)} s.`;
+    const answer = await search.run(request);
+    if (!answer) return;
+    solved = JSON.stringify(request);
+    await showPlan({ solve: { request: { ...request, view: "full" }, answer } });
   } catch (error) {
-    if (running.signal.aborted) status.textContent = "Cancelled.";
-    else {
-      status.textContent = "";
-      showProblem("No answer", error);
-    }
-  } finally {
-    running = null;
-    showRunning(false);
+    problem.show("No answer", error);
   }
 }
-
-/** @param {boolean} isRunning @param {string} [words] */
-function showRunning(isRunning, words) {
-  const hasKeyboard = [solveButton, cancelButton].some((button) => button === document.activeElement);
-  [solveButton.hidden, cancelButton.hidden, progress.hidden] = [isRunning, !isRunning, !isRunning];
-  if (hasKeyboard) (isRunning ? cancelButton : solveButton).focus();
-  if (words) status.textContent = words;
-  progress.removeAttribute("value");
-}
-
-/** @param {string} name @param {any} data */
-function showEvent(name, data) {
-  if (name === "queued") {
-    status.textContent = data.position ? `Waiting, ${data.position} from the front of the queue…` : "Solving…";
-  } else if (name === "progress") {
-    const { start, start_count: count, best_final_time_s: time, best_goal_error: error, phase } = data;
-    const best = time == null ? "" : `, best ${time.toFixed(3)} s`;
-    const missed = error > 1e-3 ? ` with ${error.toPrecision(2)} still missing` : "";
-    status.textContent = `${PHASES[phase] ?? "Solving"}: start ${start} of ${count}${best}${missed}`;
-    [progress.max, progress.value] = [count, start - 1];
-  }
-}
-
-/** @type {Record<string, string>} */
-const PHASES = { start: "Searching", polish: "Polishing", refinement: "Refining the grid", certificate: "Certifying" };
 
 const longest = () => Math.max(durationOf(current().plan), durationOf(current().compared));
 
@@ -164,7 +99,8 @@ async function showPlan(shown) {
   change({ plan });
   player.load(longest());
   if (!prefersStill.matches && longest() > 0) player.play();
-  await showPictures();
+  // The animation does not wait for them.
+  showPictures();
 }
 
 /** Asked once per answer: cursor, zoom and theme are the page's own. */
@@ -179,7 +115,7 @@ async function showPictures() {
     figures.show(answer.figures);
     figures.showTime(time);
   } catch (error) {
-    showProblem("No figures", error);
+    problem.show("No figures", error);
   }
 }
 
@@ -194,7 +130,7 @@ async function saveReport() {
     const { report_html: text } = await ask("present", { plans: shownPlans(), report: true });
     download("report.html", "text/html", text);
   } catch (error) {
-    showProblem("No report", error);
+    problem.show("No report", error);
   }
 }
 
@@ -204,11 +140,11 @@ function onFile(input, use) {
     const file = input.files?.[0];
     input.value = "";
     if (!file) return;
-    clearProblem();
+    problem.clear();
     try {
       await use(await contentOf(file));
     } catch (error) {
-      showProblem(`${file.name} cannot be opened`, error);
+      problem.show(`${file.name} cannot be opened`, error);
     }
   });
 }
@@ -241,12 +177,12 @@ async function showBeside(compared) {
 
 /** The request as the service completes it, or null after its faults are shown. */
 async function validated() {
-  if (!isReadable()) return null;
+  if (!problem.isReadable()) return null;
   try {
     const { input_hash: _, ...request } = await ask("validate", current().request);
     return request;
   } catch (error) {
-    showProblem("The request has faults", error);
+    problem.show("The request has faults", error);
     return null;
   }
 }
@@ -263,18 +199,17 @@ function onSheet(id, title, note, write) {
 function openLink(fragment) {
   try {
     const request = requestIn(fragment);
-    if (isRecord(request)) change({ request: savedRequest(request) });
-    else if (request !== null) throw new Error("it holds no request");
-    return request !== null;
+    if (request === undefined) return;
+    if (!isRecord(request)) throw new Error("it holds no request");
+    change({ request: savedRequest(request) });
   } catch (error) {
-    showProblem("The link cannot be opened", error);
-    return true;
+    problem.show("The link cannot be opened", error);
   }
 }
 
 /** @param {Preset} preset */
 const begin = ({ request }) => {
-  clearProblem();
+  problem.clear();
   const { view: _, ...rest } = request;
   change({ request: rest });
 };
@@ -282,15 +217,16 @@ const begin = ({ request }) => {
 const choice = byId("preset", HTMLSelectElement);
 choice.append(...presets.map((/** @type {Preset} */ { name, title }) => html("option", { value: name }, title)));
 choice.addEventListener("change", () => begin(presets[choice.selectedIndex]));
-byId("key", HTMLInputElement).addEventListener("input", (event) => useKey(/** @type {HTMLInputElement} */ (event.target).value));
+byId("key", HTMLInputElement).addEventListener("input", (event) =>
+  useKey(/** @type {HTMLInputElement} */ (event.target).value),
+);
 for (const id of ["form", "key-form"]) {
   byId(id, HTMLFormElement).addEventListener("submit", (event) => {
     event.preventDefault();
     run();
   });
 }
-solveButton.addEventListener("click", run);
-cancelButton.addEventListener("click", () => running?.abort());
+byId("solve", HTMLElement).addEventListener("click", run);
 byId("follow", HTMLInputElement).addEventListener("change", (event) => {
   floor.isFollowing = /** @type {HTMLInputElement} */ (event.target).checked;
   floor.refit();
@@ -312,4 +248,5 @@ onSheet("curl", "The same in a shell", "The key, where the service asks for one,
 onSheet("python", "The same in Python", "With the package of this service: clients/python.", asPython);
 addEventListener("hashchange", () => openLink(location.hash));
 
-if (!openLink(location.hash)) begin(presets[0]);
+begin(presets[0]);
+openLink(location.hash);

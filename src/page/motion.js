@@ -74,6 +74,22 @@ export function forceAt({ contacts, trajectory }, contact, time) {
   };
 }
 
+/** @type {WeakMap<Plan, number>} */
+const LARGEST = new WeakMap();
+
+/** The largest friction force on a wheel, N, above 0. @param {Plan} plan */
+export function largestForce(plan) {
+  const known = LARGEST.get(plan);
+  if (known) return known;
+  const { left, right } = plan.contacts ?? {};
+  const sizes = [left, right].flatMap((of) =>
+    (of?.longitudinal_force_n ?? []).map((forward, step) => Math.hypot(forward ?? 0, of?.lateral_force_n[step] ?? 0)),
+  );
+  const largest = sizes.reduce((most, size) => Math.max(most, size), 1e-9);
+  LARGEST.set(plan, largest);
+  return largest;
+}
+
 /**
  * Torques in the interval of a time, N m.
  * @param {Plan} plan
@@ -99,7 +115,8 @@ export function asCsv(plan) {
     ["torque_left_n_m", torques.map(({ left }) => left)],
     ["torque_right_n_m", torques.map(({ right }) => right)],
     ...Object.entries(plan.contacts ?? {}).flatMap(([contact, of]) =>
-      Object.entries(of).map(([name, values]) => /** @type {[string, number[]]} */ ([`${contact}_${name}`, values]))),
+      Object.entries(of).map(([name, values]) => /** @type {[string, number[]]} */ ([`${contact}_${name}`, values])),
+    ),
   ];
   const rows = plan.trajectory.time_s.map((_, node) => columns.map(([, values]) => values[node] ?? "").join(","));
   return `${[columns.map(([name]) => name).join(","), ...rows].join("\n")}\n`;

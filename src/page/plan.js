@@ -17,10 +17,18 @@ export async function planOf(shown, simulate) {
   const { request, answer } = pair;
   const isWhole = isMotion(answer.trajectory) && answer.contacts;
   const stands = !answer.torque_schedule?.left_n_m?.length && shown.solve;
-  const motion = isWhole ? answer : stands ? standing(answer) : await simulate(shown.solve ? simulation(request, answer) : request);
+  const motion = isWhole
+    ? answer
+    : stands
+      ? standing(answer)
+      : await simulate(shown.solve ? simulation(request, answer) : request);
   if (!isMotion(motion.trajectory)) throw new Error("the plan has no motion");
   return {
-    shown, request, trajectory: motion.trajectory, contacts: motion.contacts, replaced: !isWhole,
+    shown,
+    request,
+    trajectory: motion.trajectory,
+    contacts: motion.contacts,
+    replaced: !isWhole,
     spans: Array.isArray(answer.contact_modes) ? answer.contact_modes : (motion.contact_modes ?? []),
   };
 }
@@ -44,8 +52,12 @@ function standing({ end_state }) {
 /** The request that integrates the torques of an answer. @param {any} request @param {any} answer */
 function simulation({ robot, payload, maneuver }, answer) {
   return {
-    robot, payload, reference_point: maneuver?.reference_point, start: maneuver?.start,
-    torque_schedule: answer.torque_schedule, grid: { steps: answer.report?.steps },
+    robot,
+    payload,
+    reference_point: maneuver?.reference_point,
+    start: maneuver?.start,
+    torque_schedule: answer.torque_schedule,
+    grid: { steps: answer.report?.steps },
   };
 }
 

@@ -2,14 +2,14 @@
 
 import { placing } from "./body.js";
 import { setAttributes, svg } from "./dom.js";
-import { forceAt, poseAt, slipsAt } from "./motion.js";
+import { forceAt, largestForce, poseAt, slipsAt } from "./motion.js";
 
 /** @typedef {import("./state.js").Plan} Plan */
 /** @typedef {import("./body.js").Body} Body */
 /** @typedef {import("./body.js").Point} Point */
 /** @typedef {import("./view.js").View} View */
 
-/** Length of an arrow for as much force as half of the robot's weight gives grip, px. */
+/** Length of the longest arrow, px. */
 const ARROW_PX = 70;
 const SIDES = /** @type {const} */ (["left", "right"]);
 
@@ -21,7 +21,12 @@ export class Robot {
 
   /** @param {string} name of the plan: a or b */
   constructor(name) {
-    const parts = [this.#outline, this.#nose, ...SIDES.map((side) => this.#wheels[side]), ...SIDES.map((side) => this.#forces[side])];
+    const parts = [
+      this.#outline,
+      this.#nose,
+      ...SIDES.map((side) => this.#wheels[side]),
+      ...SIDES.map((side) => this.#forces[side]),
+    ];
     this.element = svg("g", { class: `robot plan-${name}`, "aria-hidden": "true" }, ...parts);
   }
 
@@ -39,14 +44,26 @@ export class Robot {
     const polygon = (corners) => ({ points: corners.map((corner) => view.place(place(corner)).join(",")).join(" ") });
     setAttributes(this.#outline, polygon(body.outline));
     const [half, ahead] = [body.wheels.right[0], 0.5 * body.front[1]];
-    setAttributes(this.#nose, polygon([[-0.25 * half, ahead - 0.35 * half], [0, ahead], [0.25 * half, ahead - 0.35 * half]]));
+    setAttributes(
+      this.#nose,
+      polygon([
+        [-0.25 * half, ahead - 0.35 * half],
+        [0, ahead],
+        [0.25 * half, ahead - 0.35 * half],
+      ]),
+    );
     for (const side of SIDES) {
       const [[right, forward], { radius, tread }] = [body.wheels[side], body];
-      const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([r, f]) => /** @type {Point} */ ([right + r * tread, forward + f * radius]));
+      const corners = [
+        [-1, -1],
+        [1, -1],
+        [1, 1],
+        [-1, 1],
+      ].map(([r, f]) => /** @type {Point} */ ([right + r * tread, forward + f * radius]));
       const state = slipsAt(plan, side, time) ? "slips" : "sticks";
       setAttributes(this.#wheels[side], { ...polygon(corners), class: `wheel ${state}` });
       const force = forceAt(plan, side, time);
-      const perNewton = ARROW_PX / Math.max(0.5 * body.weight * Math.max(body.grip, 0.1), 1e-9) / view.scale;
+      const perNewton = ARROW_PX / largestForce(plan) / view.scale;
       const from = view.place(place([right, forward]));
       const to = view.place(place([right + force.right * perNewton, forward + force.forward * perNewton]));
       setAttributes(this.#forces[side], { d: arrow(from, to) });

@@ -10,12 +10,12 @@ export function linkTo(request) {
 }
 
 /**
- * The request of a link's fragment; null where there is none.
+ * The request of a link's fragment; undefined where there is none.
  * @param {string} fragment
  * @returns {unknown}
  */
 export function requestIn(fragment) {
-  if (!fragment.startsWith(MARK)) return null;
+  if (!fragment.startsWith(MARK)) return undefined;
   return JSON.parse(decodeURIComponent(fragment.slice(MARK.length)));
 }
 

@@ -6,7 +6,11 @@ import { roundStep } from "./view.js";
 /** @typedef {import("./state.js").Plan} Plan */
 /** @typedef {import("./state.js").Span} Span */
 
-const CONTACTS = /** @type {const} */ ([["left", "Left wheel"], ["right", "Right wheel"], ["front", "Front"]]);
+const CONTACTS = /** @type {const} */ ([
+  ["left", "Left wheel"],
+  ["right", "Right wheel"],
+  ["front", "Front"],
+]);
 const ROW_PX = 22;
 const NAMES_PX = 84;
 const SCALE_PX = 20;
@@ -44,9 +48,14 @@ export class Timeline {
     const rows = CONTACTS.filter(([name]) => name !== "front" || plan.spans.some(({ front }) => front === "stick"));
     const bottom = rows.length * ROW_PX;
     setAttributes(this.root, { viewBox: `0 0 ${this.#width} ${bottom + SCALE_PX}`, height: bottom + SCALE_PX });
-    this.root.setAttribute("aria-label", `Contact modes. ${rows.map(([name, words]) => inWords(plan.spans, name, words)).join(" ")}`);
+    this.root.setAttribute(
+      "aria-label",
+      `Contact modes. ${rows.map(([name, words]) => inWords(plan.spans, name, words)).join(" ")}`,
+    );
     const names = rows.map(([, words], row) => svg("text", { x: 0, y: row * ROW_PX + 15 }, words));
-    const bars = rows.flatMap(([name], row) => merged(plan.spans, name).map(({ start_s, end_s, mode }) => this.#bar(start_s, end_s, mode, row)));
+    const bars = rows.flatMap(([name], row) =>
+      merged(plan.spans, name).map(({ start_s, end_s, mode }) => this.#bar(start_s, end_s, mode, row)),
+    );
     setAttributes(this.#cursor, { y1: 0, y2: bottom });
     this.root.replaceChildren(...names, ...bars, ...this.#scale(bottom), this.#cursor);
   }
@@ -74,7 +83,11 @@ export class Timeline {
     const times = Array.from({ length: Math.floor(this.#duration / step + 1e-9) + 1 }, (_, index) => index * step);
     return times.map((time, index) => {
       const anchor = index === 0 ? "start" : this.#x(time) > this.#width - TICK_PX / 3 ? "end" : "middle";
-      return svg("text", { x: this.#x(time), y: y + 14, "text-anchor": anchor, class: "scale" }, `${time.toFixed(digits)} s`);
+      return svg(
+        "text",
+        { x: this.#x(time), y: y + 14, "text-anchor": anchor, class: "scale" },
+        `${time.toFixed(digits)} s`,
+      );
     });
   }
 

@@ -9,7 +9,7 @@ use crate::jobs::{Example, Limits};
 pub(super) const ALL: &[Example<SolveRequest>] = &[
     Example { name: "forward-drive", title: "5 m forward, the paper's case", request: forward_drive },
     Example { name: "half-turn", title: "Half a turn on the spot", request: half_turn },
-    Example { name: "warehouse-aisle", title: "A loaded robot in an aisle of a warehouse", request: warehouse_aisle },
+    Example { name: "warehouse-aisle", title: "A loaded robot in an aisle", request: warehouse_aisle },
 ];
 
 /// From rest to rest on the paper's grid, by the straight start alone: more starts find faster plans, which drift.

@@ -1,0 +1,44 @@
+// What went wrong, in words, with the way to each field that is at fault.
+
+import { byId, html } from "./dom.js";
+import { Refusal } from "./transport.js";
+
+/** @typedef {import("./form.js").Form} Form */
+
+export class Problem {
+  #root = byId("problem", HTMLElement);
+
+  /** @param {Form} form */
+  constructor(form) {
+    this.form = form;
+  }
+
+  /** @param {string} title @param {unknown} error */
+  show(title, error) {
+    const refusal = error instanceof Refusal ? error.problem : undefined;
+    if (refusal?.code === "unauthenticated") byId("access", HTMLDetailsElement).open = true;
+    const faults = this.form.showErrors(refusal?.errors ?? []).map(({ message, control }) => {
+      if (!control) return html("li", {}, message);
+      const button = html("button", { type: "button", class: "link" }, message);
+      button.addEventListener("click", () => control.reveal());
+      return html("li", {}, button);
+    });
+    const words = error instanceof Error ? error.message : String(error);
+    const list = faults.length ? [html("ul", {}, ...faults)] : [];
+    this.#root.replaceChildren(html("h2", {}, title), html("p", {}, words), ...list);
+    this.#root.hidden = false;
+  }
+
+  clear() {
+    this.#root.hidden = true;
+    this.form.clearErrors();
+  }
+
+  /** Whether all that is typed can be read; else the first fault is shown. */
+  isReadable() {
+    this.clear();
+    const [first] = this.form.unreadable();
+    first?.reveal();
+    return !first;
+  }
+}

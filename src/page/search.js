@@ -1,0 +1,76 @@
+// One search at a time: asked for, watched and cancelled.
+
+import { byId } from "./dom.js";
+import { solve } from "./transport.js";
+
+/** @typedef {import("./state.js").SolveRequest} SolveRequest */
+/** @typedef {import("./state.js").Solution} Solution */
+
+/** @type {Record<string, string>} What the phases of a search are called. */
+const PHASES = { start: "Searching", polish: "Polishing", refinement: "Refining the grid", certificate: "Certifying" };
+/** A goal error beyond this is told of, in m, rad, m/s and rad/s. */
+const TOLD_ERROR = 1e-3;
+
+export class Search {
+  #solve = byId("solve", HTMLButtonElement);
+  #cancel = byId("cancel", HTMLButtonElement);
+  #progress = byId("progress", HTMLProgressElement);
+  #status = byId("status", HTMLElement);
+  /** @type {AbortController | null} */
+  #running = null;
+
+  constructor() {
+    // The job ends on its worker too.
+    this.#cancel.addEventListener("click", () => this.#running?.abort());
+  }
+
+  /** @param {string} words */
+  say(words) {
+    this.#status.textContent = words;
+  }
+
+  /**
+   * The answer; null where it was cancelled, or where a search runs already.
+   * @param {SolveRequest} request
+   * @returns {Promise<Solution | null>}
+   */
+  async run(request) {
+    if (this.#running) return null;
+    const { signal } = (this.#running = new AbortController());
+    this.#show(true);
+    this.say("Asking the service…");
+    try {
+      const answer = await solve({ ...request, view: "full" }, (name, data) => this.#onEvent(name, data), signal);
+      this.say(`Answered: ${answer.status.replaceAll("_", " ")}, ${answer.final_time_s.toFixed(3)} s.`);
+      return answer;
+    } catch (error) {
+      this.say(signal.aborted ? "Cancelled." : "");
+      if (signal.aborted) return null;
+      throw error;
+    } finally {
+      this.#running = null;
+      this.#show(false);
+    }
+  }
+
+  /** @param {boolean} isRunning */
+  #show(isRunning) {
+    const hasKeyboard = [this.#solve, this.#cancel].some((button) => button === document.activeElement);
+    [this.#solve.hidden, this.#cancel.hidden, this.#progress.hidden] = [isRunning, !isRunning, !isRunning];
+    if (hasKeyboard) (isRunning ? this.#cancel : this.#solve).focus();
+    this.#progress.removeAttribute("value");
+  }
+
+  /** @param {string} name @param {any} data */
+  #onEvent(name, data) {
+    if (name === "queued") {
+      this.say(data.position ? `Waiting, ${data.position} from the front of the queue…` : "Solving…");
+    } else if (name === "progress") {
+      const { start, start_count: count, best_final_time_s: time, best_goal_error: error, phase } = data;
+      const best = time == null ? "" : `, best ${time.toFixed(3)} s`;
+      const missed = error > TOLD_ERROR ? ` with ${error.toPrecision(2)} still missing` : "";
+      this.say(`${PHASES[phase] ?? "Solving"}: start ${start} of ${count}${best}${missed}`);
+      [this.#progress.max, this.#progress.value] = [count, start - 1];
+    }
+  }
+}
