@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, expect, sync_playwright
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tests" / "page"))
-from service import Service  # noqa: E402
+from service import Service
 
 # A README's picture should load at once; the page has few colours.
 COLOURS = 128
@@ -23,7 +23,8 @@ COLOURS = 128
 def draw(browser: Browser, service: Service, file: Path, preset: str, at_s: float, scheme: str) -> None:
     """The page with a solved preset, stopped at a time of its plan."""
     # Without reduced motion the plan would play on.
-    context = browser.new_context(viewport={"width": 1280, "height": 900}, color_scheme=scheme, reduced_motion="reduce")  # type: ignore[arg-type]
+    look = {"viewport": {"width": 1280, "height": 900}, "color_scheme": scheme, "reduced_motion": "reduce"}
+    context = browser.new_context(**look)  # type: ignore[arg-type]
     page = context.new_page()
     page.goto(service.url)
     page.select_option("#preset", preset)

@@ -10,6 +10,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 MORE = 1.1
 LIMITS = ("torque_limit_left_n_m", "torque_limit_right_n_m")
@@ -34,7 +35,8 @@ def changed(request: dict) -> Iterator[tuple[str, dict]]:
 
 def main() -> None:
     file = sys.argv[2] if len(sys.argv) > 2 else None
-    text = open(file).read() if file else subprocess.check_output([sys.argv[1], "example", "forward-drive"], text=True)
+    example = [sys.argv[1], "example", "forward-drive"]
+    text = Path(file).read_text() if file else subprocess.check_output(example, text=True)
     request = json.loads(text)
     plan = ask("solve", request)
     if not plan:
