@@ -58,6 +58,8 @@ class Figures:
     """Figures in the order in which they are read."""
     plans: list[PlanInWords]
     """What is said of each plan."""
+    report_html: str
+    """All of it as one page that needs nothing beside it; empty where no report was asked for."""
 
     def __getitem__(self, name: str) -> Figure:
         """The figure of this name."""
