@@ -16,7 +16,9 @@ use tonic_prost_build::Builder;
 
 const PACKAGE: &str = "slipdrive.v1";
 /// Fields of requests that have no default.
-const REQUIRED: [&str; 13] = [
+const REQUIRED: [&str; 15] = [
+    "ExportRequest.format",
+    "ExportRequest.rate_hz",
     "Payload.mass_kg",
     "Payload.height_m",
     "SimulateRequest.torque_schedule",
@@ -53,9 +55,10 @@ const NULL: [&str; 5] = [
 ];
 /// Numbers in answers that may not be finite, because a motion diverges or nothing was computed; JSON has null for them.
 /// An entry without a field means all numbers of the message but times.
-const NOT_FINITE: [&str; 17] = [
+const NOT_FINITE: [&str; 18] = [
     "Contact",
     "EndState",
+    "ExportResponse",
     "GoalError",
     "LimitUse.excess",
     "LimitUse.largest",
@@ -72,6 +75,8 @@ const NOT_FINITE: [&str; 17] = [
     "SimulateResponse.worst_contact_residual",
     "Trajectory",
 ];
+/// Messages in messages that would make those that hold them, and calls with them, too large for the stack.
+const BOXED: [&str; 2] = ["ExportRequest.solve", "ExportRequest.simulate"];
 /// Calls whose message has the same fields as that of another call, so that both are one type.
 const SAME: [(&str, &str); 2] = [("SolveStreamRequest", "SolveRequest"), ("ValidateRequest", "SolveRequest")];
 /// Where the generated code finds the functions that read and write JSON.
@@ -99,7 +104,7 @@ pub(crate) fn generate() -> Result<(), Box<dyn Error>> {
 
 /// A misspelt entry would change the contract in silence.
 fn check_lists(pool: &DescriptorPool) -> Result<(), String> {
-    for path in REQUIRED.iter().chain(&ANSWERS).chain(&LEFT_OUT).chain(&NULL).chain(&NOT_FINITE) {
+    for path in REQUIRED.iter().chain(&ANSWERS).chain(&LEFT_OUT).chain(&NULL).chain(&NOT_FINITE).chain(&BOXED) {
         let (message, field) = path.split_once('.').unwrap_or((path, ""));
         let message = pool.get_message_by_name(&format!("{PACKAGE}.{message}"));
         let is_known = message.is_some_and(|message| field.is_empty() || message.get_field_by_name(field).is_some());
@@ -138,6 +143,9 @@ fn messages_with_json(pool: &DescriptorPool) -> Builder {
         }
         for field in message.fields() {
             let attributes = if is_request { in_request(&field) } else { in_answer(&field, &requests) };
+            if is_listed(&BOXED, &field) {
+                builder = builder.boxed(format!(".{}", field.full_name()));
+            }
             if !attributes.is_empty() {
                 builder = builder.field_attribute(field.full_name(), attributes);
             }
@@ -219,6 +227,7 @@ fn in_request(field: &FieldDescriptor) -> String {
         }
         Kind::Message(of) => optional("some_object", of.name()),
         Kind::Double if field.supports_presence() => optional("some_value", "f64"),
+        Kind::String if field.supports_presence() => optional("some_value", "String"),
         Kind::Uint32 if field.supports_presence() => optional("some_count", "u32"),
         Kind::Uint64 if field.supports_presence() => optional("some_value", "u64"),
         // The format of any 64 bits has no sign.

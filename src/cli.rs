@@ -10,9 +10,10 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use clap::{ArgMatches, Args as _, Command, FromArgMatches as _};
+use clap::{Arg, ArgMatches, Args as _, Command, FromArgMatches as _};
+use serde_json::{Map, Value};
 use slipdrive::contract::{Problem, indented, json};
-use slipdrive::jobs::{InProcessSolver, Jobs, Kind, Limits, Visitor};
+use slipdrive::jobs::{Flag, InProcessSolver, Jobs, Kind, Limits, Visitor};
 use slipdrive::metrics::Metrics;
 use slipdrive::service::{Done, Service, ServiceSettings};
 
@@ -89,14 +90,14 @@ impl Visitor for Commands {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
         let examples: Vec<String> =
             K::EXAMPLES.iter().map(|example| format!(", or the example `{}`", example.name)).collect();
-        let input = if K::SEVERAL_FILES {
-            format!("Files that `--save` has written, or the JSON body of `POST /{}`; `-` is standard input", K::NAME)
+        let input = if K::SAVED_FILES > 0 {
+            format!("What `--save` has written, or the JSON body of `POST /{}`; `-` is standard input", K::NAME)
         } else {
             format!("File with the JSON body of `POST /{}`; `-` is standard input{}", K::NAME, examples.concat())
         };
         let command = JobArguments::augment_args(Command::new(K::NAME)).about(sentence(K::SUMMARY));
         let command = command.mut_arg("input", |argument| {
-            let argument = argument.help(input).num_args(if K::SEVERAL_FILES { 1..=4 } else { 1..=1 });
+            let argument = argument.help(input).num_args(1..=K::SAVED_FILES.max(1));
             match K::EXAMPLES.first() {
                 Some(example) => argument.required(false).default_value(example.name),
                 None => argument,
@@ -105,6 +106,10 @@ impl Visitor for Commands {
         let of_figures = ["save", "report", "svg", "csv"].into_iter();
         let command =
             of_figures.fold(command, |command, flag| command.mut_arg(flag, |argument| argument.hide(!K::HAS_FIGURES)));
+        let command = command.mut_arg("out", |argument| argument.hide(!K::HAS_FILES));
+        let flag =
+            |flag: &Flag| Arg::new(flag.field).long(flag.field.replace('_', "-")).value_name("VALUE").help(flag.help);
+        let command = command.args(K::FLAGS.iter().map(flag));
         self.0 = self.0.take().map(|all| all.subcommand(command));
     }
 }
@@ -127,18 +132,37 @@ impl Visitor for Run<'_> {
     fn visit<K: Kind>(&mut self, kind: &Arc<K>) {
         if K::NAME == self.name {
             let arguments = JobArguments::from_arg_matches(self.matches).map_err(anyhow::Error::from);
-            self.outcome = Some(arguments.and_then(|arguments| run_job(kind, &self.jobs, &arguments)));
+            let flags = flags::<K>(self.matches);
+            self.outcome = Some(arguments.and_then(|arguments| run_job(kind, &self.jobs, &arguments, flags)));
         }
     }
 }
 
+/// The fields of the request that are given as flags: JSON, or else a text.
+fn flags<K: Kind>(matches: &ArgMatches) -> Map<String, Value> {
+    let given = |flag: &Flag| {
+        let text: &String = matches.get_one(flag.field)?;
+        let value = serde_json::from_str(text).unwrap_or_else(|_| Value::from(text.as_str()));
+        Some((flag.field.to_owned(), value))
+    };
+    K::FLAGS.iter().filter_map(given).collect()
+}
+
 /// Runs one job; the exit code says whether there is what was asked for.
-fn run_job<K: Kind>(kind: &Arc<K>, jobs: &Jobs, arguments: &JobArguments) -> anyhow::Result<ExitCode> {
+fn run_job<K: Kind>(
+    kind: &Arc<K>,
+    jobs: &Jobs,
+    arguments: &JobArguments,
+    flags: Map<String, Value>,
+) -> anyhow::Result<ExitCode> {
     let shows = arguments.save.is_some() || shown::is_asked_for(arguments);
     if shows && !K::HAS_FIGURES {
         anyhow::bail!("there is nothing to show of `{}`", K::NAME);
     }
-    let read = read_body::<K>(arguments, jobs.limits())?;
+    if arguments.out.is_some() && !K::HAS_FILES {
+        anyhow::bail!("there are no files of `{}`", K::NAME);
+    }
+    let read = read_body::<K>(arguments, jobs.limits())?.and_then(|body| with_flags(body, flags));
     let (input, body) = match read.and_then(|body| Ok((K::read(&body, jobs.limits())?, body))) {
         Ok(read) => read,
         Err(problem) => return Ok(refuse(&problem)),
@@ -150,6 +174,10 @@ fn run_job<K: Kind>(kind: &Arc<K>, jobs: &Jobs, arguments: &JobArguments) -> any
     let running = service.reserve(K::CLASS)?.submit(Arc::clone(kind), input, None, made)?;
     let made = progress::watched::<K, _>(running)?;
     write_answer(arguments.json.as_deref(), &json::write(&made.answer), &made.table)?;
+    if let Some(folder) = &arguments.out {
+        fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+        made.files.iter().try_for_each(|(name, content)| write_file(&folder.join(name), content))?;
+    }
     if shows {
         let request = K::presentation(&body, made.answer).context("the answer cannot be shown")?;
         shown::write(&request, jobs, &service, arguments)?;
@@ -161,12 +189,18 @@ fn run_job<K: Kind>(kind: &Arc<K>, jobs: &Jobs, arguments: &JobArguments) -> any
 struct Made<K: Kind> {
     answer: K::Answer,
     table: String,
+    files: Vec<(&'static str, Vec<u8>)>,
     is_success: bool,
 }
 
 impl<K: Kind> Made<K> {
     fn of(input: &K::Input, done: &Done<K::Output>) -> Self {
-        Self { answer: K::answer(input, done), table: K::table(input, done), is_success: K::is_success(&done.output) }
+        Self {
+            answer: K::answer(input, done),
+            table: K::table(input, done),
+            files: K::files(&done.output).iter().map(|file| (file.name, file.content.clone())).collect(),
+            is_success: K::is_success(&done.output),
+        }
     }
 }
 
@@ -176,9 +210,19 @@ fn read_body<K: Kind>(arguments: &JobArguments, limits: &Limits) -> anyhow::Resu
     if let Some(example) = arguments.input.first().and_then(|input| example(input)) {
         return Ok(Ok(json::write(&(example.request)())));
     }
-    let most = if K::SEVERAL_FILES { LARGEST_FILE } else { K::max_body_bytes(limits) };
+    let most = if K::SAVED_FILES > 0 { LARGEST_FILE } else { K::max_body_bytes(limits) };
     let files: anyhow::Result<Vec<_>> = arguments.input.iter().map(|input| read_file(input, most)).collect();
     Ok(K::joined(files?))
+}
+
+/// The body with further fields in place of its own.
+fn with_flags(body: Vec<u8>, flags: Map<String, Value>) -> Result<Vec<u8>, Problem> {
+    if flags.is_empty() {
+        return Ok(body);
+    }
+    let mut object: Map<String, Value> = json::read_object(&body)?;
+    object.extend(flags);
+    Ok(json::write(&object))
 }
 
 /// A file of which at most one byte above the limit is read: enough for the reader to refuse it.

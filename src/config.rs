@@ -112,7 +112,7 @@ pub(crate) struct JobArguments {
     /// Writes the JSON answer of the server here; `-` is standard output, in place of the table.
     #[arg(long, value_name = "OUT")]
     pub(crate) json: Option<PathBuf>,
-    /// Keeps request and answer here, for `slipdrive present`.
+    /// Keeps request and answer here, for `slipdrive present` and `slipdrive export`.
     #[arg(long, value_name = "OUT")]
     pub(crate) save: Option<PathBuf>,
     /// Writes a page with the answer in words and figures here; it needs nothing beside it.
@@ -124,6 +124,9 @@ pub(crate) struct JobArguments {
     /// Writes the motion here, one row of numbers per node.
     #[arg(long, value_name = "OUT")]
     pub(crate) csv: Option<PathBuf>,
+    /// Writes the files of the answer into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
     /// Threads that work; the answer does not depend on their number [default: cores].
     #[arg(long)]
     pub(crate) threads: Option<NonZeroUsize>,

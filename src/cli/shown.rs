@@ -8,7 +8,8 @@ use std::sync::atomic::AtomicBool;
 use anyhow::Context as _;
 use slipdrive::contract::json;
 use slipdrive::contract::message::{PresentRequest, PresentResponse};
-use slipdrive::jobs::present::{AcceptedPlan, Present};
+use slipdrive::jobs::plan::AcceptedPlan;
+use slipdrive::jobs::present::Present;
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _};
 use slipdrive::service::{Class, Service};
 

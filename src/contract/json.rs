@@ -21,7 +21,7 @@ use super::problem::Problem;
 /// # Errors
 /// `malformed_body` with line and column when the bytes are no JSON, `invalid_field` with a pointer when they are, but
 /// not of this form.
-pub(crate) fn read_object<'de, T: Deserialize<'de>>(body: &'de [u8]) -> Result<T, Problem> {
+pub fn read_object<'de, T: Deserialize<'de>>(body: &'de [u8]) -> Result<T, Problem> {
     let mut deserializer = serde_json::Deserializer::from_slice(body);
     let Object(value) =
         serde_path_to_error::deserialize(&mut deserializer).map_err(|error| problem_of(error.path(), error.inner()))?;

@@ -48,6 +48,19 @@ impl Problem {
         Self::new(ErrorCode::BodyTooLarge, format!("the body is larger than {limit_bytes} bytes"))
     }
 
+    /// Both problems at once, faults of single fields.
+    #[must_use]
+    pub(crate) fn and(mut self, further: Self) -> Self {
+        // What is no request at all speaks first, what another server would take last.
+        let order = [ErrorCode::InvalidField, ErrorCode::InvalidValue, ErrorCode::ProblemTooLarge];
+        let codes = [self.code, further.code];
+        self.code = order.into_iter().find(|code| codes.contains(code)).unwrap_or(self.code);
+        self.errors.extend(further.errors);
+        self.errors.truncate(MAX_LISTED_ERRORS);
+        self.detail = format!("{} values break their rules", self.errors.len());
+        self
+    }
+
     /// The same problem, worth another try after this time.
     #[must_use]
     pub fn worth_retrying_after(self, wait: Option<Duration>) -> Self {

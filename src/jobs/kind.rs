@@ -21,6 +21,26 @@ pub struct Example<T> {
     pub request: fn() -> T,
 }
 
+/// A field of a request that is a flag of the command too. Its value is JSON, or else a text.
+#[derive(Debug, Clone, Copy)]
+pub struct Flag {
+    /// The name of the field.
+    pub field: &'static str,
+    /// What the help says.
+    pub help: &'static str,
+}
+
+/// A file to be written.
+#[derive(Debug)]
+pub struct File {
+    /// Its name.
+    pub name: &'static str,
+    /// Its media type.
+    pub media_type: &'static str,
+    /// Its bytes.
+    pub content: Vec<u8>,
+}
+
 /// How far a job is, for people.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProgressLine {
@@ -45,8 +65,12 @@ pub trait Kind: Job {
     const REPORTS_PROGRESS: bool = false;
     /// Requests to begin with: `GET /examples/NAME`, and in place of a file on the command line.
     const EXAMPLES: &'static [Example<Self::Request>] = &[];
-    /// Whether its command takes several files in place of one.
-    const SEVERAL_FILES: bool = false;
+    /// How many files that `--save` wrote its command takes at most; 0: it takes one body, which has nothing beside.
+    const SAVED_FILES: usize = 0;
+    /// Fields of the request that its command takes as flags too.
+    const FLAGS: &'static [Flag] = &[];
+    /// Whether its answer has files ([`Kind::files`]).
+    const HAS_FILES: bool = false;
     /// Whether a request with its answer can be presented ([`Kind::presentation`]).
     const HAS_FIGURES: bool = false;
     /// Its own families of metrics.
@@ -87,6 +111,11 @@ pub trait Kind: Job {
     /// What presents a request, as it was read, with its answer; none where there is nothing to show.
     fn presentation(_body: &[u8], _answer: Self::Answer) -> Option<PresentRequest> {
         None
+    }
+
+    /// The files that its answer has, which its command writes into a folder.
+    fn files(_output: &Self::Output) -> &[File] {
+        &[]
     }
 
     /// One request of several files.

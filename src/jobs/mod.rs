@@ -3,8 +3,10 @@
 //! Transports, the command line and the OpenAPI document reach them through [`Kind`], by a [`Visitor`]; none of them
 //! lists the kinds.
 
+pub mod export;
 mod kind;
 mod limits;
+pub mod plan;
 pub mod present;
 pub mod simulate;
 pub mod solve;
@@ -13,7 +15,7 @@ mod table;
 
 use std::sync::Arc;
 
-pub use kind::{Example, Kind, ProgressLine};
+pub use kind::{Example, File, Flag, Kind, ProgressLine};
 pub use limits::{DEFAULT_TIME_LIMIT_S, Limits, limits_message};
 pub use solver::{InProcessSolver, ManeuverSolver};
 
@@ -66,6 +68,8 @@ registry! {
     simulate: simulate::Simulate,
     /// Figures and sentences.
     present: present::Present,
+    /// Files for controllers.
+    export: export::Export,
 }
 
 impl Jobs {

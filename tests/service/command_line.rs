@@ -246,6 +246,26 @@ fn saved_plans_are_presented_together_in_a_page_that_needs_nothing() {
 }
 
 #[test]
+fn saved_plan_is_exported_into_a_folder() {
+    let folder = Folder::new("exported");
+    let body = br#"{"maneuver": {"goal": {"y_m": 1}}, "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}}"#;
+    let plan = folder.file("plan.json");
+    assert_eq!(run_with_input(&["solve", "-", "--save", &plan], body).status.code(), Some(0));
+    let bag = folder.file("bag");
+    let of_bag = ["--format", "ros2_mcap", "--rate-hz", "50", "--joint-names", r#"["left", "right"]"#, "--out", &bag];
+    let exported = run_with_input(&[&["export", &plan], &of_bag[..]].concat(), b"");
+    let table = String::from_utf8(exported.stdout).unwrap();
+    assert_eq!(exported.status.code(), Some(0), "{}", String::from_utf8_lossy(&exported.stderr));
+    assert!(table.contains("miss  ") && table.contains("  plan.mcap  "), "{table}");
+    assert!(folder.read("bag/metadata.yaml").contains("- plan.mcap\n"));
+    assert!(std::fs::read(folder.0.join("bag/plan.mcap")).unwrap().starts_with(b"\x89MCAP0\r\n"));
+    let said = refused(&["export", &plan, "--format", "csv", "--rate-hz", "0", "--frame-id", ""], b"");
+    assert!(said.contains("#/rate_hz") && said.contains("#/frame_id"), "{said}");
+    assert!(refused(&["export", &plan, "--format", "csv"], b"").contains("missing field `rate_hz`"));
+    assert_eq!(run_with_input(&["solve", "forward-drive", "--out", &bag], b"").status.code(), Some(1));
+}
+
+#[test]
 fn page_escapes_what_callers_wrote() {
     let folder = Folder::new("escaped");
     let body = br#"{"maneuver": {"goal": {"y_m": 1}, "torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0}}"#;

@@ -28,13 +28,18 @@ async fn bounds(server: &TestServer) -> Vec<Bound> {
 fn bounds_of(rule: &Value) -> Vec<Bound> {
     let text = |name: &str| rule[name].as_str().unwrap().to_owned();
     let (job, field, is_length) = (text("job"), text("field"), rule["unit"] == "items");
-    let integers = ["grid.steps", "grid.control_intervals", "solver.starts", "solver.rollout_limit"];
+    let counts = ["grid.steps", "grid.control_intervals", "solver.starts", "solver.rollout_limit"];
+    let integers = [&counts[..], &["start_time.sec", "start_time.nanosec"]].concat();
     let is_count = is_length || integers.contains(&field.as_str());
-    let item = if field.ends_with("_n_m") { json!(0) } else { json!({}) };
+    let item = |index: usize| match field.as_str() {
+        "joint_names" => json!(index.to_string()),
+        field if field.ends_with("_n_m") => json!(0),
+        _ => json!({}),
+    };
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "bounds of counts are whole numbers")]
     let value = |number: f64| match (is_length, is_count) {
-        (true, _) => json!(vec![item.clone(); number as usize]),
-        (false, true) => json!(number as u64),
+        (true, _) => json!((0..number as usize).map(item).collect::<Vec<_>>()),
+        (false, true) => json!(number as i64),
         (false, false) => json!(number),
     };
     // The number itself or its neighbour, on the side that is accepted and on the other.
@@ -65,6 +70,13 @@ fn request(bound: &Bound, value: &Value) -> Value {
     if bound.job == "present" {
         let plans = value.as_array().unwrap().iter().map(|_| json!({}));
         return json!({"plans": plans.collect::<Vec<_>>()});
+    }
+    if bound.job == "export" {
+        let torques = json!({"interval_s": 0.1, "left_n_m": [0], "right_n_m": [0]});
+        let simulate = json!({"request": {"torque_schedule": torques}, "answer": {}});
+        let mut body = json!({"simulate": simulate, "format": "csv", "rate_hz": 100});
+        *bound.field.split('.').fold(&mut body, |place, name| &mut place[name]) = value.clone();
+        return body;
     }
     let zeros = match value.as_array() {
         Some(items) if bound.field.ends_with("_n_m") => items.clone(),
@@ -111,6 +123,7 @@ async fn refusal_of_grpc(server: &TestServer, bound: &Bound, value: &Value) -> V
     let outcome: Result<(), Status> = match bound.job.as_str() {
         "solve" => client.solve(serde_json::from_value::<pb::SolveRequest>(body).unwrap()).await.map(drop),
         "present" => client.present(serde_json::from_value::<pb::PresentRequest>(body).unwrap()).await.map(drop),
+        "export" => client.export(serde_json::from_value::<pb::ExportRequest>(body).unwrap()).await.map(drop),
         _ => client.simulate(serde_json::from_value::<pb::SimulateRequest>(body).unwrap()).await.map(drop),
     };
     let details = outcome.err().map(|status| status.get_error_details());

@@ -12,6 +12,7 @@ mod corpus;
 mod departures;
 mod deployment;
 mod error_table;
+mod export;
 mod frames;
 mod grpc_contract;
 mod helped_service;

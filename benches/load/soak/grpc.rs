@@ -74,9 +74,12 @@ async fn content_of_batch(mut answers: Streaming<pb::BatchResponse>) -> Result<S
                 let code = error.get_details_error_info().map_or(error.message, |info| info.reason.to_lowercase());
                 return Err(Failure::refusal(Question::Batch, code));
             }
-            Some(pb::batch_response::Answer::Simulate(_) | pb::batch_response::Answer::Present(_)) | None => {
-                "no plan".to_owned()
-            }
+            Some(
+                pb::batch_response::Answer::Simulate(_)
+                | pb::batch_response::Answer::Present(_)
+                | pb::batch_response::Answer::Export(_),
+            )
+            | None => "no plan".to_owned(),
         });
         if !ids.insert(request_id) {
             return Err(Failure::Unexpected("an item is answered twice".to_owned()));

@@ -83,6 +83,10 @@ impl ManeuverService for Handlers {
         self.unary(&self.0.jobs.present, request).await
     }
 
+    async fn export(&self, request: Request<pb::ExportRequest>) -> Result<Response<pb::ExportResponse>, Status> {
+        self.unary(&self.0.jobs.export, request).await
+    }
+
     async fn validate(&self, request: Request<pb::SolveRequest>) -> Result<Response<pb::ValidateResponse>, Status> {
         let call = call_of(&request)?;
         let accepted = Solve::accept(request.into_inner(), self.0.jobs.limits());
@@ -105,6 +109,7 @@ fn answer_to<'a>(state: &'a ApiState, item: Item, call: &'a Call) -> BoxFuture<'
         Item::Solve(request) => of_kind(&state.jobs.solve, state, request, call, ItemAnswer::Solve),
         Item::Simulate(request) => of_kind(&state.jobs.simulate, state, request, call, ItemAnswer::Simulate),
         Item::Present(request) => of_kind(&state.jobs.present, state, request, call, ItemAnswer::Present),
+        Item::Export(request) => of_kind(&state.jobs.export, state, request, call, ItemAnswer::Export),
     }
 }
 

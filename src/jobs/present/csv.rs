@@ -2,9 +2,10 @@
 
 use std::fmt::Write as _;
 
-use super::{AcceptedPlan, LABELS};
+use super::LABELS;
 use crate::contact::ContactName;
 use crate::jobs::ManeuverSolver;
+use crate::jobs::plan::AcceptedPlan;
 use crate::shooting::StateComponent;
 use crate::simulation::{ContactSample, control_interval};
 use crate::stop::{Stop, Stopped};

@@ -1,10 +1,9 @@
 //! Plans as figures, and figures as messages.
 
-use super::AcceptedPlan;
-use super::accept::Said;
 use super::words;
 use crate::contract::message;
 use crate::contract::message::PlanInWords;
+use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::plot;
 use crate::simulation::Trajectory;
 

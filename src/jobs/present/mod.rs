@@ -1,6 +1,5 @@
 //! Figures of plans, and the plans in words: what report, page and command line show.
 
-mod accept;
 mod csv;
 mod draw;
 mod report;
@@ -11,8 +10,7 @@ use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 
-pub use accept::AcceptedPlan;
-
+use super::plan::{AcceptedPlan, forget_motion};
 use super::table::line;
 use super::{Kind, Limits, ManeuverSolver};
 use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentResponse, PresentedPlan};
@@ -20,7 +18,7 @@ use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::plot;
 pub use crate::plot::STYLE;
-use crate::rules::{Rule, RuleSet};
+use crate::rules::{Checks, Rule, RuleSet};
 use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
 
 /// How many plans one figure tells apart.
@@ -102,7 +100,7 @@ const LABELS: [&str; 4] = ["A", "B", "C", "D"];
 impl Kind for Present {
     const SUMMARY: &'static str = "draws plans and says in words why to trust them";
     const METHODS: &'static [&'static str] = &["Present"];
-    const SEVERAL_FILES: bool = true;
+    const SAVED_FILES: usize = 4;
     const HAS_FIGURES: bool = true;
     type Request = PresentRequest;
     type Answer = PresentResponse;
@@ -115,7 +113,14 @@ impl Kind for Present {
 
     fn accept(request: PresentRequest, limits: &Limits) -> Result<AcceptedPlans, Problem> {
         let quoted = request.report.then(|| request.plans.clone());
-        Ok(AcceptedPlans { plans: accept::accept(request, limits)?, quoted })
+        let mut checks = Checks::new();
+        checks.length("plans", request.plans.len(), &PLANS_RULE);
+        checks.finish()?;
+        let accept_plan = |(index, PresentedPlan { solve, simulate })| {
+            AcceptedPlan::of(solve, simulate, limits).map_err(|fault| fault.below(&format!("plans[{index}]")))
+        };
+        let plans: Result<_, _> = request.plans.into_iter().enumerate().map(accept_plan).collect();
+        Ok(AcceptedPlans { plans: plans?, quoted })
     }
 
     fn max_body_bytes(_limits: &Limits) -> usize {
@@ -139,7 +144,7 @@ impl Kind for Present {
         json::read_object(body).ok()
     }
 
-    /// Each file has one plan, or a whole request. What is rolled out again anyway is left out, as any caller would.
+    /// Each file has one plan, or a whole request.
     fn joined(files: Vec<Vec<u8>>) -> Result<Vec<u8>, Problem> {
         let mut plans = Vec::new();
         for file in files {
@@ -150,11 +155,7 @@ impl Kind for Present {
                 None => plans.push(Value::Object(object)),
             }
         }
-        for answer in plans.iter_mut().filter_map(Value::as_object_mut).flat_map(Map::values_mut) {
-            if let Some(answer) = answer.get_mut("answer").and_then(Value::as_object_mut) {
-                answer.retain(|field, _| field != "trajectory" && field != "contacts");
-            }
-        }
+        plans.iter_mut().for_each(forget_motion);
         Ok(json::write(&json!({ "plans": plans })))
     }
 

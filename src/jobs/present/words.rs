@@ -1,12 +1,11 @@
 //! Plans in words: what was found, and why to trust it.
 
-use super::AcceptedPlan;
-use super::accept::Said;
 use crate::contact::{ContactMode, ContactName};
 use crate::contract::message::{
     ContactName as NamedContact, EndState, LimitUse, LowerBoundAssumption, PlanInWords, Refinement, Report, Separation,
     SimulateResponse, Solution, Status, StopReason,
 };
+use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::robot::State;
 use crate::shooting::StateComponent;
 use crate::simulation::Trajectory;

@@ -1,5 +1,6 @@
 //! A server on a free port with a solver that the test controls.
 
+pub(crate) mod cdr;
 pub(crate) mod conformance;
 pub(crate) mod http2;
 pub(crate) mod process;

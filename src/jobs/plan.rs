@@ -1,11 +1,13 @@
-//! Requests of figures: from messages to motions that can be rolled out.
+//! A request with its answer as a motion that can be rolled out again: what kinds of jobs begin with that are about a plan.
 
+use serde_json::Value;
+
+use super::simulate::Simulate;
+use super::solve::Solve;
+use super::{Kind, Limits, ManeuverSolver};
 use crate::contract::convert::{aisle_corners, required, schedule};
-use crate::contract::message::{PresentRequest, PresentedPlan, SimulateResponse, SimulatedPlan, Solution, SolvedPlan};
+use crate::contract::message::{SimulateResponse, SimulatedPlan, Solution, SolvedPlan};
 use crate::contract::{ErrorCode, Problem};
-use crate::jobs::simulate::Simulate;
-use crate::jobs::solve::Solve;
-use crate::jobs::{Kind, Limits, ManeuverSolver};
 use crate::rules::{Checks, Rule};
 use crate::shooting::{AisleCorners, ManeuverLimits};
 use crate::simulation::{ContactMethod, TorqueSchedule, Trajectory};
@@ -36,6 +38,23 @@ pub(super) enum Said {
 }
 
 impl AcceptedPlan {
+    /// Validates a plan, which is one of the two.
+    ///
+    /// # Errors
+    /// `invalid_field`, or all violated rules and limits of its request at once.
+    pub(super) fn of(
+        solve: Option<SolvedPlan>,
+        simulate: Option<SimulatedPlan>,
+        limits: &Limits,
+    ) -> Result<Self, Problem> {
+        match (solve, simulate) {
+            (Some(solved), None) => accept_solved(solved, limits).map_err(|fault| fault.below("solve")),
+            (None, Some(simulated)) => accept_simulated(simulated, limits).map_err(|fault| fault.below("simulate")),
+            (Some(_), Some(_)) => Err(invalid("there are both `solve` and `simulate`, must be one of them")),
+            (None, None) => Err(invalid("there is neither `solve` nor `simulate`, must be one of them")),
+        }
+    }
+
     /// Steps of its motion; 0 where nothing moves.
     pub(super) fn step_count(&self) -> usize {
         if self.motion.schedule.final_time < LEAST_TIME_S { 0 } else { self.motion.step_count }
@@ -51,23 +70,12 @@ impl AcceptedPlan {
     }
 }
 
-/// Validates all plans.
-pub(super) fn accept(request: PresentRequest, limits: &Limits) -> Result<Vec<AcceptedPlan>, Problem> {
-    let mut checks = Checks::new();
-    checks.length("plans", request.plans.len(), &super::PLANS_RULE);
-    checks.finish()?;
-    let plans = request.plans.into_iter().enumerate();
-    plans
-        .map(|(index, plan)| accept_plan(plan, limits).map_err(|fault| fault.below(&format!("plans[{index}]"))))
-        .collect()
-}
-
-fn accept_plan(plan: PresentedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {
-    match (plan.solve, plan.simulate) {
-        (Some(solved), None) => accept_solved(solved, limits).map_err(|fault| fault.below("solve")),
-        (None, Some(simulated)) => accept_simulated(simulated, limits).map_err(|fault| fault.below("simulate")),
-        (Some(_), Some(_)) => Err(invalid("`plans` has an item with both `solve` and `simulate`, must have one")),
-        (None, None) => Err(invalid("`plans` has an item without `solve` and `simulate`, must have one")),
+/// Forgets what of a request with its answer is rolled out again anyway, as any caller would.
+pub(super) fn forget_motion(plan: &mut Value) {
+    for answer in plan.as_object_mut().into_iter().flat_map(|plan| plan.values_mut()) {
+        if let Some(answer) = answer.get_mut("answer").and_then(Value::as_object_mut) {
+            answer.retain(|field, _| field != "trajectory" && field != "contacts");
+        }
     }
 }
 

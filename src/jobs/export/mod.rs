@@ -1,0 +1,163 @@
+//! The hand-over of a plan to a controller: the motion of `base_link`, wheel rates and torques at a constant rate, as files.
+//!
+//! The plan is rolled out again on its own grid. Frames, columns and the miss: `docs/hand_over.md`.
+
+mod accept;
+mod files;
+mod miss;
+mod motion;
+mod ros;
+mod sink;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::Value;
+
+pub use accept::AcceptedExport;
+
+use self::miss::Miss;
+use self::motion::Motion;
+use super::plan::forget_motion;
+use super::table::{line, row};
+use super::{File, Flag, Kind, Limits, ManeuverSolver};
+use crate::contract::message::{ExportFormat, ExportRequest, ExportResponse, ExportedFile};
+use crate::contract::{Problem, json};
+use crate::metrics::Metrics;
+use crate::rules::RuleSet;
+use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
+
+/// What a step of a rollout takes a small cloud machine, s.
+const STEP_S: f64 = 3e-6;
+/// What a point takes there to be written, s.
+const POINT_S: f64 = 10e-6;
+/// A rollout that meets friction which is hard to resolve is cut off: others wait for their files.
+const TIME_LIMIT: Duration = Duration::from_secs(2);
+
+/// Exports plans.
+pub struct Export(Arc<dyn ManeuverSolver>);
+
+impl Export {
+    /// Rolls motions out with this solver.
+    pub fn new(solver: Arc<dyn ManeuverSolver>, _metrics: &Metrics) -> Self {
+        Self(solver)
+    }
+}
+
+/// A plan as files.
+#[derive(Debug)]
+pub struct Exported {
+    files: Vec<File>,
+    miss: Miss,
+    point_count: usize,
+}
+
+impl Job for Export {
+    const NAME: &'static str = "export";
+    const CLASS: Class = Class::Light;
+    type Input = AcceptedExport;
+    type Output = Exported;
+    type Progress = ();
+
+    fn cost(&self, export: &AcceptedExport) -> Cost {
+        Cost::seconds(export.plan.step_count() as f64 * STEP_S + export.point_count() * POINT_S)
+    }
+
+    fn work_done(&self, export: &AcceptedExport, _output: &Exported) -> Option<WorkDone> {
+        Some(WorkDone { cost: self.cost(export), is_complete: true })
+    }
+
+    fn time_limit(&self, _export: &AcceptedExport) -> Option<Duration> {
+        Some(TIME_LIMIT)
+    }
+
+    fn run(&self, export: &AcceptedExport, control: &JobControl<'_, ()>) -> Result<Exported, Stopped> {
+        let AcceptedExport { plan, format, rate, labels } = export;
+        let trajectory = plan.trajectory(&*self.0, control.stop().cut_flag().into()).map_err(|_| control.cut_off())?;
+        let motion = Motion::new(plan, &trajectory);
+        let points = motion.points(*rate);
+        let files = files::files(*format, labels, &motion, &points);
+        Ok(Exported { files, miss: Miss::of(&points), point_count: points.len() })
+    }
+}
+
+impl Kind for Export {
+    const SUMMARY: &'static str = "writes a plan as files for controllers";
+    const METHODS: &'static [&'static str] = &["Export"];
+    const SAVED_FILES: usize = 1;
+    const FLAGS: &'static [Flag] = &[
+        Flag { field: "format", help: "Which files: csv, ros2_json or ros2_mcap" },
+        Flag { field: "rate_hz", help: "Points per second" },
+        Flag { field: "frame_id", help: "The frame of the poses [default: odom]" },
+        Flag { field: "start_time", help: "When the plan begins, such as {\"sec\": 5} [default: 0]" },
+        Flag {
+            field: "joint_names",
+            help: "Joints, such as [\"left\", \"right\"] [default: left_wheel_joint, right_wheel_joint]",
+        },
+    ];
+    const HAS_FILES: bool = true;
+    type Request = ExportRequest;
+    type Answer = ExportResponse;
+    type Report = ();
+
+    fn rules(_limits: &Limits) -> RuleSet {
+        accept::rules()
+    }
+
+    fn accept(request: ExportRequest, limits: &Limits) -> Result<AcceptedExport, Problem> {
+        accept::accept(request, limits)
+    }
+
+    fn answer_numbers(export: &AcceptedExport) -> usize {
+        // Of 8 characters in base64, as if frames had the longest name.
+        let by_point = match export.format {
+            ExportFormat::Csv | ExportFormat::Unspecified => 40.0,
+            ExportFormat::Ros2Mcap => 72.0,
+            ExportFormat::Ros2Json => 144.0,
+        };
+        let point_count = export.point_count() + 2.0 * export.plan.motion.schedule.control_count() as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 12,000 points")]
+        let numbers = (point_count * by_point) as usize;
+        numbers
+    }
+
+    fn answer(_export: &AcceptedExport, done: &Done<Exported>) -> ExportResponse {
+        let Exported { files, miss, point_count: _ } = &done.output;
+        let file = |File { name, media_type, content }: &File| ExportedFile {
+            name: (*name).to_owned(),
+            media_type: (*media_type).to_owned(),
+            base64: STANDARD.encode(content),
+        };
+        ExportResponse { files: files.iter().map(file).collect(), miss_m: miss.distance, miss_rad: miss.yaw }
+    }
+
+    fn files(output: &Exported) -> &[File] {
+        &output.files
+    }
+
+    /// The file has a plan, or a whole request.
+    fn joined(files: Vec<Vec<u8>>) -> Result<Vec<u8>, Problem> {
+        let mut plan: Value = Value::Object(json::read_object(&files.concat())?);
+        forget_motion(&mut plan);
+        Ok(json::write(&plan))
+    }
+
+    /// Files and their sizes, and the miss.
+    fn table(_export: &AcceptedExport, done: &Done<Exported>) -> String {
+        let Exported { files, miss, point_count } = &done.output;
+        let mut table = String::new();
+        row(&mut table, "points", &point_count.to_string());
+        row(
+            &mut table,
+            "miss",
+            &format!("{:.2e} m, {:.2e} rad, of the twist between the points", miss.distance, miss.yaw),
+        );
+        table.push_str("\nfiles\n");
+        for File { name, content, .. } in files {
+            line(&mut table, &format!("  {name:<22} {:>9} bytes", content.len()));
+        }
+        table
+    }
+}
