@@ -126,6 +126,24 @@ def test_figures_are_drawn_or_the_server_is_too_old(client: Client, tmp_path: Pa
     assert [path.name for path in plan.figures().save(tmp_path)][0] == f"{figures.figures[0].name}.svg"
 
 
+def test_plan_is_exported_as_files(client: Client, tmp_path: Path) -> None:
+    plan = client.solve(FORWARD)
+    table = plan.export(format="csv", rate_hz=50)
+    rows = table["trajectory.csv"].decode().splitlines()
+    assert rows[0].startswith("time_s,x_m,y_m,yaw_rad,") and rows[-1].startswith(f"{plan.final_time_s},")
+    assert table.miss_m is not None and 0 <= table.miss_m < 0.01
+    with pytest.raises(KeyError, match="but trajectory.csv"):
+        table["plan.mcap"]
+    bag = client.export(
+        plan, format="ros2_mcap", rate_hz=50, frame_id="map", start_time={"sec": 9}, joint_names=("left", "right")
+    )
+    assert [path.name for path in bag.save(tmp_path / "bag")] == ["plan.mcap", "metadata.yaml"]
+    assert "nanoseconds_since_epoch: 9000000000" in (tmp_path / "bag/metadata.yaml").read_text()
+    with pytest.raises(ProblemError) as refused:
+        client.export(plan, format="csv", rate_hz=0, frame_id="")
+    assert [violation.pointer for violation in refused.value.violations] == ["#/rate_hz", "#/frame_id"]
+
+
 def test_api_key_is_sent() -> None:
     server = Server(keys="secret")
     try:

@@ -8,6 +8,7 @@ from pkgutil import extend_path
 from . import answers, requests
 from .client import Client
 from .errors import AnswerLost, ProblemError, SlipdriveError
+from .exports import Exported
 from .figures import Figure, Figures, PlanInWords
 from .many import Result, Results, load_results
 from .solutions import Simulation, Solution, Validated
@@ -18,6 +19,7 @@ __path__ = extend_path(__path__, __name__)
 __all__ = [
     "AnswerLost",
     "Client",
+    "Exported",
     "Figure",
     "Figures",
     "PlanInWords",

@@ -208,6 +208,32 @@ class EndState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ExportResponse:
+    """A plan as files, and what a controller that follows its twist alone would miss."""
+
+    files: list[ExportedFile]
+    """The files, with names that depend on the format alone."""
+    miss_m: float | None
+    """Distance between the last pose and where the twist leads, linear between the points and integrated from the
+    first pose, m; null (in protobuf not a number) where the motion diverges.
+    """
+    miss_rad: float | None
+    """The same of the yaw, rad."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExportedFile:
+    """A file."""
+
+    base64: str
+    """Its content in base64."""
+    media_type: str
+    """Its media type."""
+    name: str
+    """Its name, such as trajectory.csv."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FieldError:
     """One fault of one field."""
 

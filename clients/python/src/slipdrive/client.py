@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import random
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from ssl import SSLContext
 from types import TracebackType
@@ -15,7 +15,8 @@ import httpx
 
 from . import answers, requests
 from .errors import AnswerLost, ProblemError, SlipdriveError
-from .figures import Figures, body_of
+from .exports import Exported
+from .figures import Figures, body_of, plan_of
 from .many import Result, Results, SolveMany
 from .solutions import Simulation, Solution, Validated
 from .wire import deadline_header, decode, encode, events
@@ -133,6 +134,22 @@ class Client:
             if problem.code == "not_found":
                 raise SlipdriveError(f"{self.url} draws no figures: its version has no /present") from problem
             raise
+
+    def export(
+        self,
+        plan: Solution | Simulation,
+        *,
+        format: requests.ExportFormat,
+        rate_hz: float,
+        frame_id: str | None = None,
+        start_time: requests.StartTime | None = None,
+        joint_names: Sequence[str] | None = None,
+    ) -> Exported:
+        """A plan as files for a controller: the motion of base_link, wheel rates and torques at this rate."""
+        asked = {"frame_id": frame_id, "start_time": start_time, "joint_names": joint_names}
+        given = {name: value for name, value in asked.items() if value is not None}
+        body = encode({**plan_of(plan), "format": format, "rate_hz": rate_hz, **given})
+        return decode(Exported, json.loads(self._ask("POST", "export", body)))
 
     def limits(self) -> answers.GetLimitsResponse:
         """The limits of the server, and the rules of all fields."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .solutions import Simulation, Solution
 
-# What the figures do not need: the motion is rolled out again.
+# What the server does not need: the motion is rolled out again.
 _STRIPPED = ("trajectory", "contacts")
 
 
@@ -80,9 +80,10 @@ class Figures:
 
 def body_of(plans: tuple[Solution | Simulation, ...]) -> dict[str, Any]:
     """What is asked of the server: one to four plans, drawn over each other."""
-    return {"plans": [_plan(plan) for plan in plans]}
+    return {"plans": [plan_of(plan) for plan in plans]}
 
 
-def _plan(plan: Solution | Simulation) -> dict[str, Any]:
+def plan_of(plan: Solution | Simulation) -> dict[str, Any]:
+    """A request with its answer, without what the server rolls out again."""
     answer = {name: value for name, value in plan.answer.items() if name not in _STRIPPED}
     return {plan.kind: {"request": json.loads(plan.request_json), "answer": answer}}

@@ -19,6 +19,14 @@ Numbers = Sequence[float] | npt.NDArray[np.floating[Any]]
 # - `fixed_point`: The paper's prox fixed point.
 ContactSolver = Literal["exact", "fixed_point"]
 
+# What files an export has.
+# - `csv`: Rows of numbers: trajectory.csv.
+# - `ros2_json`: The messages of ros2_mcap as JSON, null for numbers that are absent: trajectory.json and
+# joint_trajectory.json.
+# - `ros2_mcap`: A bag of ROS 2, to be written into one folder: plan.mcap and metadata.yaml. It has
+# nav_msgs/msg/Trajectory and trajectory_msgs/msg/JointTrajectory.
+ExportFormat = Literal["csv", "ros2_json", "ros2_mcap"]
+
 # The optimiser.
 # - `sequential_linear`: Trust-region sequential linear programming on an exact penalty.
 # - `nelder_mead`: The paper's Nelder-Mead on the paper's penalty.
@@ -47,6 +55,33 @@ class BodyPoint(TypedDict, total=False):
     """Forward, m. [>= -100, <= 100]"""
     right_m: float
     """To the right, m. [>= -100, <= 100]"""
+
+
+class _ExportRequestRequired(TypedDict):
+    format: ExportFormat
+    """What files are wanted; required."""
+    rate_hz: float
+    """Points per second, Hz; required. The last point is at the final time, whatever the rate. [>= 1, <= 10000]"""
+
+
+class ExportRequest(_ExportRequestRequired, total=False):
+    """A plan to hand over to a controller: exactly one of `solve` and `simulate`. Frames are those of REP-103 and
+    REP-105: the pose is that of base_link, the axle midpoint, in the world of the maneuver, yaw = heading + pi/2;
+    the twist is along the axes of base_link.
+    """
+
+    frame_id: str
+    """The frame of the poses, the world of the maneuver; default odom."""
+    joint_names: Sequence[str]
+    """Names of the joints of the left and of the right wheel; an absent or empty list is left_wheel_joint,
+    right_wheel_joint.
+    """
+    simulate: SimulatedPlan
+    """An integrated torque schedule."""
+    solve: SolvedPlan
+    """A solved maneuver."""
+    start_time: StartTime
+    """When the plan begins; default 0."""
 
 
 class Goal(TypedDict, total=False):
@@ -340,6 +375,15 @@ class Solver(TypedDict, total=False):
     """
     time_limit_s: float
     """How long the solve may run, s, counted from its start; default 10. [> 0, <= 60]"""
+
+
+class StartTime(TypedDict, total=False):
+    """An instant as ROS has it; absent is 0."""
+
+    nanosec: int
+    """Nanoseconds beside them. [>= 0, <= 1e+09]"""
+    sec: int
+    """Whole seconds. [>= 0, <= 2.147e+09]"""
 
 
 class State(TypedDict, total=False):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from .client import Client
+    from .exports import Exported
     from .figures import Figures
 
 
@@ -48,6 +50,27 @@ class Asked:
         if self.client is None:
             raise ValueError("this answer was read from a file: give it to Client.figures")
         return self.client.figures(self)  # type: ignore[arg-type]  # Only the two below are made.
+
+    def export(
+        self,
+        *,
+        format: requests.ExportFormat,
+        rate_hz: float,
+        frame_id: str | None = None,
+        start_time: requests.StartTime | None = None,
+        joint_names: Sequence[str] | None = None,
+    ) -> Exported:
+        """This plan as files for a controller, written by the server that gave it; see `Client.export`."""
+        if self.client is None:
+            raise ValueError("this answer was read from a file: give it to Client.export")
+        return self.client.export(
+            self,  # type: ignore[arg-type]  # Only the two below are made.
+            format=format,
+            rate_hz=rate_hz,
+            frame_id=frame_id,
+            start_time=start_time,
+            joint_names=joint_names,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
