@@ -88,6 +88,7 @@ step "the page's types" tests/page/types.sh "$work" "$rest"
 step "examples/curl.sh" bash -c "holds '\"code\":\"invalid_value\"' examples/curl.sh $rest"
 step "examples/fleet_planner.py" bash -c "holds 'robot-7: .* s, STATUS_' $python examples/fleet_planner.py $grpc"
 step "examples/grpc_client.rs" bash -c "holds 'STATUS_CONVERGED: ' $built/examples/grpc_client http://$grpc"
+step "exports" "$python" tests/clients/export.py "$rest"
 step "reflection, health and rich errors" "$python" tests/clients/probe.py "$grpc"
 generators=tests/clients/generators
 step "openapi-python-client" "$generators/openapi_python.sh" "$work" "$rest"
