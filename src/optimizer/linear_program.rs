@@ -62,6 +62,8 @@ pub struct ElasticSolver {
     by_row: DMatrix<f64>,
     /// Per variable: gradient, its change along the edge, the variable's value.
     gradient: DVector<f64>,
+    /// The largest gradient of a basic variable, which rounding alone leaves.
+    basic_gradient: f64,
     slope: DVector<f64>,
     x: DVector<f64>,
     kinks: Vec<Kink>,
@@ -236,7 +238,7 @@ impl ElasticSolver {
             self.update_gradient(program);
             self.update_point(program);
             let Some(leaving) = self.leaving(program) else {
-                if self.basis.forget_updates() {
+                if !self.is_exact() && self.basis.forget_updates() {
                     continue;
                 }
                 if !self.perturbation.is_none() && !was_perturbed {
@@ -316,9 +318,18 @@ impl ElasticSolver {
                 self.gradient.axpy(*multiplier, &coefficients, 1.0);
             }
         }
+        self.basic_gradient = 0.0;
         for column in &self.basis.basic {
+            self.basic_gradient = self.basic_gradient.max(self.gradient[*column].abs());
             self.gradient[*column] = 0.0;
         }
+    }
+
+    /// Whether the basic variables have no gradient and the tight rows no value but for rounding; with an inverse made afresh that is
+    /// as exact as can be.
+    fn is_exact(&self) -> bool {
+        let is_met = |row: &usize| self.value[*row].abs() <= GRADIENT_TOLERANCE * self.range[*row];
+        self.basic_gradient <= GRADIENT_TOLERANCE && self.basis.tight.iter().all(is_met)
     }
 
     /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows.

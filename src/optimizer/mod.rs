@@ -17,6 +17,6 @@ pub use linear_program::ElasticSolver;
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
 pub use sequential_linear::{
     CriticalityMeasure, CriticalitySettings, Ending, PENALTY_GROWTH, Restoration, SequentialLinearResult,
-    SequentialLinearSettings, criticality_measure, minimise_sequentially,
+    SequentialLinearSettings, StepRatios, criticality_measure, minimise_sequentially,
 };
 pub use switching::sign_violations;

@@ -40,10 +40,29 @@ pub struct SequentialLinearSettings {
     pub smallest_prediction: f64,
     /// The merit to beat: the iteration ends where the model no longer promises to.
     pub merit_to_beat: f64,
+    /// Which steps are corrected, and after which the trust region grows.
+    pub step_ratios: StepRatios,
     /// Most iterations.
     pub iteration_limit: usize,
     /// Whether the final point's violations are driven to zero.
     pub restoration: Restoration,
+}
+
+/// What steps are judged by: their share of the decrease that the linear model predicts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepRatios {
+    /// Steps below this are corrected for curvature.
+    correct: f64,
+    /// Steps above this let the trust region grow.
+    grow: f64,
+}
+
+impl StepRatios {
+    /// Where most variables are at their bounds, the linear model is good until another bound counts.
+    pub const BOUNDS: Self = Self { correct: SHRINK_RATIO, grow: 0.5 };
+    /// Where curved constraints are followed, a step r gains about r (1 - k r). A ratio below a half is a step beyond the best one,
+    /// and from three quarters on one of twice the length keeps a half.
+    pub const CURVES: Self = Self { correct: 0.5, grow: 0.75 };
 }
 
 /// Whether the final point's violations are driven to zero.
@@ -57,7 +76,6 @@ pub enum Restoration {
 
 const LARGEST_RADIUS: f64 = 1.0;
 const SMALLEST_RADIUS: f64 = 1e-6;
-const GROW_RATIO: f64 = 0.5;
 const SHRINK_RATIO: f64 = 0.1;
 /// The factor by which the trust radius grows, and shrinks.
 const RADIUS_FACTOR: f64 = 2.0;
@@ -107,15 +125,16 @@ pub struct SequentialLinearResult {
 
 /// Minimises `cost' x` subject to `residual = 0`, `inequality <= 0` and the bounds, from `start`.
 ///
-/// `on_improvement` is called with each accepted point and its constraint values.
+/// The first linear program begins where the last one of `programs` ended. `on_improvement` is called with each accepted point and
+/// its constraint values.
 pub fn minimise_sequentially(
     problem: &mut dyn Problem,
-    start: &DVector<f64>,
+    (start, programs): (&DVector<f64>, &mut ElasticSolver),
     settings: &SequentialLinearSettings,
     budget: &mut Budget,
     on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
 ) -> SequentialLinearResult {
-    let mut search = Search::new(problem, start, settings);
+    let mut search = Search::new(problem, (start, programs), settings);
     let ending = search.run(budget, on_improvement).unwrap_or_else(Ending::Interrupted);
     let Search { x, model, iterations, .. } = search;
     SequentialLinearResult { x, constraints: model.constraints, iterations, ending }
@@ -124,7 +143,7 @@ pub fn minimise_sequentially(
 struct Search<'a> {
     problem: &'a mut dyn Problem,
     settings: &'a SequentialLinearSettings,
-    programs: ElasticSolver,
+    programs: &'a mut ElasticSolver,
     x: DVector<f64>,
     /// Its constraint values are those of x; so are its derivatives, when it is current.
     model: Linearisation,
@@ -142,7 +161,11 @@ struct Trial {
 }
 
 impl<'a> Search<'a> {
-    fn new(problem: &'a mut dyn Problem, start: &DVector<f64>, settings: &'a SequentialLinearSettings) -> Self {
+    fn new(
+        problem: &'a mut dyn Problem,
+        (start, programs): (&DVector<f64>, &'a mut ElasticSolver),
+        settings: &'a SequentialLinearSettings,
+    ) -> Self {
         let x = clamped(start, problem.lower(), problem.upper());
         let mut model = Linearisation::new(problem.constraints(), start.len());
         // Not known before the first rollout, which the budget may not allow.
@@ -150,7 +173,7 @@ impl<'a> Search<'a> {
         Self {
             problem,
             settings,
-            programs: ElasticSolver::new(),
+            programs,
             x,
             model,
             model_is_current: false,
@@ -200,7 +223,8 @@ impl<'a> Search<'a> {
             if merit - HOPE * prediction > self.settings.merit_to_beat {
                 return Ok(Ending::Hopeless);
             }
-            let trial = self.try_step(&step, merit - SHRINK_RATIO * prediction, budget)?;
+            let good_merit = merit - self.settings.step_ratios.correct * prediction;
+            let trial = self.try_step(&step, good_merit, budget)?;
             let gain = merit - trial.merit;
             self.adapt_radius(gain / prediction);
             if gain > 0.0 {
@@ -336,7 +360,7 @@ impl<'a> Search<'a> {
     }
 
     fn adapt_radius(&mut self, ratio: f64) {
-        if ratio > GROW_RATIO {
+        if ratio > self.settings.step_ratios.grow {
             self.radius = (RADIUS_FACTOR * self.radius).min(LARGEST_RADIUS);
         } else if ratio < SHRINK_RATIO || ratio.is_nan() {
             self.radius /= RADIUS_FACTOR;

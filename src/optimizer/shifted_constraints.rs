@@ -74,7 +74,7 @@ mod tests {
 
     use super::*;
     use crate::optimizer::linear_problem::LinearProblem;
-    use crate::optimizer::{Budget, CriticalitySettings, criticality_measure};
+    use crate::optimizer::{Budget, CriticalitySettings, ElasticSolver, criticality_measure};
 
     /// Minimise the only variable, which should be 1, or at least 1.
     fn to_one(at_least: bool) -> LinearProblem {
@@ -92,7 +92,9 @@ mod tests {
         };
         let stop = AtomicBool::new(false);
         let mut budget = Budget::new(&stop, 100);
-        criticality_measure(&mut problem, &DVector::repeat(1, x), &settings, &mut budget).unwrap().prediction
+        criticality_measure(&mut problem, (&DVector::repeat(1, x), &mut ElasticSolver::new()), &settings, &mut budget)
+            .unwrap()
+            .prediction
     }
 
     #[test]

@@ -23,6 +23,9 @@ const JUMP_MARGIN: f64 = 1.0;
 
 type Row<'a> = MatrixViewMut<'a, f64, U1, Dyn, U1, Dyn>;
 
+/// Left, right and front.
+const CONTACT_COUNT: usize = 3;
+
 /// The path constraints of one maneuver.
 #[derive(Debug, Clone)]
 pub(super) struct PathConstraints {
@@ -47,6 +50,11 @@ impl PathConstraints {
         let mut constraints = least_loads(robot, limits).to_vec();
         constraints.extend(path.path.iter().map(PathConstraint::of_limit));
         Self { path: constraints, torque_rate: TorqueRateConstraints::new(path.torque_rate) }
+    }
+
+    /// Whether there are others than least loads.
+    pub(super) fn has_limits(&self) -> bool {
+        self.path.len() > CONTACT_COUNT || !self.torque_rate.is_empty()
     }
 
     /// Number of values for a schedule.
@@ -119,7 +127,7 @@ impl PathConstraint {
 }
 
 /// `least load - normal force / weight <= 0` for each contact.
-fn least_loads(robot: &Robot, limits: ManeuverLimits) -> [PathConstraint; 3] {
+fn least_loads(robot: &Robot, limits: ManeuverLimits) -> [PathConstraint; CONTACT_COUNT] {
     let parameters = robot.parameters();
     let unit = parameters.total_mass() * parameters.gravity;
     // Without a least load the search keeps its tolerance away from separation; a contact that carries next to nothing has a

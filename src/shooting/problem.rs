@@ -163,6 +163,11 @@ impl<'a> ShootingProblem<'a> {
         self.law == FrictionLaw::Held
     }
 
+    /// Whether a plan must keep more on the way than its normal forces.
+    pub fn has_path_limits(&self) -> bool {
+        self.path_constraints.has_limits()
+    }
+
     /// Sets the slip smoothing of the friction law as a share of the maneuver's speed, unit of length over unit of time; 0 is the
     /// exact law. Held wheels stay held.
     pub fn set_slip_smoothing(&mut self, share: f64) {

@@ -18,6 +18,11 @@ impl TorqueRateConstraints {
         Self(rate)
     }
 
+    /// Whether no rate is given.
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_none()
+    }
+
     /// Number of values for a schedule: by wheel, then by boundary, then by sign.
     pub(super) fn count(&self, control_count: usize) -> usize {
         if self.0.is_some() { 4 * (control_count - 1) } else { 0 }

@@ -14,7 +14,7 @@ use super::solution::{
     DistinctOptimum, LimitUse, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
 };
 use crate::contact::ContactName;
-use crate::optimizer::{Budget, CriticalityMeasure, Interruption, criticality_measure, sign_violations};
+use crate::optimizer::{Budget, CriticalityMeasure, ElasticSolver, Interruption, criticality_measure, sign_violations};
 use crate::robot::State;
 use crate::shooting::{
     LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision,
@@ -127,7 +127,7 @@ fn measured(
     let mut budget = Budget::new(cut, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
     let settings = Stationarity::settings(problem, best.final_time(), goal_tolerance);
     let penalty_parameter = settings.penalty_parameter;
-    match criticality_measure(problem, &best.decision, &settings, &mut budget) {
+    match criticality_measure(problem, (&best.decision, &mut ElasticSolver::new()), &settings, &mut budget) {
         Ok(CriticalityMeasure { interruption: Some(Interruption::Stopped), .. }) | Err(Interruption::Stopped) => {
             Err(Stopped)
         }

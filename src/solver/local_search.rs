@@ -9,8 +9,8 @@ use super::candidate::{Candidate, Stationarity, improves};
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
-    Budget, Constraints, Ending, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem, Restoration,
-    SequentialLinearResult, SequentialLinearSettings, minimise_by_nelder_mead, minimise_sequentially,
+    Budget, Constraints, ElasticSolver, Ending, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem, Restoration,
+    SequentialLinearResult, SequentialLinearSettings, StepRatios, minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{GoalScales, LIMIT_TOLERANCE, Penalty, ShootingProblem};
 use crate::stop::Stop;
@@ -21,7 +21,12 @@ const PENALTY: f64 = 30.0;
 /// Penalty parameter of the criticality measure.
 pub(super) const STRICT_PENALTY: f64 = PENALTY_GROWTH * PENALTY;
 /// Descents end where less than this share of a first guess's final time is predicted: the rounding of the merit.
-const FINE: f64 = 1e-7;
+pub(super) const FINE: f64 = 1e-7;
+/// The same of a rough descent: below that the last third of the rollouts would gain little.
+const ROUGH: f64 = 1e-5;
+/// With limits, where steps along curved constraints are short, each is this multiple: the first and the last ten thousandth of a
+/// final time take as many linear programs, and what `converged` allows is no less.
+const WITH_LIMITS: f64 = 10.0;
 /// The tolerance of the restoration, as a share of the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
@@ -32,6 +37,7 @@ pub(super) struct LocalSearch<'a, 'b, 'c> {
     pub(super) settings: &'a SolverSettings,
     pub(super) control: &'a RunControl<'c>,
     pub(super) budget: Budget<'c>,
+    pub(super) programs: ElasticSolver,
     /// (running start, number of starts).
     pub(super) start: (usize, usize),
     pub(super) goal_heading: Option<f64>,
@@ -54,6 +60,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             settings,
             control,
             budget,
+            programs: ElasticSolver::new(),
             start: (0, 0),
             goal_heading: None,
             best: None,
@@ -67,7 +74,13 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     /// Descends under the exact law and restores the goal.
     pub(super) fn descend(&mut self, guess: &DVector<f64>, radius: f64) -> Result<Candidate, Interruption> {
-        self.descend_until(guess, radius, (FINE, f64::INFINITY))
+        let precision = if self.problem.has_path_limits() { ROUGH } else { FINE };
+        self.descend_until(guess, radius, (precision, f64::INFINITY))
+    }
+
+    /// The least predicted decrease of each step of a rough descent, as a share of a first guess's final time.
+    pub(super) fn rough(&self) -> f64 {
+        if self.problem.has_path_limits() { WITH_LIMITS * ROUGH } else { ROUGH }
     }
 
     /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, as a share of a first guess's
@@ -97,7 +110,9 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
                 passed = Some(Candidate::new(x.clone(), goal_error, breaks_limits, goal_heading));
             }
         };
-        let result = minimise_sequentially(self.problem, guess, &settings, &mut self.budget, &mut report_improvement);
+        let programs = linear_programs(self.problem, &mut self.programs);
+        let from = (guess, programs);
+        let result = minimise_sequentially(self.problem, from, &settings, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         let candidate = self.candidate(&result);
         self.note(&candidate);
@@ -121,6 +136,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             inequality_tolerance: LIMIT_TOLERANCE,
             smallest_prediction,
             merit_to_beat: f64::INFINITY,
+            step_ratios: if self.problem.has_path_limits() { StepRatios::CURVES } else { StepRatios::BOUNDS },
             iteration_limit: usize::MAX,
             restoration: Restoration::Restore,
         }
@@ -184,6 +200,14 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             }
         }
     }
+}
+
+/// What linear programs begin from: with limits, where most of their rows are tight and stay so, where the last one ended.
+pub(super) fn linear_programs<'a>(problem: &ShootingProblem, last: &'a mut ElasticSolver) -> &'a mut ElasticSolver {
+    if !problem.has_path_limits() {
+        *last = ElasticSolver::new();
+    }
+    last
 }
 
 fn report(control: &RunControl, (start, start_count): (usize, usize), x: &DVector<f64>, goal_error: f64) {

@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, keep_better};
-use super::local_search::LocalSearch;
+use super::local_search::{FINE, LocalSearch, linear_programs};
 use super::run_control::Phase;
 use super::search::is_distinct;
 use super::settings::Method;
@@ -30,9 +30,6 @@ const SMOOTHED_ITERATION_LIMIT: usize = 40;
 const START_RADIUS: f64 = 0.5;
 /// First trust radius of all other descents: large enough to leave a kink.
 const RADIUS: f64 = 0.1;
-/// Least predicted decrease of each step of a rough descent, as a share of the final time: below that the last third of the
-/// rollouts would gain little.
-const ROUGH: f64 = 1e-5;
 /// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
 const LOSS: f64 = 0.02;
 /// Largest change of a torque in a hop, as a share of its limit.
@@ -105,7 +102,7 @@ impl LocalSearch<'_, '_, '_> {
         self.aim(from.goal_heading);
         match heat {
             Heat::Smooth => self.smoothed(&from.decision, &SMOOTHING, (RADIUS, SMOOTHED_ITERATION_LIMIT)),
-            Heat::Descend => self.descend_until(&from.decision, RADIUS, (ROUGH, f64::INFINITY)),
+            Heat::Descend => self.descend_until(&from.decision, RADIUS, (self.rough(), f64::INFINITY)),
         }
     }
 
@@ -136,13 +133,14 @@ impl LocalSearch<'_, '_, '_> {
     /// From a local optimum back through smoothed laws, to leave the kink on which it lies, and down to a faster one.
     fn around(&mut self, decision: &DVector<f64>) -> Result<Candidate, Interruption> {
         let smoothed = self.smoothed(decision, &SMOOTHING[1..], (RADIUS, SMOOTHED_ITERATION_LIMIT))?;
-        self.descend_until(&smoothed.decision, RADIUS, (ROUGH, f64::INFINITY))
+        self.descend_until(&smoothed.decision, RADIUS, (self.rough(), f64::INFINITY))
     }
 
     /// Under the exact law, then from perturbed copies of the best point; through smoothing where the exact law does not lead
     /// to the goal.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let mut best = self.descend(guess, START_RADIUS)?;
+        let precision = if self.problem.has_path_limits() { self.rough() } else { FINE };
+        let mut best = self.descend_until(guess, START_RADIUS, (precision, f64::INFINITY))?;
         if !best.is_feasible(self.settings.goal_tolerance) {
             let smoothed = self.smoothed(guess, &SMOOTHING, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
             let next = self.descend(&smoothed.decision, RADIUS)?;
@@ -179,7 +177,7 @@ impl LocalSearch<'_, '_, '_> {
         for perturbation in [Perturbation::Shift, Perturbation::Noise].iter().cycle().take(hops) {
             let perturbed = self.perturbed(&best.decision, *perturbation, &mut rng);
             let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
-            let next = self.descend_until(&perturbed, RADIUS, (ROUGH, time_to_beat))?;
+            let next = self.descend_until(&perturbed, RADIUS, (self.rough(), time_to_beat))?;
             keep_better(best, next, tolerance);
         }
         Ok(())
@@ -226,7 +224,8 @@ impl LocalSearch<'_, '_, '_> {
         let tolerance = self.settings.goal_tolerance;
         loop {
             let settings = Stationarity::settings(self.problem, best.final_time(), tolerance);
-            let mut measure = criticality_measure(self.problem, &best.decision, &settings, &mut self.budget)?;
+            let from = (&best.decision, linear_programs(self.problem, &mut self.programs));
+            let mut measure = criticality_measure(self.problem, from, &settings, &mut self.budget)?;
             if let Some(interruption) = measure.interruption {
                 return Err(interruption);
             }
@@ -258,10 +257,11 @@ impl LocalSearch<'_, '_, '_> {
                 first_radius,
                 iteration_limit,
                 restoration: Restoration::Skip,
-                ..self.descent(ROUGH)
+                ..self.descent(self.rough())
             };
             self.problem.set_slip_smoothing(smoothing);
-            let result = minimise_sequentially(self.problem, &decision, &settings, &mut self.budget, &mut |_, _| {});
+            let from = (&decision, linear_programs(self.problem, &mut self.programs));
+            let result = minimise_sequentially(self.problem, from, &settings, &mut self.budget, &mut |_, _| {});
             self.problem.set_slip_smoothing(0.0);
             self.iterations += result.iterations;
             if let Ending::Interrupted(interruption) = result.ending {

@@ -2,8 +2,9 @@
 
 use nalgebra::DVector;
 
-use super::{RADIUS_FACTOR, Restoration, SHRINK_RATIO, SMALLEST_RADIUS, Search, SequentialLinearSettings};
+use super::{RADIUS_FACTOR, Restoration, SHRINK_RATIO, SMALLEST_RADIUS, Search, SequentialLinearSettings, StepRatios};
 use crate::optimizer::evaluation::{Budget, Interruption, Linearisation, Problem};
+use crate::optimizer::linear_program::ElasticSolver;
 use crate::optimizer::shifted_constraints::ShiftedConstraints;
 
 /// Radius with which the criticality measure starts: variables may change by a tenth of their scale.
@@ -49,7 +50,7 @@ pub struct CriticalityMeasure {
 /// When the budget ends before the first linear program is solved.
 pub fn criticality_measure(
     problem: &mut dyn Problem,
-    x: &DVector<f64>,
+    (x, programs): (&DVector<f64>, &mut ElasticSolver),
     criticality: &CriticalitySettings,
     budget: &mut Budget,
 ) -> Result<CriticalityMeasure, Interruption> {
@@ -63,6 +64,7 @@ pub fn criticality_measure(
         inequality_tolerance,
         smallest_prediction: negligible_decrease,
         merit_to_beat: f64::INFINITY,
+        step_ratios: StepRatios::BOUNDS,
         iteration_limit: 0,
         restoration: Restoration::Skip,
     };
@@ -71,7 +73,7 @@ pub fn criticality_measure(
     problem.linearise(x, &mut model, stop)?;
     let mut shifted = ShiftedConstraints::at(problem, &model.constraints, (residual_tolerance, inequality_tolerance));
     shifted.shift(&mut model.constraints);
-    let mut search = Search { model, model_is_current: true, ..Search::new(&mut shifted, x, &settings) };
+    let mut search = Search { model, model_is_current: true, ..Search::new(&mut shifted, (x, programs), &settings) };
     let merit = search.merit(&search.x, &search.model.constraints);
     let (prediction, better, interruption) = loop {
         let step = search.linear_step(budget)?;

@@ -248,7 +248,8 @@ fn rows_out_of_reach_change_no_step() {
     let cost = DVector::from_vec(vec![0.0, 1.0]);
     let mut problem = LinearProblem { cost, lower, upper, matrix, target, residual_count: 0 };
     let (settings, budget) = (settings(), &mut Budget::new(Stop::never(), 1));
-    let mut search = Search::new(&mut problem, &DVector::from_vec(vec![0.8, 2.0]), &settings);
+    let mut programs = ElasticSolver::new();
+    let mut search = Search::new(&mut problem, (&DVector::from_vec(vec![0.8, 2.0]), &mut programs), &settings);
     search.linearise(budget).unwrap();
     // Steps of 0.1, where the variables may reach 10.
     search.radius = 0.01;

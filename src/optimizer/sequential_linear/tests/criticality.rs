@@ -7,7 +7,9 @@ use nalgebra::DVector;
 use super::functions::*;
 use super::small_problem::{PLENTY, SmallProblem};
 use super::{SMALLEST_RADIUS, WIDE};
-use crate::optimizer::{Budget, CriticalityMeasure, CriticalitySettings, Interruption, criticality_measure};
+use crate::optimizer::{
+    Budget, CriticalityMeasure, CriticalitySettings, ElasticSolver, Interruption, criticality_measure,
+};
 
 const PENALTY_PARAMETER: f64 = 5.0;
 /// Rounding of a model with coefficients near 1.
@@ -23,7 +25,8 @@ fn measured_within(rollouts: u64, problem: &mut SmallProblem, x: &[f64]) -> Resu
         inequality_tolerance: 0.0,
     };
     let stop = AtomicBool::new(false);
-    criticality_measure(problem, &DVector::from_row_slice(x), &settings, &mut Budget::new(&stop, rollouts))
+    let from = (&DVector::from_row_slice(x), &mut ElasticSolver::new());
+    criticality_measure(problem, from, &settings, &mut Budget::new(&stop, rollouts))
 }
 
 fn measured(problem: &mut SmallProblem, x: &[f64]) -> CriticalityMeasure {

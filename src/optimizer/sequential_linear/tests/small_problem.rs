@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{DMatrix, DVector};
 
 use crate::optimizer::{
-    Budget, Constraints, Linearisation, Problem, Restoration, SequentialLinearResult, SequentialLinearSettings,
-    minimise_sequentially,
+    Budget, Constraints, ElasticSolver, Linearisation, Problem, Restoration, SequentialLinearResult,
+    SequentialLinearSettings, StepRatios, minimise_sequentially,
 };
 use crate::stop::{Stop, Stopped};
 
@@ -61,7 +61,13 @@ impl SmallProblem {
     pub(super) fn unchecked(&mut self, start: &[f64], settings: &SequentialLinearSettings) -> SequentialLinearResult {
         let stop = AtomicBool::new(false);
         let start = DVector::from_row_slice(start);
-        minimise_sequentially(self, &start, settings, &mut Budget::new(&stop, PLENTY), &mut |_, _| {})
+        minimise_sequentially(
+            self,
+            (&start, &mut ElasticSolver::new()),
+            settings,
+            &mut Budget::new(&stop, PLENTY),
+            &mut |_, _| {},
+        )
     }
 
     /// The answer from `start`, checked for what holds of every run: points inside the bounds, a merit that falls, and
@@ -75,9 +81,15 @@ impl SmallProblem {
         let (stop, start) = (AtomicBool::new(false), DVector::from_row_slice(start));
         let mut budget = Budget::new(&stop, rollouts);
         let mut merits = Vec::new();
-        let result = minimise_sequentially(self, &start, settings, &mut budget, &mut |x, constraints| {
-            merits.push(x[x.len() - 1] + settings.penalty_parameter * constraints.violation_sum());
-        });
+        let result = minimise_sequentially(
+            self,
+            (&start, &mut ElasticSolver::new()),
+            settings,
+            &mut budget,
+            &mut |x, constraints| {
+                merits.push(x[x.len() - 1] + settings.penalty_parameter * constraints.violation_sum());
+            },
+        );
         assert!(merits.is_sorted_by(|before, after| after < before), "{merits:?}");
         assert!(result.x >= self.lower && result.x <= self.upper, "{}", result.x);
         assert_eq!(result.constraints, self.constraints_at(&result.x));
@@ -100,6 +112,7 @@ pub(super) fn settings() -> SequentialLinearSettings {
         inequality_tolerance: 0.0,
         smallest_prediction: 1e-8,
         merit_to_beat: f64::INFINITY,
+        step_ratios: StepRatios::BOUNDS,
         iteration_limit: 400,
         restoration: Restoration::Restore,
     }
