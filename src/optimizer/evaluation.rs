@@ -21,11 +21,17 @@ pub trait Problem {
     /// # Errors
     /// When it was stopped; the values are then as they were.
     fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints, stop: Stop) -> Result<(), Stopped>;
-    /// The constraint values at x, the working set and its derivatives; counts as one rollout.
+    /// The constraint values at x, the working set and its derivatives; counts as one rollout. The working set is to hold what a step
+    /// within a trust region of this radius may violate.
     ///
     /// # Errors
     /// When it was stopped; the values are then as they were or those at x, and the derivatives are not valid.
-    fn linearise(&mut self, x: &DVector<f64>, linearisation: &mut Linearisation, stop: Stop) -> Result<(), Stopped>;
+    fn linearise(
+        &mut self,
+        at: (&DVector<f64>, f64),
+        linearisation: &mut Linearisation,
+        stop: Stop,
+    ) -> Result<(), Stopped>;
 }
 
 /// The constraint values at a point.

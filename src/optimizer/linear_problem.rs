@@ -45,7 +45,12 @@ impl Problem for LinearProblem {
         Ok(())
     }
 
-    fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation, stop: Stop) -> Result<(), Stopped> {
+    fn linearise(
+        &mut self,
+        (x, _): (&DVector<f64>, f64),
+        model: &mut Linearisation,
+        stop: Stop,
+    ) -> Result<(), Stopped> {
         self.evaluate(x, &mut model.constraints, stop)?;
         model.working_set = (0..model.constraints.inequality.len()).collect();
         model.jacobian.clone_from(&self.matrix);

@@ -257,7 +257,7 @@ impl<'a> Search<'a> {
     fn linearise(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
         if !self.model_is_current {
             let stop = budget.spend()?;
-            self.problem.linearise(&self.x, &mut self.model, stop)?;
+            self.problem.linearise((&self.x, self.radius), &mut self.model, stop)?;
             self.model_is_current = true;
         }
         Ok(())

@@ -59,8 +59,13 @@ impl Problem for ShiftedConstraints<'_> {
         Ok(())
     }
 
-    fn linearise(&mut self, x: &DVector<f64>, linearisation: &mut Linearisation, stop: Stop) -> Result<(), Stopped> {
-        self.problem.linearise(x, linearisation, stop)?;
+    fn linearise(
+        &mut self,
+        at: (&DVector<f64>, f64),
+        linearisation: &mut Linearisation,
+        stop: Stop,
+    ) -> Result<(), Stopped> {
+        self.problem.linearise(at, linearisation, stop)?;
         self.shift(&mut linearisation.constraints);
         Ok(())
     }

@@ -78,7 +78,7 @@ mod tests {
     fn violations(x: [f64; 3]) -> usize {
         let (mut problem, x) = (sum(), DVector::from_row_slice(&x));
         let mut model = Linearisation::new(problem.constraints(), x.len());
-        problem.linearise(&x, &mut model, Stop::never()).unwrap();
+        problem.linearise((&x, 1.0), &mut model, Stop::never()).unwrap();
         sign_violations(&problem, &x, &model, 5.0, Stop::never()).unwrap()
     }
 

@@ -20,6 +20,8 @@ const NORMAL_LOAD_MARGIN: f64 = 0.1;
 const SMOOTH_MARGIN: f64 = 0.3;
 /// What jumps with the torques may come from anywhere.
 const JUMP_MARGIN: f64 = 1.0;
+/// Limits have these margins where torques may change by a tenth, and smaller ones in smaller trust regions.
+const WHOLE_MARGIN_RADIUS: f64 = 0.1;
 
 type Row<'a> = MatrixViewMut<'a, f64, U1, Dyn, U1, Dyn>;
 
@@ -76,12 +78,16 @@ impl PathConstraints {
         &self,
         extremes: &PathExtremes,
         schedule: &TorqueSchedule,
-        values: &DVector<f64>,
+        (values, radius): (&DVector<f64>, f64),
         working_set: &mut Vec<usize>,
     ) -> usize {
         working_set.clear();
         let path_count = extremes.count(schedule.control_count());
-        let is_near = |index: &usize| values[*index] > -self.path[extremes.place(*index)].margin;
+        let is_near = |index: &usize| {
+            let place = extremes.place(*index);
+            let share = if place < CONTACT_COUNT { 1.0 } else { (radius / WHOLE_MARGIN_RADIUS).min(1.0) };
+            values[*index] > -share * self.path[place].margin
+        };
         working_set.extend((0..path_count).filter(is_near));
         let near_path_count = working_set.len();
         working_set.extend(path_count..values.len());

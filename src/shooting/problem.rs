@@ -313,7 +313,7 @@ impl Problem for ShootingProblem<'_> {
 
     fn linearise(
         &mut self,
-        decision: &DVector<f64>,
+        (decision, radius): (&DVector<f64>, f64),
         linearisation: &mut Linearisation,
         stop: Stop,
     ) -> Result<(), Stopped> {
@@ -324,7 +324,8 @@ impl Problem for ShootingProblem<'_> {
         let path = &self.sensitivity.path;
         self.path_constraints.write_values(path, &self.schedule, &mut constraints.inequality);
         let values = &constraints.inequality;
-        let near_path_count = self.path_constraints.select_working_set(path, &self.schedule, values, working_set);
+        let near = (values, radius);
+        let near_path_count = self.path_constraints.select_working_set(path, &self.schedule, near, working_set);
         jacobian.resize_vertically_mut(self.rows.len() + working_set.len(), 0.0);
         self.write_goal_rows(linearisation);
         self.write_path_rows(&rollout, linearisation, near_path_count, stop)
@@ -389,7 +390,7 @@ mod tests {
         let mut problem = ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (50, 5), 1.0);
         let decision = DVector::from_vec(vec![0.9, 0.3, -0.2, 0.7, -0.6, 0.5, 0.8, 0.1, -0.4, 0.2, 1.7]);
         let mut model = Linearisation::new(problem.constraints(), decision.len());
-        problem.linearise(&decision, &mut model, Stop::never()).unwrap();
+        problem.linearise((&decision, 1.0), &mut model, Stop::never()).unwrap();
         let step = 1e-6;
         for index in 0..decision.len() {
             let [above, below] = [step, -step].map(|step| {

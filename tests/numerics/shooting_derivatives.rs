@@ -40,7 +40,7 @@ fn rows_at(problem: &mut ShootingProblem, model: &Linearisation, decision: &DVec
 /// Compares every column; returns how many normal forces have rows.
 fn compare_columns(problem: &mut ShootingProblem, decision: &DVector<f64>, label: &str) -> usize {
     let mut model = Linearisation::new(problem.constraints(), decision.len());
-    problem.linearise(decision, &mut model, Stop::never()).unwrap();
+    problem.linearise((decision, 1.0), &mut model, Stop::never()).unwrap();
     let goal_rows = model.constraints.residual.len();
     let here = rows_at(problem, &model, decision);
     for variable in 0..decision.len() {

@@ -70,7 +70,7 @@ pub fn criticality_measure(
     };
     let mut model = Linearisation::new(problem.constraints(), x.len());
     let stop = budget.spend()?;
-    problem.linearise(x, &mut model, stop)?;
+    problem.linearise((x, LARGEST_CRITICALITY_RADIUS), &mut model, stop)?;
     let mut shifted = ShiftedConstraints::at(problem, &model.constraints, (residual_tolerance, inequality_tolerance));
     shifted.shift(&mut model.constraints);
     let mut search = Search { model, model_is_current: true, ..Search::new(&mut shifted, (x, programs), &settings) };

@@ -148,7 +148,12 @@ impl Problem for SmallProblem {
         Ok(())
     }
 
-    fn linearise(&mut self, x: &DVector<f64>, model: &mut Linearisation, stop: Stop) -> Result<(), Stopped> {
+    fn linearise(
+        &mut self,
+        (x, _): (&DVector<f64>, f64),
+        model: &mut Linearisation,
+        stop: Stop,
+    ) -> Result<(), Stopped> {
         self.evaluate(x, &mut model.constraints, stop)?;
         let near = model.constraints.inequality.iter().enumerate().filter(|(_, value)| **value > -self.margin);
         model.working_set = near.map(|(index, _)| index).collect();
