@@ -20,6 +20,7 @@
 //! Method", 2003). Rows that stay slack cost no more than a scalar product.
 
 mod basis;
+mod beginning;
 mod perturbation;
 mod ratio_test;
 
@@ -38,7 +39,7 @@ const ROUNDING: f64 = 1e-13;
 /// Smaller shares are rounding: of a variable's or row's range that is violated, of the penalty parameter by which a multiplier
 /// passes its box, of a pivot, between steps.
 const TOLERANCE: f64 = 1e-9;
-/// Rows of a warm start whose pivot falls below this share of the largest entry are dependent.
+/// Rows whose pivot falls below this share of the largest entry are dependent.
 const DEPENDENT: f64 = 1e-7;
 /// Iterations per variable and row after which the simplex gives up.
 const ITERATION_FACTOR: usize = 20;
@@ -62,8 +63,6 @@ pub struct ElasticSolver {
     by_row: DMatrix<f64>,
     /// Per variable: gradient, its change along the edge, the variable's value.
     gradient: DVector<f64>,
-    /// The largest gradient of a basic variable, which rounding alone leaves.
-    basic_gradient: f64,
     slope: DVector<f64>,
     x: DVector<f64>,
     kinks: Vec<Kink>,
@@ -158,65 +157,6 @@ impl ElasticSolver {
         self.rest.resize(columns, Rest::Zero);
     }
 
-    /// All rows violated or slack as at x = 0.
-    fn begin_cold(&mut self, program: &ElasticProgram) {
-        self.basis.clear();
-        self.place.clear();
-        self.place
-            .extend(program.target.iter().map(|target| if *target < 0.0 { RowPlace::High } else { RowPlace::Low }));
-    }
-
-    /// The rows and variables of the last program, as far as they are there and independent.
-    fn begin_warm(&mut self, program: &ElasticProgram) {
-        let basic = std::mem::take(&mut self.basis.basic);
-        self.begin_cold(program);
-        let mut candidates = Vec::new();
-        for (row, name) in program.row_name.iter().enumerate() {
-            let Ok(known) = self.known.binary_search_by_key(name, |(name, _)| *name) else { continue };
-            match self.known[known].1 {
-                RowPlace::Tight => candidates.push(row),
-                place @ (RowPlace::Low | RowPlace::High) => self.place[row] = place,
-            }
-        }
-        let columns = program.cost.len();
-        let is_free = |column: &usize| *column < columns && program.width(*column) > 0.0;
-        let columns: Vec<usize> = basic.into_iter().filter(is_free).collect();
-        let is_whole = candidates.len() == columns.len() && candidates.len() > Basis::SMALL;
-        if is_whole && self.basis.adopt(program, &candidates, &columns) {
-            for (row, column) in candidates.into_iter().zip(columns) {
-                self.place[row] = RowPlace::Tight;
-                self.is_basic[column] = true;
-            }
-        } else {
-            self.pair(program, candidates, columns);
-        }
-    }
-
-    /// Makes rows tight and variables basic, pair by pair with complete pivoting, while they are independent.
-    fn pair(&mut self, program: &ElasticProgram, mut rows: Vec<usize>, mut columns: Vec<usize>) {
-        let mut rest = program.matrix.select_rows(&rows).select_columns(&columns);
-        let largest = rest.amax();
-        while !rows.is_empty() && !columns.is_empty() {
-            let (row, column) = rest.iamax_full();
-            let pivot = rest[(row, column)];
-            if pivot.abs() <= DEPENDENT * largest {
-                break;
-            }
-            let eliminated = rest.column(column) * rest.row(row) / pivot;
-            rest -= eliminated;
-            rest = rest.remove_row(row).remove_column(column);
-            let (row, column) = (rows.remove(row), columns.remove(column));
-            self.place[row] = RowPlace::Tight;
-            self.is_basic[column] = true;
-            self.basis.push(row, column);
-        }
-    }
-
-    fn remember(&mut self, program: &ElasticProgram) {
-        self.known.clear();
-        self.known.extend(program.row_name.iter().copied().zip(self.place.iter().copied()));
-    }
-
     /// Climbs to the maximum of D; false when the basis became singular or the iterations ran out.
     fn climb(&mut self, program: &ElasticProgram, iterations: &mut usize, stop: Stop) -> Result<bool, Stopped> {
         let (rows, columns) = program.matrix.shape();
@@ -238,7 +178,7 @@ impl ElasticSolver {
             self.update_gradient(program);
             self.update_point(program);
             let Some(leaving) = self.leaving(program) else {
-                if !self.is_exact() && self.basis.forget_updates() {
+                if self.basis.forget_updates() {
                     continue;
                 }
                 if !self.perturbation.is_none() && !was_perturbed {
@@ -318,18 +258,9 @@ impl ElasticSolver {
                 self.gradient.axpy(*multiplier, &coefficients, 1.0);
             }
         }
-        self.basic_gradient = 0.0;
         for column in &self.basis.basic {
-            self.basic_gradient = self.basic_gradient.max(self.gradient[*column].abs());
             self.gradient[*column] = 0.0;
         }
-    }
-
-    /// Whether the basic variables have no gradient and the tight rows no value but for rounding; with an inverse made afresh that is
-    /// as exact as can be.
-    fn is_exact(&self) -> bool {
-        let is_met = |row: &usize| self.value[*row].abs() <= GRADIENT_TOLERANCE * self.range[*row];
-        self.basic_gradient <= GRADIENT_TOLERANCE && self.basis.tight.iter().all(is_met)
     }
 
     /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows.

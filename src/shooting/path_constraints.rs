@@ -20,7 +20,7 @@ const NORMAL_LOAD_MARGIN: f64 = 0.1;
 const SMOOTH_MARGIN: f64 = 0.3;
 /// What jumps with the torques may come from anywhere.
 const JUMP_MARGIN: f64 = 1.0;
-/// Limits have these margins where torques may change by a tenth, and smaller ones in smaller trust regions.
+/// The trust radius from which on limits have these margins; smaller regions have smaller ones in proportion.
 const WHOLE_MARGIN_RADIUS: f64 = 0.1;
 
 type Row<'a> = MatrixViewMut<'a, f64, U1, Dyn, U1, Dyn>;

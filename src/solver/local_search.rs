@@ -21,12 +21,12 @@ const PENALTY: f64 = 30.0;
 /// Penalty parameter of the criticality measure.
 pub(super) const STRICT_PENALTY: f64 = PENALTY_GROWTH * PENALTY;
 /// Descents end where less than this share of a first guess's final time is predicted: the rounding of the merit.
-pub(super) const FINE: f64 = 1e-7;
-/// The same of a rough descent: below that the last third of the rollouts would gain little.
+const FINE: f64 = 1e-7;
+/// The same of rough descents: below that the last third of the rollouts would gain little.
 const ROUGH: f64 = 1e-5;
-/// With limits, where steps along curved constraints are short, each is this multiple: the first and the last ten thousandth of a
-/// final time take as many linear programs, and what `converged` allows is no less.
-const WITH_LIMITS: f64 = 10.0;
+/// The same of rough descents with limits, whose other descents are [`ROUGH`]: steps along curved constraints stay short, and the last
+/// ten thousandth would take most of the linear programs. `converged` allows as much.
+const ROUGH_WITH_LIMITS: f64 = 1e-4;
 /// The tolerance of the restoration, as a share of the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
@@ -74,13 +74,22 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     /// Descends under the exact law and restores the goal.
     pub(super) fn descend(&mut self, guess: &DVector<f64>, radius: f64) -> Result<Candidate, Interruption> {
-        let precision = if self.problem.has_path_limits() { ROUGH } else { FINE };
-        self.descend_until(guess, radius, (precision, f64::INFINITY))
+        self.descend_until(guess, radius, (self.fine(), f64::INFINITY))
     }
 
-    /// The least predicted decrease of each step of a rough descent, as a share of a first guess's final time.
+    /// The least predicted decrease of each step, as a share of a first guess's final time.
+    fn fine(&self) -> f64 {
+        if self.problem.has_path_limits() { ROUGH } else { FINE }
+    }
+
+    /// That of a rough descent.
     pub(super) fn rough(&self) -> f64 {
-        if self.problem.has_path_limits() { WITH_LIMITS * ROUGH } else { ROUGH }
+        if self.problem.has_path_limits() { ROUGH_WITH_LIMITS } else { ROUGH }
+    }
+
+    /// That of a direct start: rough with limits, since what the hops leave is descended from once more.
+    pub(super) fn direct(&self) -> f64 {
+        if self.problem.has_path_limits() { ROUGH_WITH_LIMITS } else { FINE }
     }
 
     /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, as a share of a first guess's
@@ -110,8 +119,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
                 passed = Some(Candidate::new(x.clone(), goal_error, breaks_limits, goal_heading));
             }
         };
-        let programs = linear_programs(self.problem, &mut self.programs);
-        let from = (guess, programs);
+        let from = (guess, linear_programs(self.problem, &mut self.programs));
         let result = minimise_sequentially(self.problem, from, &settings, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         let candidate = self.candidate(&result);

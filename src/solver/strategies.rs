@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, keep_better};
-use super::local_search::{FINE, LocalSearch, linear_programs};
+use super::local_search::{LocalSearch, linear_programs};
 use super::run_control::Phase;
 use super::search::is_distinct;
 use super::settings::Method;
@@ -139,8 +139,7 @@ impl LocalSearch<'_, '_, '_> {
     /// Under the exact law, then from perturbed copies of the best point; through smoothing where the exact law does not lead
     /// to the goal.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let precision = if self.problem.has_path_limits() { self.rough() } else { FINE };
-        let mut best = self.descend_until(guess, START_RADIUS, (precision, f64::INFINITY))?;
+        let mut best = self.descend_until(guess, START_RADIUS, (self.direct(), f64::INFINITY))?;
         if !best.is_feasible(self.settings.goal_tolerance) {
             let smoothed = self.smoothed(guess, &SMOOTHING, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
             let next = self.descend(&smoothed.decision, RADIUS)?;
