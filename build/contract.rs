@@ -36,8 +36,9 @@ const REQUIRED: [&str; 15] = [
 /// Answers that requests hold: they are read as answers.
 const ANSWERS: [&str; 2] = ["SimulatedPlan.answer", "SolvedPlan.answer"];
 /// Messages in answers that are left out where there are none; all others are always there.
-const LEFT_OUT: [&str; 7] = [
+const LEFT_OUT: [&str; 8] = [
     "Report.limits",
+    "Report.sensitivity",
     "SimulateResponse.limits",
     "Solution.contacts",
     "Solution.robot",
@@ -46,11 +47,13 @@ const LEFT_OUT: [&str; 7] = [
     "ValidateResponse.payload",
 ];
 /// Fields in answers that are null where there are none.
-const NULL: [&str; 5] = [
+const NULL: [&str; 7] = [
     "LimitUse.replay_excess",
     "Report.least_normal_load",
     "Report.lower_bound_assumption",
     "Report.replay",
+    "Sensitivity.end_shift_m",
+    "Sensitivity.end_shift_rad",
     "Solution.reason",
 ];
 /// Numbers in answers that may not be finite, because a motion diverges or nothing was computed; JSON has null for them.

@@ -22,6 +22,7 @@ pub(crate) struct Scale {
 pub(crate) fn enlarged(input: &SolveInput, scale: Scale) -> Option<SolveInput> {
     let mut large = input.clone();
     large.robot = Robot::new(enlarged_robot(input.robot.parameters(), scale)).ok()?;
+    large.bare_robot = enlarged_robot(&input.bare_robot, scale);
     let mut start = large.maneuver.start.to_vector();
     for component in StateComponent::ALL {
         let factor = factor_of(component, scale);

@@ -13,7 +13,7 @@ use crate::robot::{Motor, Payload, PerWheel, RobotParameters, State};
 use crate::rules::Checks;
 use crate::shooting::{AisleCorners, Maneuver, ManeuverLimits, ReferencePoint, SlipPolicy};
 use crate::simulation::{ContactMethod, ContactModeSpan, ContactSample, NormalLoad, Separation, TorqueSchedule};
-use crate::solver::{LimitUse, Method};
+use crate::solver::{Choice, LimitUse, Method};
 
 /// Both directions between the numbers of a message, which are optional, and those of a domain struct; absent is the default of
 /// the domain. What is listed as apart belongs to neither function.
@@ -208,6 +208,7 @@ pub(crate) use same_values;
 same_values!(default ReferencePoint = ReferencePoint { ChassisCenterOfMass, AxleMidpoint });
 same_values!(default SlipPolicy = SlipPolicy { Allowed, Forbidden });
 same_values!(default ContactSolver = ContactMethod { Exact, FixedPoint });
+same_values!(default Choice = Choice { Fastest, Steadiest });
 same_values!(default Method = Method { SequentialLinear, NelderMead });
 same_values!(ContactMode = ContactMode { Stick, Slip });
 same_values!(ContactName = ContactName { Left, Right, Front });

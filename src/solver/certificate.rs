@@ -9,6 +9,7 @@ use super::goal_miss::goal_missed;
 use super::limit_uses::{largest_excess, limit_uses};
 use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
 use super::search::SearchResult;
+use super::sensitivity::{Sensitivity, sensitivity};
 use super::settings::{Refinement, SolveInput, SolverSettings};
 use super::solution::{
     DistinctOptimum, LimitUse, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
@@ -35,8 +36,8 @@ const URGENT_ROLLOUTS: u64 = 12;
 
 /// Certifies the search's best decision.
 ///
-/// A certificate that is cut off shows the motion of the plan, but neither its replay nor the lower bound, and claims no
-/// local optimum.
+/// A certificate that is cut off shows the motion of the plan, but neither its replay, nor its sensitivity, nor the lower bound,
+/// and claims no local optimum.
 ///
 /// # Errors
 /// When it is cut off before the motion of the plan is known.
@@ -61,7 +62,8 @@ pub(super) fn certified(
         };
         let fine = (&motion.schedule, REPLAY_REFINEMENT * step_count);
         let replay_limits = limit_uses_of_plan(input, simulator, fine, cut)?;
-        Ok(Certificate { optimality, bound, replay, replay_limits })
+        let sensitivity = sensitivity(input, (&motion.schedule, step_count), cut)?;
+        Ok(Certificate { optimality, bound, replay, replay_limits, sensitivity })
     };
     let certificate = certificate().map_err(|Stopped| Optimality::unknown(&best.decision));
     Ok(motion.solution(input, result, certificate))
@@ -74,6 +76,7 @@ struct Certificate {
     replay: Replay,
     /// What the replay uses of the limits, in the order of those of the plan.
     replay_limits: Vec<LimitUse>,
+    sensitivity: Vec<Sensitivity>,
 }
 
 /// How far a decision is from a local optimum.
@@ -164,8 +167,8 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
         iterations: 0,
         rollouts: 0,
         starts_tried: 0,
-        distinct_optima: vec![DistinctOptimum { final_time: 0.0, count: 1 }],
-        optima: Vec::new(),
+        distinct_optima: vec![DistinctOptimum { final_time: 0.0, count: 1, friction_shift: None }],
+        plans: Vec::new(),
         refinement,
         replay: None,
     };
@@ -174,6 +177,7 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
         bound: largest_lower_bound(input, Grid::Steps(input.settings.step_count)),
         replay: replay_of_miss(input, &goal_error, (0, 0, 0.0)),
         replay_limits: Vec::new(),
+        sensitivity: Vec::new(),
     };
     let schedule = TorqueSchedule::empty();
     let motion = Motion { schedule, trajectory, goal_error, limits: Vec::new(), sticks: true };
@@ -228,15 +232,16 @@ impl Motion {
         certificate: Result<Certificate, Optimality>,
     ) -> Solution {
         let (optimality, shown) = match certificate {
-            Ok(Certificate { optimality, bound, replay, replay_limits }) => {
+            Ok(Certificate { optimality, bound, replay, replay_limits, sensitivity }) => {
                 for (used, replayed) in self.limits.iter_mut().zip(&replay_limits) {
                     used.replay_excess = Some(replayed.excess);
                 }
-                (optimality, Some((bound, replay)))
+                (optimality, Some((bound, (replay, sensitivity))))
             }
             Err(unknown) => (unknown, None),
         };
-        let (bound, replay) = shown.unzip();
+        let (bound, shown) = shown.unzip();
+        let (replay, sensitivity) = shown.unzip();
         let separations = self.trajectory.separations();
         let meets_goal = self.goal_error.amax() <= input.settings.goal_tolerance;
         let keeps_law = self.trajectory.worst_contact_residual <= CONTACT_RESIDUAL_TOLERANCE;
@@ -275,6 +280,7 @@ impl Motion {
                 switching_sign_violations: optimality.sign_violations,
                 replay,
                 limits: std::mem::take(&mut self.limits),
+                sensitivity: sensitivity.unwrap_or_default(),
             },
             trajectory: self.trajectory,
             schedule: self.schedule,
@@ -349,6 +355,6 @@ impl Replay {
 }
 
 /// The miss of a motion that diverges on the fine grid becomes the largest number.
-fn finite_or_largest(value: f64) -> f64 {
+pub(super) fn finite_or_largest(value: f64) -> f64 {
     if value.is_finite() { value } else { f64::MAX }
 }

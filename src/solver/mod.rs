@@ -19,6 +19,7 @@ mod run_control;
 mod schedule_check;
 mod search;
 mod segments;
+mod sensitivity;
 mod settings;
 mod simulate;
 mod solution;
@@ -27,7 +28,8 @@ mod strategies;
 
 pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};
-pub use settings::{Method, Refinement, SolveInput, SolveParameters, SolverSettings};
+pub use sensitivity::{ChangedParameter, EndShift, Sensitivity};
+pub use settings::{Choice, Method, Refinement, SolveInput, SolveParameters, SolverSettings};
 pub use simulate::{SimulateInput, SimulateParameters, Simulation, simulate};
 pub use solution::{
     DistinctOptimum, LimitUse, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status,

@@ -3,7 +3,8 @@
 //! The scheme is of first order, so the replay miss is about proportional to the step length: the miss determines which
 //! grid to try next, and whether any grid within the step limit is fine enough. An optimum moves little with the grid, and
 //! a refined search takes few linear programs. Drifting plans are the fastest and the most sensitive ones: where the
-//! fastest local optimum needs more steps than the limit, the next fastest that does not is refined.
+//! fastest local optimum needs more steps than the limit, the next fastest that does not is refined. Where the steadiest is asked
+//! for, plans come in that order.
 
 use super::candidate::Candidate;
 use super::certificate::replay;
@@ -11,7 +12,7 @@ use super::grid_problem::problem_on;
 use super::local_search::LocalSearch;
 use super::progress::PhasesOnly;
 use super::run_control::RunControl;
-use super::search::{SearchResult, further_optima, is_distinct, search};
+use super::search::{SearchResult, further_optima, search};
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, Replay, StopReason};
 use crate::optimizer::Interruption;
@@ -24,7 +25,7 @@ const FACTORS: (usize, usize) = (2, 8);
 /// The miss is proportional to the step only up to this factor: the next grid is chosen for a miss as much smaller than the
 /// tolerance, and plans are tried that seem to need as many more steps than are allowed.
 const UNCERTAINTY: f64 = 2.0;
-/// Plans that are refined at most after the fastest one, of the search and of further starts.
+/// Plans that are refined at most after the first one, of the search and of further starts.
 const ATTEMPT_LIMIT: usize = 3;
 
 /// Refines the grid of the best decision, or of a slower one where only that can be executed.
@@ -73,13 +74,13 @@ impl Refiner<'_, '_, '_> {
         }
         let coarse_step_count = self.result.step_count;
         let mut candidates = candidates.into_iter();
-        let Some(fastest) = candidates.next() else { return RefinementOutcome::NoPlan };
+        let Some(first) = candidates.next() else { return RefinementOutcome::NoPlan };
         // The answer where no plan can be executed; its replay belongs to the certificate.
-        let Ok(fastest) = self.plan(fastest, coarse_step_count, self.control.cut()) else {
+        let Ok(first) = self.plan(first, coarse_step_count, self.control.cut()) else {
             return self.interrupted(Interruption::Stopped);
         };
-        let (fastest, outcome) = self.refined(fastest);
-        self.keep(&fastest);
+        let (first, outcome) = self.refined(first);
+        self.keep(&first);
         if outcome == RefinementOutcome::WithinTolerance || self.is_interrupted() {
             return outcome;
         }
@@ -96,7 +97,7 @@ impl Refiner<'_, '_, '_> {
     fn candidates_on_the_coarsest_grid(&mut self) -> Vec<Candidate> {
         let mut step_count = self.result.step_count;
         loop {
-            let candidates = self.coarse_candidates();
+            let candidates = self.result.plans.clone();
             if !candidates.is_empty() || self.is_interrupted() || step_count >= self.finest() {
                 return candidates;
             }
@@ -112,7 +113,7 @@ impl Refiner<'_, '_, '_> {
         self.result.stop_reason != StopReason::Finished
     }
 
-    /// Refines plans, fastest first, of those for which the allowed steps may do; keeps the first that can be executed.
+    /// Refines plans, in their order, of those for which the allowed steps may do; keeps the first that can be executed.
     fn refine_first(&mut self, candidates: Vec<Candidate>, step_count: usize) -> bool {
         let mut attempts = 0;
         for candidate in candidates {
@@ -140,19 +141,6 @@ impl Refiner<'_, '_, '_> {
         self.result.best = Some(plan.candidate.clone());
         self.result.step_count = plan.step_count;
         self.result.replay = Some(plan.replay);
-    }
-
-    /// The best decision and the slower local optima, fastest first.
-    fn coarse_candidates(&self) -> Vec<Candidate> {
-        let tolerance = self.input.settings.goal_tolerance;
-        let mut candidates: Vec<Candidate> = Vec::new();
-        for candidate in self.result.best.iter().chain(&self.result.optima) {
-            let is_new = candidates.last().is_none_or(|last| is_distinct(last.final_time(), candidate.final_time()));
-            if candidate.is_feasible(tolerance) && is_new {
-                candidates.push(candidate.clone());
-            }
-        }
-        candidates
     }
 
     /// Whether the allowed steps may do for the plan.

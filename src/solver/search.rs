@@ -5,12 +5,14 @@ use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
-use super::settings::SolveInput;
+use super::sensitivity::friction_shift;
+use super::settings::{Choice, SolveInput};
 use super::solution::{DistinctOptimum, RefinementOutcome, Replay, StopReason};
 use super::starts::{Start, Strategy, starts};
 use super::strategies::Heat;
 use crate::optimizer::Interruption;
-use crate::shooting::ShootingProblem;
+use crate::shooting::{ShootingProblem, schedule_from_decision};
+use crate::stop::{Stop, Stopped};
 
 /// Local optima whose final times differ by less than this share count as one.
 const DISTINCT_FINAL_TIME: f64 = 1e-3;
@@ -39,8 +41,8 @@ pub(super) struct SearchResult {
     pub(super) starts_tried: usize,
     /// Local optima that meet the goal, fastest first.
     pub(super) distinct_optima: Vec<DistinctOptimum>,
-    /// The local optima themselves, fastest first.
-    pub(super) optima: Vec<Candidate>,
+    /// The best decision and the first of each other group of local optima, in the order in which they are wanted.
+    pub(super) plans: Vec<Candidate>,
     pub(super) refinement: RefinementOutcome,
     /// The best decision's replay, where the refinement has made it.
     pub(super) replay: Option<Replay>,
@@ -58,6 +60,33 @@ impl SearchResult {
             self.stop_reason = finer.stop_reason;
         }
         (self.iterations, self.rollouts, self.starts_tried) = (iterations, rollouts, starts_tried);
+    }
+
+    /// How far less friction shifts the ends of the local optima; the steadiest comes first where it is asked for.
+    fn weigh(&mut self, input: &SolveInput, optima: &[Candidate], stop: Stop) -> Result<(), Stopped> {
+        let shift = |candidate: &Candidate| {
+            friction_shift(input, (&schedule_from_decision(&candidate.decision), self.step_count), stop)
+        };
+        let shifts: Vec<_> =
+            distinct(optima).into_iter().map(|first| shift(&optima[first])).collect::<Result<_, _>>()?;
+        if input.settings.choice == Choice::Steadiest {
+            let fastest = self.plans.first().map_or(0.0, Candidate::final_time);
+            let latest = (1.0 + input.settings.choose_within) * fastest;
+            let mut ranked = Vec::with_capacity(self.plans.len());
+            for plan in &self.plans {
+                let shift = if plan.final_time() <= latest { shift(plan)? } else { None };
+                ranked.push((shift.map_or(f64::INFINITY, |shift| shift.relative(&input.settings)), plan));
+            }
+            // Those that are too slow, or leave the model, stay sorted by their final times.
+            ranked.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            let plans: Vec<Candidate> = ranked.into_iter().map(|(_, plan)| plan.clone()).collect();
+            self.best = plans.first().cloned().or(self.best.take());
+            self.plans = plans;
+        }
+        for (optimum, shift) in self.distinct_optima.iter_mut().zip(shifts) {
+            optimum.friction_shift = shift;
+        }
+        Ok(())
     }
 }
 
@@ -84,18 +113,34 @@ pub(super) fn search(
     race.release_torques(&mut optima);
     let found = race.found;
     let optima = fastest_first(optima);
-    SearchResult {
+    let mut result = SearchResult {
+        plans: plans(found.best.iter().chain(&optima), settings.goal_tolerance),
         best: found.best,
         stop_reason: found.interruption.map_or(StopReason::Finished, StopReason::from),
         step_count,
         iterations: found.iterations,
         rollouts: found.rollouts,
         starts_tried: found.tried,
-        distinct_optima: grouped(optima.iter().map(Candidate::final_time).collect()),
-        optima,
+        distinct_optima: grouped(&optima),
         refinement: RefinementOutcome::Fixed,
         replay: None,
+    };
+    if result.stop_reason != StopReason::Stopped && result.weigh(input, &optima, control.stop()).is_err() {
+        result.stop_reason = StopReason::Stopped;
     }
+    result
+}
+
+/// The feasible ones of sorted candidates, one of each group whose final times are nearly equal.
+fn plans<'a>(candidates: impl Iterator<Item = &'a Candidate>, tolerance: f64) -> Vec<Candidate> {
+    let mut plans: Vec<Candidate> = Vec::new();
+    for candidate in candidates {
+        let is_new = plans.last().is_none_or(|last| is_distinct(last.final_time(), candidate.final_time()));
+        if candidate.is_feasible(tolerance) && is_new {
+            plans.push(candidate.clone());
+        }
+    }
+    plans
 }
 
 /// Local optima of as many further starts, fastest first.
@@ -274,20 +319,22 @@ impl From<Interruption> for StopReason {
     }
 }
 
-fn grouped(mut final_times: Vec<f64>) -> Vec<DistinctOptimum> {
-    final_times.sort_by(f64::total_cmp);
-    let mut optima: Vec<DistinctOptimum> = Vec::new();
-    for final_time in final_times {
-        match optima.last_mut() {
-            Some(last) if !is_distinct(last.final_time, final_time) => last.count += 1,
-            _ => optima.push(DistinctOptimum { final_time, count: 1 }),
-        }
-    }
-    optima
+/// The groups of sorted optima.
+fn grouped(optima: &[Candidate]) -> Vec<DistinctOptimum> {
+    let firsts = distinct(optima);
+    let ends = firsts.iter().skip(1).copied().chain([optima.len()]);
+    let of = |(&first, end): (&usize, usize)| DistinctOptimum {
+        final_time: optima[first].final_time(),
+        count: end - first,
+        friction_shift: None,
+    };
+    firsts.iter().zip(ends).map(of).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::DVector;
+
     use super::*;
     use crate::simulation::Simulator;
     use crate::solver::grid_problem::problem_on;
@@ -310,10 +357,9 @@ mod tests {
 
     #[test]
     fn near_final_times_count_as_one_optimum() {
-        let optima = grouped(vec![2.931, 2.836, 2.930]);
-        assert_eq!(
-            optima,
-            [DistinctOptimum { final_time: 2.836, count: 1 }, DistinctOptimum { final_time: 2.930, count: 2 }]
-        );
+        let optimum = |final_time: f64| Candidate::new(DVector::from_element(1, final_time), 0.0, false, None);
+        let optima = grouped(&fastest_first([2.931, 2.836, 2.930].map(optimum).to_vec()));
+        let groups: Vec<_> = optima.iter().map(|group| (group.final_time, group.count)).collect();
+        assert_eq!(groups, [(2.836, 1), (2.930, 2)]);
     }
 }

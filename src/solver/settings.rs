@@ -29,6 +29,16 @@ impl Method {
     }
 }
 
+/// Which of the local optima is the answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Choice {
+    /// The fastest.
+    #[default]
+    Fastest,
+    /// Of those that are nearly as fast, the one whose end shifts least under less friction.
+    Steadiest,
+}
+
 /// Whether the time grid may change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refinement {
@@ -64,6 +74,10 @@ pub struct SolverSettings {
     pub replay_tolerance_position: f64,
     /// Largest accepted replay miss of the heading, rad.
     pub replay_tolerance_heading: f64,
+    /// Which of the local optima is the answer.
+    pub choice: Choice,
+    /// How much slower than the fastest one it may be, as a share of that one's final time.
+    pub choose_within: f64,
 }
 
 /// Tightest tolerances: a rollout of thousands of steps rounds to about 1e-12.
@@ -74,7 +88,7 @@ const LOOSEST_REPLAY: f64 = 100.0;
 const REPLAY_TOLERANCE: f64 = 1e-3;
 
 impl SolverSettings {
-    const RULES: [BoundedField<Self>; 7] = [
+    const RULES: [BoundedField<Self>; 8] = [
         ("grid.steps", |settings| settings.step_count as f64, Rule::at_least(1.0, "")),
         ("grid.control_intervals", |settings| settings.control_count as f64, Rule::at_least(1.0, "")),
         ("solver.starts", |settings| settings.start_count as f64, Rule::at_least(1.0, "")),
@@ -90,6 +104,7 @@ impl SolverSettings {
             |settings| settings.replay_tolerance_heading,
             Rule::between(TIGHTEST, LOOSEST_REPLAY, "rad"),
         ),
+        ("solver.choose_within", |settings| settings.choose_within, Rule::between(0.0, 1.0, "")),
     ];
 
     /// The rules of all settings, by their paths in the contract.
@@ -125,6 +140,8 @@ impl Default for SolverSettings {
             goal_tolerance: 1e-6,
             replay_tolerance_position: REPLAY_TOLERANCE,
             replay_tolerance_heading: REPLAY_TOLERANCE,
+            choice: Choice::Fastest,
+            choose_within: 0.01,
         }
     }
 }
@@ -197,6 +214,8 @@ impl SolveParameters {
 pub struct SolveInput {
     /// The robot, what it carries joined to its chassis.
     pub robot: Robot,
+    /// The robot without its load.
+    pub bare_robot: RobotParameters,
     /// What it carries.
     pub payload: Option<Payload>,
     /// The maneuver.
@@ -218,9 +237,9 @@ impl SolveInput {
         let mut checks = Checks::new();
         let aisle = parameters.check(&mut checks);
         checks.finish()?;
-        let SolveParameters { robot, payload, maneuver, aisle: _, settings, initial_guess } = parameters;
-        let robot = Robot::new(joined(&robot, payload.as_ref()))?;
-        Ok(Self { robot, payload, maneuver, aisle, settings, initial_guess })
+        let SolveParameters { robot: bare_robot, payload, maneuver, aisle: _, settings, initial_guess } = parameters;
+        let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
+        Ok(Self { robot, bare_robot, payload, maneuver, aisle, settings, initial_guess })
     }
 
     /// What the plan must keep on the way, beside the normal forces.

@@ -2,6 +2,7 @@
 
 use nalgebra::SVector;
 
+use super::sensitivity::{EndShift, Sensitivity};
 use super::settings::Method;
 use crate::robot::State;
 use crate::simulation::{ContactModeSpan, NormalLoad, Separation, TorqueSchedule, Trajectory};
@@ -66,6 +67,8 @@ pub struct DistinctOptimum {
     pub final_time: f64,
     /// Number of starts.
     pub count: usize,
+    /// Shift of the end of the fastest of them under a tenth less friction; none where the search was stopped.
+    pub friction_shift: Option<EndShift>,
 }
 
 /// What a lower bound on the final time rests on.
@@ -208,6 +211,8 @@ pub struct Report {
     pub replay: Option<Replay>,
     /// How far the plan uses each limit that was given.
     pub limits: Vec<LimitUse>,
+    /// How far small changes shift the end; nothing where nothing moves, or the certificate was cut off.
+    pub sensitivity: Vec<Sensitivity>,
 }
 
 /// A plan with its status and report.

@@ -76,7 +76,7 @@ fn without_slip_the_drive_takes_the_closed_form_time() {
     let parameters =
         RobotParameters { center_of_mass_right: 0.0, wheel_friction_coefficient: 0.8, ..RobotParameters::default() };
     let mut input = SolveInput::forward_drive();
-    input.robot = Robot::new(parameters).unwrap();
+    (input.robot, input.bare_robot) = (Robot::new(parameters).unwrap(), parameters);
     let solution = solved(&input);
     let rolling_mass = parameters.total_mass() + 2.0 * parameters.wheel_spin_inertia / parameters.wheel_radius.powi(2);
     let expected = 2.0 * (5.0 * parameters.wheel_radius * rolling_mass / 2.0).sqrt();

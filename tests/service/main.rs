@@ -38,6 +38,7 @@ mod real_robots;
 #[cfg(unix)]
 mod replicas;
 mod request_log;
+mod sensitivity;
 mod stopping;
 mod support;
 mod time_limits;

@@ -2,8 +2,8 @@
 
 use crate::contact::{ContactMode, ContactName};
 use crate::contract::message::{
-    ContactName as NamedContact, EndState, LimitUse, LowerBoundAssumption, PlanInWords, Refinement, Report, Separation,
-    SimulateResponse, Solution, Status, StopReason,
+    ChangedParameter, ContactName as NamedContact, EndState, LimitUse, LowerBoundAssumption, PlanInWords, Refinement,
+    Report, Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
 };
 use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::robot::State;
@@ -228,6 +228,7 @@ fn certificate(asked: &SolveInput, answer: &Solution, error: (&str, f64)) -> Vec
     said.extend(lower_bound(answer.final_time_s, report));
     said.extend(criticality(report));
     said.extend(report.limits.iter().map(limit_used));
+    said.extend(sensitivity(report));
     said.extend(other_optima(answer.final_time_s, report));
     said
 }
@@ -348,6 +349,19 @@ fn limit_used(used: &LimitUse) -> String {
         short(*value),
         short(*largest)
     )
+}
+
+/// What less friction does to the end; nothing where the answer does not say.
+fn sensitivity(report: &Report) -> Option<String> {
+    let is_less_friction = |one: &&Sensitivity| one.parameter() == ChangedParameter::Friction && one.change < 0.0;
+    let shift = report.sensitivity.iter().find(is_less_friction)?;
+    let lifts = if shift.separates { "; on the way a contact lifts, which leaves the model" } else { "" };
+    Some(format!(
+        "Sensitivity: with {} % less friction the same torques end {} m and {} rad away{lifts}.",
+        short(-100.0 * shift.change),
+        short(shift.end_shift_m?),
+        short(shift.end_shift_rad?),
+    ))
 }
 
 fn other_optima(final_time: f64, report: &Report) -> Option<String> {

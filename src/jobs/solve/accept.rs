@@ -12,7 +12,7 @@ use crate::contract::{Problem, json, message};
 use crate::jobs::limits::{DEFAULT_TIME_LIMIT_S, Limits};
 use crate::rules::{Checks, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
-use crate::solver::{Refinement, SolveInput, SolveParameters, SolverSettings};
+use crate::solver::{Choice, Refinement, SolveInput, SolveParameters, SolverSettings};
 
 /// The bounds of the time limit, which belongs to the service.
 const TIME_LIMIT_RULE: Rule = Rule::positive("s");
@@ -151,6 +151,8 @@ fn settings(grid: &SolveGrid, solver: Solver, limits: &Limits) -> Result<(Solver
         goal_tolerance,
         replay_tolerance_m,
         replay_tolerance_rad,
+        choose,
+        choose_within,
     } = solver;
     let settings = SolverSettings {
         method: named::<message::Method>(method, "solver.method")?.into(),
@@ -163,6 +165,8 @@ fn settings(grid: &SolveGrid, solver: Solver, limits: &Limits) -> Result<(Solver
         goal_tolerance: goal_tolerance.unwrap_or(default.goal_tolerance),
         replay_tolerance_position: replay_tolerance_m.unwrap_or(default.replay_tolerance_position),
         replay_tolerance_heading: replay_tolerance_rad.unwrap_or(default.replay_tolerance_heading),
+        choice: named::<message::Choice>(choose, "solver.choose")?.into(),
+        choose_within: choose_within.unwrap_or(default.choose_within),
     };
     Ok((settings, time_limit_s.unwrap_or(DEFAULT_TIME_LIMIT_S)))
 }
@@ -179,7 +183,14 @@ fn solver_message(settings: &SolverSettings, time_limit_s: f64) -> Solver {
         goal_tolerance,
         replay_tolerance_position,
         replay_tolerance_heading,
+        choice,
+        choose_within,
     } = *settings;
+    // Defaults are what absent fields mean: requests without them keep their hashes.
+    let choose = match choice {
+        Choice::Fastest => message::Choice::Unspecified,
+        Choice::Steadiest => message::Choice::Steadiest,
+    };
     Solver {
         method: message::Method::from(method).into(),
         starts: Some(count(start_count)),
@@ -189,6 +200,8 @@ fn solver_message(settings: &SolverSettings, time_limit_s: f64) -> Solver {
         goal_tolerance: Some(goal_tolerance),
         replay_tolerance_m: Some(replay_tolerance_position),
         replay_tolerance_rad: Some(replay_tolerance_heading),
+        choose: choose.into(),
+        choose_within: Some(choose_within).filter(|&share| share != SolverSettings::default().choose_within),
     }
 }
 

@@ -10,12 +10,17 @@ use crate::robot::State;
 use crate::service::Done;
 use crate::shooting::{Goal, StateComponent};
 use crate::solver::{
-    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, SolveProgress, Status,
+    ChangedParameter, DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Sensitivity,
+    Solution, SolveProgress, Status,
 };
 
 same_values!(Status = Status { Converged, Feasible, NotConverged, Infeasible });
 same_values!(StopReason = StopReason { Finished, TimeLimit, Deadline, RolloutLimit });
 same_values!(Refinement = RefinementOutcome { Fixed, WithinTolerance, StepLimit, GoalLost, Interrupted, NoPlan });
+same_values!(
+    ChangedParameter =
+        ChangedParameter { Friction, Mass, CenterOfMassRight, CenterOfMassForward, Torque, TorqueLeft, StartHeading }
+);
 same_values!(LowerBoundAssumption = LowerBoundAssumption { Friction, YawFriction, DriveTorque, WheelDrive, Limits });
 
 /// The answer of a solve.
@@ -113,6 +118,7 @@ fn report(report: &Report, solve_time_s: f64) -> message::Report {
         switching_sign_violations,
         replay: given_replay,
         limits,
+        sensitivity: shifts,
     } = report;
     message::Report {
         method: message::Method::from(*method).into(),
@@ -137,12 +143,32 @@ fn report(report: &Report, solve_time_s: f64) -> message::Report {
         replay: given_replay.as_ref().map(replay),
         refinement: message::Refinement::from(*refinement).into(),
         limits: limits.iter().map(Into::into).collect(),
+        sensitivity: shifts.iter().map(sensitivity).collect(),
     }
 }
 
 fn optimum(optimum: &DistinctOptimum) -> message::DistinctOptimum {
-    let DistinctOptimum { final_time, count: of } = *optimum;
-    message::DistinctOptimum { final_time_s: final_time, count: count(of) }
+    let DistinctOptimum { final_time, count: of, friction_shift: shift } = *optimum;
+    message::DistinctOptimum {
+        final_time_s: final_time,
+        count: count(of),
+        friction_shift_m: shift.map(|shift| shift.distance),
+        friction_shift_rad: shift.map(|shift| shift.angle),
+    }
+}
+
+fn sensitivity(sensitivity: &Sensitivity) -> message::Sensitivity {
+    let Sensitivity { parameter, change, outcome } = sensitivity;
+    let shift = outcome.as_ref().ok();
+    message::Sensitivity {
+        parameter: message::ChangedParameter::from(*parameter).into(),
+        change: *change,
+        unit: parameter.unit().to_owned(),
+        end_shift_m: shift.map(|shift| shift.distance),
+        end_shift_rad: shift.map(|shift| shift.angle),
+        separates: shift.is_some_and(|shift| shift.separates),
+        refused: outcome.as_ref().err().cloned(),
+    }
 }
 
 fn replay(replay: &Replay) -> message::Replay {

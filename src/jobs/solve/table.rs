@@ -5,12 +5,12 @@ use crate::jobs::table::{line, row, separations, write_limits, write_timeline};
 use crate::service::Done;
 use crate::shooting::Goal;
 use crate::simulation::TorqueSchedule;
-use crate::solver::{Reason, Replay, Report, Solution};
+use crate::solver::{ChangedParameter, Reason, Replay, Report, Sensitivity, Solution};
 
 /// What a certificate says that was cut off.
 const NOT_REACHED: &str = "not computed in time";
 
-/// Status, final time, goal errors, replay, use of limits and the timeline of contact modes.
+/// Status, final time, goal errors, replay, use of limits, sensitivity and the timeline of contact modes.
 pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
     let Solution { status, replay_confirmed, reason, schedule, report, contact_modes, .. } = &solved.output.solution;
     let mut table = String::new();
@@ -37,8 +37,45 @@ pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
         line(&mut table, &format!("  {:<22} {error:>12.3e}", component.field()));
     }
     write_limits(&mut table, &report.limits);
+    write_sensitivity(&mut table, &report.sensitivity);
     write_timeline(&mut table, contact_modes);
     table
+}
+
+/// How far each small error shifts the end, in the worse of its directions.
+fn write_sensitivity(table: &mut String, sensitivity: &[Sensitivity]) {
+    if sensitivity.is_empty() {
+        return;
+    }
+    table.push_str("\nend shift by\n");
+    let distance = |one: &Sensitivity| one.outcome.as_ref().map_or(-1.0, |shift| shift.distance);
+    for both in sensitivity.chunk_by(|a, b| a.parameter == b.parameter) {
+        let Some(worse) = both.iter().max_by(|a, b| distance(a).total_cmp(&distance(b))) else { continue };
+        let shift = match &worse.outcome {
+            Ok(shift) => {
+                let lifts = if shift.separates { ", a contact lifts" } else { "" };
+                format!("{:.4} m, {:.4} rad{lifts}", shift.distance, shift.angle)
+            }
+            Err(field) => format!("refused by {field}"),
+        };
+        line(table, &format!("  {:<22} {:>12}  {shift}", worse.parameter.as_str(), change(worse)));
+    }
+}
+
+/// With its sign and unit, such as -10 %.
+fn change(sensitivity: &Sensitivity) -> String {
+    let (change, unit) = (sensitivity.change, sensitivity.parameter.unit());
+    match sensitivity.parameter {
+        ChangedParameter::Friction
+        | ChangedParameter::Mass
+        | ChangedParameter::Torque
+        | ChangedParameter::TorqueLeft => format!("{:+.0} %", 100.0 * change),
+        ChangedParameter::CenterOfMassRight
+        | ChangedParameter::CenterOfMassForward
+        | ChangedParameter::StartHeading => {
+            format!("{change:+.4} {unit}")
+        }
+    }
 }
 
 fn final_time(schedule: &TorqueSchedule, report: &Report) -> String {
@@ -61,6 +98,30 @@ fn replay_miss(replay: &Replay) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solver::EndShift;
+
+    #[test]
+    fn worse_direction_of_each_parameter_has_a_line() {
+        let one = |parameter, change, distance| {
+            let outcome = Ok(EndShift { distance, angle: 0.5, separates: distance > 1.0 });
+            Sensitivity { parameter, change, outcome }
+        };
+        let refused = |change| {
+            let outcome = Err("robot.center_of_mass_right_m".to_owned());
+            Sensitivity { parameter: ChangedParameter::CenterOfMassRight, change, outcome }
+        };
+        let (friction, heading) = (ChangedParameter::Friction, ChangedParameter::StartHeading);
+        let changes = [one(friction, -0.1, 0.25), one(friction, 0.1, 0.125), refused(-0.01), refused(0.01)];
+        let mut table = String::new();
+        write_sensitivity(&mut table, &[]);
+        assert_eq!(table, "");
+        write_sensitivity(&mut table, &changes);
+        write_sensitivity(&mut table, &[one(heading, -0.01, 0.0), one(heading, 0.01, 2.0)]);
+        let lines: Vec<_> = table.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect();
+        assert_eq!(lines[2], "friction -10 % 0.2500 m, 0.5000 rad");
+        assert_eq!(lines[3], "center_of_mass_right +0.0100 m refused by robot.center_of_mass_right_m");
+        assert_eq!(lines[6], "start_heading +0.0100 rad 2.0000 m, 0.5000 rad, a contact lifts");
+    }
 
     #[test]
     fn replay_names_misses_with_units_and_the_verdict() {

@@ -106,9 +106,11 @@ fn certificate_asks_at_each_step_and_ends_where_it_is_cut_off() {
             has_answered = true;
             assert_eq!((status, replay_confirmed), (kept, false), "question {question}");
             assert_eq!((report.replay, report.lower_bound, report.lower_bound_assumption), (None, None, None));
+            assert_eq!(report.sensitivity, []);
             assert_eq!(trajectory, whole.trajectory);
         }
         assert!(has_answered && cut_at(1).0 == Err(Stopped));
         assert!(whole.report.replay.is_some() && whole.report.lower_bound.is_some());
+        assert_eq!(whole.report.sensitivity.len(), 14);
     }
 }

@@ -82,6 +82,7 @@ fn small_report() -> Report {
             within_tolerance: true,
         }),
         limits: Vec::new(),
+        sensitivity: Vec::new(),
     }
 }
 

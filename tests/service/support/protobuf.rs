@@ -167,6 +167,8 @@ fn solver(solver: &Value) -> pb::Solver {
         goal_tolerance: solver["goal_tolerance"].as_f64(),
         replay_tolerance_m: solver["replay_tolerance_m"].as_f64(),
         replay_tolerance_rad: solver["replay_tolerance_rad"].as_f64(),
+        choose: named(&solver["choose"], "CHOICE", pb::Choice::from_str_name).map_or(0, i32::from),
+        choose_within: solver["choose_within"].as_f64(),
     }
 }
 
