@@ -67,7 +67,8 @@ pub struct DistinctOptimum {
     pub final_time: f64,
     /// Number of starts.
     pub count: usize,
-    /// Shift of the end of the fastest of them under a tenth less friction; none where the search was stopped.
+    /// Shift of the end of the fastest of them under a tenth less friction; none without motion, or where the search was
+    /// stopped.
     pub friction_shift: Option<EndShift>,
 }
 

@@ -12,6 +12,16 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+# What may differ from what a plan was made for.
+# - `friction`: Friction coefficients of wheels and front support.
+# - `mass`: Mass and yaw inertia of the chassis, without a payload.
+# - `center_of_mass_right`: Centre of mass of the chassis, to the right; a payload stays where it is.
+# - `center_of_mass_forward`: Centre of mass of the chassis, forward; a payload stays where it is.
+# - `torque`: Torques of both wheels.
+# - `torque_left`: Torques of the left wheel.
+# - `start_heading`: Heading of the start, which turns the start velocity of the axle midpoint too.
+ChangedParameter = Literal["friction", "mass", "center_of_mass_right", "center_of_mass_forward", "torque", "torque_left", "start_heading"]
+
 # Whether a contact slips.
 # - `stick`: No slip.
 # - `slip`: Slip; also a contact without friction or without normal force.
@@ -176,6 +186,12 @@ class DistinctOptimum:
     """How many starts led to it."""
     final_time_s: float
     """Its final time, s."""
+    friction_shift_m: float | None = None
+    """How far its end shifts with 10 % less friction, m, as in `sensitivity`, on the grid of the search; left out
+    where nothing moves, and where the search was stopped.
+    """
+    friction_shift_rad: float | None = None
+    """The same of its heading, rad."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -560,6 +576,10 @@ class Report:
     """The plan on a finer grid; null where the certificate was cut off."""
     rollouts: int
     """Rollouts spent."""
+    sensitivity: list[Sensitivity] | None = None
+    """How far small changes shift the end under the same torques; left out where nothing moves, and where the
+    certificate was cut off.
+    """
     separations: list[Separation]
     """Steps in which a contact would have had to pull."""
     slip_reversals: int
@@ -624,6 +644,30 @@ class Robot:
     """Inertia of one wheel about its axle, kg m2; default 3.0e-3."""
     wheel_viscous_friction_n_m_s: float | None = None
     """Viscous friction between chassis and each wheel, N m s/rad; default 0."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensitivity:
+    """How far one change shifts the end, on the plan's grid and by Coulomb's law: also a plan whose wheels may not
+    slip slips where the floor is worse. Start and end are those of the axle midpoint.
+    """
+
+    change: float
+    """By how much: a share multiplies by 1 + change, anything else is added."""
+    end_shift_m: float | None
+    """Distance of the end from the end of the plan, m; null (in protobuf absent) where the change is refused."""
+    end_shift_rad: float | None
+    """Difference of the headings there, not wrapped, rad, at least 0; null (in protobuf absent) where the change is
+    refused.
+    """
+    parameter: ChangedParameter
+    """What is changed."""
+    refused: str | None
+    """The field whose rule refuses the change; null (in protobuf absent) where none does."""
+    separates: bool
+    """Whether a contact lifts on the way, which no longer is the model's motion."""
+    unit: str
+    """The unit of the change: share, m or rad."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

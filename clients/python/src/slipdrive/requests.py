@@ -14,6 +14,13 @@ from . import answers
 
 Numbers = Sequence[float] | npt.NDArray[np.floating[Any]]
 
+# Which of the local optima is the answer.
+# - `fastest`: The fastest.
+# - `steadiest`: Of those within `choose_within` of the fastest the one whose end shifts least with 10 % less friction,
+# in units of the replay tolerances (the larger of position and heading); one that makes a contact lift comes last. A
+# search that was stopped has the fastest.
+Choice = Literal["fastest", "steadiest"]
+
 # The solver of the one-step friction problem.
 # - `exact`: Contact patterns solved exactly.
 # - `fixed_point`: The paper's prox fixed point.
@@ -357,6 +364,12 @@ class SolvedPlan(TypedDict):
 class Solver(TypedDict, total=False):
     """Search effort and tolerances."""
 
+    choose: Choice
+    """Which of the local optima is the answer."""
+    choose_within: float
+    """How much slower than the fastest local optimum the answer may be, as a share of its final time; without effect
+    on the fastest; default 0.01. [>= 0, <= 1]
+    """
     goal_tolerance: float
     """Largest accepted magnitude of each goal error (m, rad, m/s, rad/s); default 1e-6. [>= 1e-09, <= 1]"""
     method: Method
