@@ -233,7 +233,9 @@ fn end_at_axle(
 }
 
 fn scale(torques: &mut [f64], share: f64) {
-    torques.iter_mut().for_each(|torque| *torque *= share);
+    for torque in torques {
+        *torque *= share;
+    }
 }
 
 /// The same motion, turned about the point that the state speaks of.

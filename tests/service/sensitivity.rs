@@ -32,9 +32,12 @@ fn number(value: &Value) -> f64 {
 
 /// Applies `change` to a number, or to all numbers of an array.
 fn edit(value: &mut Value, change: impl Fn(f64) -> f64) {
-    match value {
-        Value::Array(items) => items.iter_mut().for_each(|item| *item = json!(change(number(item)))),
-        other => *other = json!(change(number(other))),
+    if let Some(items) = value.as_array_mut() {
+        for item in items {
+            *item = json!(change(number(item)));
+        }
+    } else {
+        *value = json!(change(number(value)));
     }
 }
 
