@@ -246,6 +246,7 @@ async fn what_is_no_plan_and_what_has_too_many_points_is_refused_by_name() {
         (body(&both, &csv), "#", "both `solve` and `simulate`"),
         (body(&left_turn(), &json!({"format": "xml", "rate_hz": 1})), "#/format", "xml"),
         (body(&left_turn(), &json!({"rate_hz": 1})), "#/format", "missing field"),
+        (body(&left_turn(), &json!({"format": "csv", "rate_hz": 1, "new": 1})), "#/new", "unknown field"),
         (body(&left_turn(), &json!({"format": "csv"})), "#/rate_hz", "missing field"),
         (body(&left_turn(), &json!({"format": "csv", "rate_hz": 1, "frame_id": null})), "#/frame_id", "null"),
     ];
