@@ -4,6 +4,10 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+use slipdrive::solver::{Refinement, SolverSettings};
+
+/// Most steps of automatic grids: the service's limit.
+const AUTOMATIC_STEP_LIMIT: usize = 10_000;
 
 /// Solves the maneuvers of the suite and compares them with the best plans known.
 #[derive(Debug, Parser)]
@@ -125,6 +129,16 @@ pub(crate) struct AnswersArguments {
     /// Writes the file in place of comparing with it.
     #[arg(long)]
     pub(crate) write: bool,
+}
+
+impl Effort {
+    /// Sets what was asked for; anything else stays as it is.
+    pub(crate) fn apply(&self, settings: &mut SolverSettings) {
+        settings.start_count = self.starts.unwrap_or(settings.start_count);
+        if self.automatic_steps {
+            settings.refinement = Refinement::UntilConfirmed { step_limit: AUTOMATIC_STEP_LIMIT };
+        }
+    }
 }
 
 impl Selection {

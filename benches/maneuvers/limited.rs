@@ -24,9 +24,9 @@ use slipdrive::simulation::{EndSensitivity, FrictionLaw, Rollout, Simulator};
 use slipdrive::solver::{RunControl, SimulateInput, Solution, SolveInput, Status, simulate, solve};
 use slipdrive::stop::Stop;
 
-use crate::arguments::LimitedArguments;
+use crate::arguments::{Effort, LimitedArguments};
 use crate::draw::{Draw, log_uniform, within};
-use crate::suite::{CONTROL_COUNT, Case, STEP_COUNT, read_cases};
+use crate::suite::{CONTROL_COUNT, Case, read_cases};
 use crate::timing::shortest_ms;
 
 const ROBOTS: [&str; 5] = ["reference", "warehouse", "grippy", "offset", "tall"];
@@ -51,7 +51,7 @@ struct Comparison {
 ///
 /// # Errors
 /// Files that cannot be read, or a request that the service would refuse.
-pub(crate) fn run(arguments: &LimitedArguments, starts: Option<usize>) -> Result<()> {
+pub(crate) fn run(arguments: &LimitedArguments, effort: &Effort) -> Result<()> {
     let (robots, suite) = read_cases()?;
     let mut comparisons = Vec::new();
     for (number, name) in (0_u64..).zip(ROBOTS) {
@@ -64,7 +64,7 @@ pub(crate) fn run(arguments: &LimitedArguments, starts: Option<usize>) -> Result
             let kind = KINDS[index % KINDS.len()];
             let maneuver = Draw { rng: &mut rng, parameters: &parameters, torque_limit }.maneuver(kind);
             let free = Case::new(format!("{name}/{kind}-{index}"), robots[name].body(maneuver))?;
-            let comparison = Comparison::of(&free, arguments, starts, &mut rng)?;
+            let comparison = Comparison::of(&free, arguments, effort, &mut rng)?;
             if comparison.is_remarkable() || arguments.all {
                 comparison.print();
             }
@@ -76,22 +76,17 @@ pub(crate) fn run(arguments: &LimitedArguments, starts: Option<usize>) -> Result
 }
 
 impl Comparison {
-    fn of(
-        case: &Case,
-        arguments: &LimitedArguments,
-        starts: Option<usize>,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> Result<Self> {
-        let with_starts = |case: &Case| {
+    fn of(case: &Case, arguments: &LimitedArguments, effort: &Effort, rng: &mut Xoshiro256PlusPlus) -> Result<Self> {
+        let asked = |case: &Case| {
             let mut input = case.accepted.input.clone();
-            input.settings.start_count = starts.unwrap_or(input.settings.start_count);
+            effort.apply(&mut input.settings);
             input
         };
-        let free_input = with_starts(case);
+        let free_input = asked(case);
         let (free, free_ms) = shortest_ms(1, || solved(&free_input));
         let used = Used::of(case, &free);
         let body = if arguments.no_slip { no_slip(case, &used, rng) } else { limited(case, &used, rng) };
-        let input = with_starts(&Case::new(case.name.clone(), body.clone())?);
+        let input = asked(&Case::new(case.name.clone(), body.clone())?);
         let (limited, limited_ms) = shortest_ms(1, || solved(&input));
         let active_share = active_share(&input, &limited);
         let name = format!("{} {}", case.name, body["maneuver"]["limits"]);
@@ -158,7 +153,7 @@ impl Used {
             limits,
             aisle: None,
             schedule: plan.schedule.clone(),
-            step_count: STEP_COUNT,
+            step_count: plan.report.step_count,
             contact_method: slipdrive::simulation::ContactMethod::Exact,
         };
         let simulation = simulate(&input, Stop::never()).expect("nothing stops it");
@@ -269,14 +264,15 @@ fn active_share(input: &SolveInput, plan: &Solution) -> f64 {
         return 0.0;
     }
     let start = input.maneuver.start_at_center_of_mass(input.robot.parameters());
-    let rollout = Rollout { start: &start, schedule: &plan.schedule, step_count: STEP_COUNT };
+    let step_count = plan.report.step_count;
+    let rollout = Rollout { start: &start, schedule: &plan.schedule, step_count };
     let law = if limits.forbids_slip { FrictionLaw::Held } else { FrictionLaw::Exact };
     let mut motion = EndSensitivity::watching(limits.quantities());
     Simulator::new(&input.robot).record(&rollout, law, &mut motion, Stop::never()).expect("nothing stops it");
     let mut is_active = [false; CONTROL_COUNT];
     for (limit, index) in motion.path.of_others(CONTROL_COUNT) {
         if limits.path[limit].excess(motion.path.value(index)) > -ACTIVE {
-            is_active[slipdrive::simulation::control_interval(motion.path.step(index), STEP_COUNT, CONTROL_COUNT)] =
+            is_active[slipdrive::simulation::control_interval(motion.path.step(index), step_count, CONTROL_COUNT)] =
                 true;
         }
     }

@@ -52,7 +52,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Some(Mode::Limited(limited)) => {
-            limited::run(limited, arguments.effort.starts)?;
+            limited::run(limited, &arguments.effort)?;
             Ok(ExitCode::SUCCESS)
         }
         Some(Mode::Answers(arguments)) => answers::run(arguments),

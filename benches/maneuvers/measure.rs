@@ -9,14 +9,11 @@ use slipdrive::contract::message::Solution as SolveAnswer;
 use slipdrive::jobs::solve::{AcceptedSolve, Solve, Solved, StopReason};
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _, Limits};
 use slipdrive::service::{Class, Done, Service, ServiceSettings};
-use slipdrive::solver::{Refinement, Solution, Status};
+use slipdrive::solver::{Solution, Status};
 
 use crate::arguments::Effort;
 use crate::suite::Case;
 use crate::values::digest_of_values;
-
-/// Most steps of automatic grids: the service's limit.
-const AUTOMATIC_STEP_LIMIT: usize = 10_000;
 
 /// Solves cases as the service does: queue, worker, watchdog and default time limit included.
 pub(crate) struct Runner {
@@ -76,11 +73,7 @@ impl Runner {
     /// A service that fails, or an answer that it does not accept back.
     pub(crate) fn solve(&self, case: &Case) -> Result<Answer> {
         let mut accepted = case.accepted.clone();
-        let settings = &mut accepted.input.settings;
-        settings.start_count = self.effort.starts.unwrap_or(settings.start_count);
-        if self.effort.automatic_steps {
-            settings.refinement = Refinement::UntilConfirmed { step_limit: AUTOMATIC_STEP_LIMIT };
-        }
+        self.effort.apply(&mut accepted.input.settings);
         let both = |accepted: &AcceptedSolve, done: &Done<Solved>| (done.clone(), Solve::answer(accepted, done));
         let running =
             self.service.reserve(Class::Heavy)?.submit(Arc::clone(&self.jobs.solve), accepted.clone(), None, both)?;
