@@ -16,7 +16,9 @@ use tonic_prost_build::Builder;
 
 const PACKAGE: &str = "slipdrive.v1";
 /// Fields of requests that have no default.
-const REQUIRED: [&str; 15] = [
+const REQUIRED: [&str; 18] = [
+    "AssessRequest.tolerances",
+    "AssessRequest.uncertain",
     "ExportRequest.format",
     "ExportRequest.rate_hz",
     "Payload.mass_kg",
@@ -32,6 +34,7 @@ const REQUIRED: [&str; 15] = [
     "TorqueSchedule.interval_s",
     "TorqueSchedule.left_n_m",
     "TorqueSchedule.right_n_m",
+    "Uncertainty.parameter",
 ];
 /// Answers that requests hold: they are read as answers.
 const ANSWERS: [&str; 2] = ["SimulatedPlan.answer", "SolvedPlan.answer"];
@@ -47,7 +50,8 @@ const LEFT_OUT: [&str; 8] = [
     "ValidateResponse.payload",
 ];
 /// Fields in answers that are null where there are none.
-const NULL: [&str; 7] = [
+const NULL: [&str; 8] = [
+    "AssessResponse.worst",
     "LimitUse.replay_excess",
     "Report.least_normal_load",
     "Report.lower_bound_assumption",
@@ -58,8 +62,9 @@ const NULL: [&str; 7] = [
 ];
 /// Numbers in answers that may not be finite, because a motion diverges or nothing was computed; JSON has null for them.
 /// An entry without a field means all numbers of the message but times.
-const NOT_FINITE: [&str; 18] = [
+const NOT_FINITE: [&str; 21] = [
     "Contact",
+    "EndErrors",
     "EndState",
     "ExportResponse",
     "GoalError",
@@ -77,9 +82,17 @@ const NOT_FINITE: [&str; 18] = [
     "Separation.normal_force_n",
     "SimulateResponse.worst_contact_residual",
     "Trajectory",
+    "VarianceShares",
+    "WorstSample.relative_error",
 ];
 /// Messages in messages that would make those that hold them, and calls with them, too large for the stack.
-const BOXED: [&str; 2] = ["ExportRequest.solve", "ExportRequest.simulate"];
+const BOXED: [&str; 5] = [
+    "AssessRequest.solve",
+    "AssessRequest.simulate",
+    "AssessResponse.worst",
+    "ExportRequest.solve",
+    "ExportRequest.simulate",
+];
 /// Calls whose message has the same fields as that of another call, so that both are one type.
 const SAME: [(&str, &str); 2] = [("SolveStreamRequest", "SolveRequest"), ("ValidateRequest", "SolveRequest")];
 /// Where the generated code finds the functions that read and write JSON.

@@ -112,7 +112,7 @@ pub(crate) struct JobArguments {
     /// Writes the JSON answer of the server here; `-` is standard output, in place of the table.
     #[arg(long, value_name = "OUT")]
     pub(crate) json: Option<PathBuf>,
-    /// Keeps request and answer here, for `slipdrive present` and `slipdrive export`.
+    /// Keeps request and answer here, for `slipdrive present`, `export` and `assess`.
     #[arg(long, value_name = "OUT")]
     pub(crate) save: Option<PathBuf>,
     /// Writes a page with the answer in words and figures here; it needs nothing beside it.

@@ -13,7 +13,7 @@ use crate::robot::{Motor, Payload, PerWheel, RobotParameters, State};
 use crate::rules::Checks;
 use crate::shooting::{AisleCorners, Maneuver, ManeuverLimits, ReferencePoint, SlipPolicy};
 use crate::simulation::{ContactMethod, ContactModeSpan, ContactSample, NormalLoad, Separation, TorqueSchedule};
-use crate::solver::{Choice, LimitUse, Method};
+use crate::solver::{ChangedParameter, Choice, LimitUse, Method};
 
 /// Both directions between the numbers of a message, which are optional, and those of a domain struct; absent is the default of
 /// the domain. What is listed as apart belongs to neither function.
@@ -212,6 +212,25 @@ same_values!(default Choice = Choice { Fastest, Steadiest });
 same_values!(default Method = Method { SequentialLinear, NelderMead });
 same_values!(ContactMode = ContactMode { Stick, Slip });
 same_values!(ContactName = ContactName { Left, Right, Front });
+same_values!(
+    ChangedParameter = ChangedParameter {
+        Friction,
+        Mass,
+        CenterOfMassRight,
+        CenterOfMassForward,
+        Torque,
+        TorqueLeft,
+        StartHeading,
+        TorqueRight,
+        PayloadMass,
+        PayloadRight,
+        PayloadForward,
+        StartX,
+        StartY,
+        DelayLeft,
+        DelayRight,
+    }
+);
 
 /// Enums of proto3 are open: a number without a name is refused as JSON refuses an unknown name.
 pub(crate) fn named<T: TryFrom<i32>>(number: i32, field: &str) -> Result<T, Problem> {

@@ -3,6 +3,7 @@
 //! Transports, the command line and the OpenAPI document reach them through [`Kind`], by a [`Visitor`]; none of them
 //! lists the kinds.
 
+pub mod assess;
 pub mod export;
 mod kind;
 mod limits;
@@ -70,6 +71,8 @@ registry! {
     present: present::Present,
     /// Files for controllers.
     export: export::Export,
+    /// Samples of plans under what is not known.
+    assess: assess::Assess,
 }
 
 impl Jobs {

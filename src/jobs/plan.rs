@@ -5,9 +5,10 @@ use serde_json::Value;
 use super::simulate::Simulate;
 use super::solve::Solve;
 use super::{Kind, Limits, ManeuverSolver};
-use crate::contract::convert::{aisle_corners, required, schedule};
+use crate::contract::convert::{aisle_corners, required, robot, schedule};
 use crate::contract::message::{SimulateResponse, SimulatedPlan, Solution, SolvedPlan};
 use crate::contract::{ErrorCode, Problem};
+use crate::robot::RobotParameters;
 use crate::rules::{Checks, Rule};
 use crate::shooting::{AisleCorners, ManeuverLimits};
 use crate::simulation::{ContactMethod, TorqueSchedule, Trajectory};
@@ -24,6 +25,8 @@ pub struct AcceptedPlan {
     pub(super) said: Said,
     /// The motion; the schedule is empty where nothing moves.
     pub(super) motion: SimulateInput,
+    /// The robot without its load.
+    pub(super) bare_robot: RobotParameters,
     /// The corners of aisle and robot, as they were given.
     pub(super) corners: AisleCorners,
 }
@@ -88,9 +91,11 @@ fn accept_simulated(plan: SimulatedPlan, limits: &Limits) -> Result<AcceptedPlan
     let (request, answer) = (required(request, "request")?, required(answer, "answer")?);
     let footprint = request.robot.iter().flat_map(|robot| robot.footprint.clone()).collect::<Vec<_>>();
     let corners = aisle_corners(&request.keep_in, &footprint);
+    // What is wrong with it is said below.
+    let bare_robot = robot(&request.robot.clone().unwrap_or_default(), &mut Checks::new());
     let accepted = Simulate::accept(request, limits).map_err(|fault| fault.below("request"))?;
     let answer = SimulateResponse { trajectory: None, contacts: None, ..answer };
-    Ok(AcceptedPlan { said: Said::Simulate(Box::new(answer)), motion: accepted.input, corners })
+    Ok(AcceptedPlan { said: Said::Simulate(Box::new(answer)), motion: accepted.input, bare_robot, corners })
 }
 
 fn accept_solved(plan: SolvedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {
@@ -102,7 +107,8 @@ fn accept_solved(plan: SolvedPlan, limits: &Limits) -> Result<AcceptedPlan, Prob
     let corners = aisle_corners(&maneuver.unwrap_or_default().keep_in, &given_robot.footprint);
     let motion = motion_of(&accepted.input, &answer, limits).map_err(|fault| fault.below("answer"))?;
     let answer = Solution { trajectory: None, contacts: None, ..answer };
-    Ok(AcceptedPlan { said: Said::Solve(Box::new(accepted.input), Box::new(answer)), motion, corners })
+    let bare_robot = accepted.input.bare_robot;
+    Ok(AcceptedPlan { said: Said::Solve(Box::new(accepted.input), Box::new(answer)), motion, bare_robot, corners })
 }
 
 /// The motion of the torques that were answered, on the grid of the plan.

@@ -1,6 +1,6 @@
 //! The seam between the jobs and the numerics.
 
-use crate::solver::{self, RunControl, SimulateInput, Simulation, Solution, SolveInput};
+use crate::solver::{self, AssessInput, Assessment, RunControl, SimulateInput, Simulation, Solution, SolveInput};
 use crate::stop::{Stop, Stopped};
 
 /// What the workers run; tests and benches put others in its place.
@@ -16,6 +16,14 @@ pub trait ManeuverSolver: Send + Sync {
     /// # Errors
     /// When it was stopped before the end.
     fn simulate(&self, input: &SimulateInput, stop: Stop<'_>) -> Result<Simulation, Stopped>;
+
+    /// Samples a plan.
+    ///
+    /// # Errors
+    /// When `control` stops it before the end.
+    fn assess(&self, input: &AssessInput, control: &RunControl<'_>) -> Result<Assessment, Stopped> {
+        solver::assess(input, control)
+    }
 }
 
 /// The solver of this crate.

@@ -1,8 +1,10 @@
 //! The solver: from a validated maneuver to a plan with its certificate.
 
+mod assessment;
 mod candidate;
 mod carried;
 mod certificate;
+mod disturbed;
 mod excluded_ends;
 mod goal_miss;
 mod grid_problem;
@@ -26,9 +28,14 @@ mod solution;
 mod starts;
 mod strategies;
 
+pub use assessment::{
+    AssessInput, AssessedGrid, Assessment, Distribution, EndError, LimitExcess, Limited, MOST_STEPS, Nominal,
+    ParameterShares, QUANTILES, WorstSample, assess,
+};
+pub use disturbed::{ChangedParameter, Disturbed, Undisturbed};
 pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};
-pub use sensitivity::{ChangedParameter, EndShift, Sensitivity};
+pub use sensitivity::{EndShift, Sensitivity};
 pub use settings::{Choice, Method, Refinement, SolveInput, SolveParameters, SolverSettings};
 pub use simulate::{SimulateInput, SimulateParameters, Simulation, simulate};
 pub use solution::{

@@ -3,71 +3,23 @@
 //! Each change is one rollout of the same torques by Coulomb's law, whatever law the search held the wheels by. Starts and ends
 //! are those of the axle midpoint, which stays in its place where the centre of mass does not.
 
-use nalgebra::Rotation2;
-
-use super::carried::{check_robot, joined};
 use super::certificate::finite_or_largest;
+use super::disturbed::{ChangedParameter, Disturbed, Undisturbed};
 use super::settings::{SolveInput, SolverSettings};
-use crate::robot::{Robot, RobotParameters, State};
-use crate::rules::{Checks, Violations};
-use crate::shooting::check_state;
-use crate::simulation::{Rollout, Simulator, TorqueSchedule};
+use crate::robot::State;
+use crate::simulation::TorqueSchedule;
 use crate::stop::{Stop, Stopped};
 
-/// What may differ from what a plan was made for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ChangedParameter {
-    /// Friction coefficients of wheels and front support.
-    Friction,
-    /// Mass and yaw inertia of the chassis.
-    Mass,
-    /// Centre of mass of the chassis, to the right.
-    CenterOfMassRight,
-    /// Centre of mass of the chassis, forward.
-    CenterOfMassForward,
-    /// Torques of both wheels.
-    Torque,
-    /// Torques of the left wheel.
-    TorqueLeft,
-    /// Heading of the start, which turns the velocity of the axle midpoint too.
-    StartHeading,
-}
-
-impl ChangedParameter {
-    /// Each parameter with the size of its changes, in its unit.
-    const CHANGES: [(Self, f64); 7] = [
-        (Self::Friction, FRICTION_CHANGE),
-        (Self::Mass, 0.05),
-        (Self::CenterOfMassRight, 0.01),
-        (Self::CenterOfMassForward, 0.01),
-        (Self::Torque, 0.02),
-        (Self::TorqueLeft, 0.02),
-        (Self::StartHeading, 0.5 * std::f64::consts::PI / 180.0),
-    ];
-
-    /// The unit of a change: a share multiplies the value by 1 + change, anything else is added.
-    pub const fn unit(self) -> &'static str {
-        match self {
-            Self::Friction | Self::Mass | Self::Torque | Self::TorqueLeft => "share",
-            Self::CenterOfMassRight | Self::CenterOfMassForward => "m",
-            Self::StartHeading => "rad",
-        }
-    }
-
-    /// The name in the public contract.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Friction => "friction",
-            Self::Mass => "mass",
-            Self::CenterOfMassRight => "center_of_mass_right",
-            Self::CenterOfMassForward => "center_of_mass_forward",
-            Self::Torque => "torque",
-            Self::TorqueLeft => "torque_left",
-            Self::StartHeading => "start_heading",
-        }
-    }
-}
-
+/// Each parameter with the size of its changes, in its unit.
+const CHANGES: [(ChangedParameter, f64); 7] = [
+    (ChangedParameter::Friction, FRICTION_CHANGE),
+    (ChangedParameter::Mass, 0.05),
+    (ChangedParameter::CenterOfMassRight, 0.01),
+    (ChangedParameter::CenterOfMassForward, 0.01),
+    (ChangedParameter::Torque, 0.02),
+    (ChangedParameter::TorqueLeft, 0.02),
+    (ChangedParameter::StartHeading, 0.5 * std::f64::consts::PI / 180.0),
+];
 /// As a share.
 const FRICTION_CHANGE: f64 = 0.1;
 
@@ -116,7 +68,7 @@ pub(super) fn sensitivity(
         return Ok(Vec::new());
     }
     let plan = Plan::new(input, (schedule, step_count), stop)?;
-    let changes = ChangedParameter::CHANGES.into_iter();
+    let changes = CHANGES.into_iter();
     changes.flat_map(|(parameter, size)| [-size, size].map(|change| plan.under(parameter, change, stop))).collect()
 }
 
@@ -134,81 +86,33 @@ pub(super) fn friction_shift(
 }
 
 /// A plan and its own end.
-struct Plan<'a> {
-    input: &'a SolveInput,
-    /// As a simulation reads it: of the length that the length of an interval rounds to.
-    schedule: TorqueSchedule,
-    step_count: usize,
-    /// At the axle midpoint.
-    start: State,
+struct Plan {
+    planned: Undisturbed,
     /// At the axle midpoint.
     end: State,
 }
 
-impl<'a> Plan<'a> {
-    fn new(
-        input: &'a SolveInput,
-        (schedule, step_count): (&TorqueSchedule, usize),
-        stop: Stop,
-    ) -> Result<Self, Stopped> {
-        let final_time = schedule.interval() * schedule.control_count() as f64;
-        let schedule = TorqueSchedule { final_time, ..schedule.clone() };
-        let parameters = input.robot.parameters();
-        let to_axle = parameters.axle_midpoint() - input.maneuver.reference_point.offset(parameters);
-        let start = input.maneuver.start.moved_by(to_axle);
-        let (end, _) = end_at_axle(&input.robot, &start, (&schedule, step_count), stop)?;
-        Ok(Self { input, schedule, step_count, start, end })
+impl Plan {
+    fn new(input: &SolveInput, plan: (&TorqueSchedule, usize), stop: Stop) -> Result<Self, Stopped> {
+        let SolveInput { robot, bare_robot, payload, maneuver, .. } = input;
+        let start = (maneuver.reference_point, &maneuver.start);
+        let planned = Undisturbed::new((*bare_robot, *payload), start, plan);
+        let Undisturbed { start, schedule, step_count, .. } = planned.clone();
+        let (bare_robot, payload, robot) = (*bare_robot, *payload, robot.clone());
+        let (end, _) = Disturbed { bare_robot, payload, robot, start, schedule, step_count }.end(stop)?;
+        Ok(Self { planned, end })
     }
 
     fn under(&self, parameter: ChangedParameter, change: f64, stop: Stop) -> Result<Sensitivity, Stopped> {
-        let outcome = match self.changed(parameter, change) {
-            Ok((robot, start, schedule)) => Ok(self.shift(&robot, &start, &schedule, stop)?),
+        let outcome = match self.planned.under(&[(parameter, change)]) {
+            Ok(disturbed) => Ok(self.shift(&disturbed, stop)?),
             Err(violations) => Err(violations.list()[0].field.clone()),
         };
         Ok(Sensitivity { parameter, change, outcome })
     }
 
-    /// Robot, start at the axle midpoint and torques with a change, where the rules admit it.
-    fn changed(&self, parameter: ChangedParameter, change: f64) -> Result<(Robot, State, TorqueSchedule), Violations> {
-        let (mut bare, mut start, mut schedule) = (self.input.bare_robot, self.start, self.schedule.clone());
-        let share = 1.0 + change;
-        let mut checks = Checks::new();
-        match parameter {
-            ChangedParameter::Friction => {
-                bare.wheel_friction_coefficient *= share;
-                bare.front_friction_coefficient *= share;
-            }
-            ChangedParameter::Mass => {
-                bare.chassis_mass *= share;
-                bare.chassis_yaw_inertia *= share;
-            }
-            ChangedParameter::CenterOfMassRight => bare.center_of_mass_right += change,
-            ChangedParameter::CenterOfMassForward => bare.center_of_mass_forward += change,
-            ChangedParameter::Torque => {
-                scale(&mut schedule.left, share);
-                scale(&mut schedule.right, share);
-            }
-            ChangedParameter::TorqueLeft => scale(&mut schedule.left, share),
-            ChangedParameter::StartHeading => {
-                start = turned(start, change);
-                self.check_start(&start, &mut checks);
-            }
-        }
-        check_robot(&bare, self.input.payload.as_ref(), &mut checks);
-        checks.finish()?;
-        Ok((Robot::new(joined(&bare, self.input.payload.as_ref()))?, start, schedule))
-    }
-
-    /// The rules hold at the reference point.
-    fn check_start(&self, at_axle: &State, checks: &mut Checks) {
-        let parameters: &RobotParameters = self.input.robot.parameters();
-        let from_axle = self.input.maneuver.reference_point.offset(parameters) - parameters.axle_midpoint();
-        let start = at_axle.moved_by(from_axle);
-        checks.within("maneuver", |checks| checks.within("start", |checks| check_state(&start, checks)));
-    }
-
-    fn shift(&self, robot: &Robot, start: &State, schedule: &TorqueSchedule, stop: Stop) -> Result<EndShift, Stopped> {
-        let (end, separations) = end_at_axle(robot, start, (schedule, self.step_count), stop)?;
+    fn shift(&self, disturbed: &Disturbed, stop: Stop) -> Result<EndShift, Stopped> {
+        let (end, separations) = disturbed.end(stop)?;
         let (end, planned) = (end.configuration, self.end.configuration);
         Ok(EndShift {
             distance: finite_or_largest((end.x - planned.x).hypot(end.y - planned.y)),
@@ -216,33 +120,4 @@ impl<'a> Plan<'a> {
             separates: separations > 0,
         })
     }
-}
-
-/// The end of a motion, with the number of times that a contact lifts; start and end at the axle midpoint.
-fn end_at_axle(
-    robot: &Robot,
-    start: &State,
-    (schedule, step_count): (&TorqueSchedule, usize),
-    stop: Stop,
-) -> Result<(State, usize), Stopped> {
-    let (simulator, offset) = (Simulator::new(robot), robot.parameters().axle_midpoint());
-    let start = start.moved_by(-offset);
-    let rollout = Rollout { start: &start, schedule, step_count };
-    let (end, separations) = simulator.end_state_and_separations(&rollout, stop)?;
-    Ok((simulator.end_frame(&rollout, offset).state(&end), separations))
-}
-
-fn scale(torques: &mut [f64], share: f64) {
-    for torque in torques {
-        *torque *= share;
-    }
-}
-
-/// The same motion, turned about the point that the state speaks of.
-fn turned(state: State, angle: f64) -> State {
-    let mut turned = state;
-    turned.configuration.heading += angle;
-    let velocity = Rotation2::new(angle) * nalgebra::Vector2::new(state.velocity.x, state.velocity.y);
-    (turned.velocity.x, turned.velocity.y) = (velocity.x, velocity.y);
-    turned
 }

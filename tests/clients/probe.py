@@ -39,7 +39,7 @@ def main() -> None:
         assert SERVICE in reflection.get_services(), reflection.get_services()
         file = reflection.FindFileContainingSymbol(SERVICE)
         methods = {method.name for service in file.service for method in service.method}
-        assert methods == {"Batch", "Solve", "SolveStream", "SolveBatch", "Simulate", "Present", "Export", "Validate", "GetLimits"}, methods
+        assert methods == {"Batch", "Solve", "SolveStream", "SolveBatch", "Simulate", "Present", "Export", "Assess", "Validate", "GetLimits"}, methods
 
         planner = services.ManeuverServiceStub(channel)
         robot = maneuvers.Robot(wheel_radius_m=0, chassis_mass_kg=-1)

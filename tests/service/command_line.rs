@@ -266,6 +266,21 @@ fn saved_plan_is_exported_into_a_folder() {
 }
 
 #[test]
+fn saved_plan_is_assessed_by_flags() {
+    let folder = Folder::new("assessed");
+    let body = br#"{"maneuver": {"goal": {"y_m": 1}}, "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}}"#;
+    let plan = folder.file("plan.json");
+    assert_eq!(run_with_input(&["solve", "-", "--save", &plan], body).status.code(), Some(0));
+    let uncertain = r#"[{"parameter": "friction", "low": -0.1, "high": 0.1}]"#;
+    let flags = ["--uncertain", uncertain, "--tolerances", r#"{"distance_m": 0.05}"#, "--samples", "100"];
+    let assessed = run_with_input(&[&["assess", &plan], &flags[..]].concat(), b"");
+    let table = String::from_utf8(assessed.stdout).unwrap();
+    assert_eq!(assessed.status.code(), Some(0), "{}", String::from_utf8_lossy(&assessed.stderr));
+    assert!(table.contains("of 100 samples, 95 % interval") && table.contains("\nworst sample\n"), "{table}");
+    assert!(refused(&["assess", &plan, "--samples", "1"], b"").contains("missing field"));
+}
+
+#[test]
 fn page_escapes_what_callers_wrote() {
     let folder = Folder::new("escaped");
     let body = br#"{"maneuver": {"goal": {"y_m": 1}, "torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0}}"#;

@@ -8,6 +8,25 @@ use tonic_types::StatusExt as _;
 use crate::support::conformance::document;
 use crate::support::{TestServer, instant_solver};
 
+/// Enough for the longest list of them.
+const PARAMETERS: [&str; 15] = [
+    "friction",
+    "mass",
+    "center_of_mass_right",
+    "center_of_mass_forward",
+    "torque",
+    "torque_left",
+    "start_heading",
+    "torque_right",
+    "payload_mass",
+    "payload_right",
+    "payload_forward",
+    "start_x",
+    "start_y",
+    "delay_left",
+    "delay_right",
+];
+
 /// One bound of one field, with a value on either side.
 struct Bound {
     job: String,
@@ -28,11 +47,12 @@ async fn bounds(server: &TestServer) -> Vec<Bound> {
 fn bounds_of(rule: &Value) -> Vec<Bound> {
     let text = |name: &str| rule[name].as_str().unwrap().to_owned();
     let (job, field, is_length) = (text("job"), text("field"), rule["unit"] == "items");
-    let counts = ["grid.steps", "grid.control_intervals", "solver.starts", "solver.rollout_limit"];
+    let counts = ["grid.steps", "grid.control_intervals", "solver.starts", "solver.rollout_limit", "samples"];
     let integers = [&counts[..], &["start_time.sec", "start_time.nanosec"]].concat();
     let is_count = is_length || integers.contains(&field.as_str());
     let item = |index: usize| match field.as_str() {
         "joint_names" => json!(index.to_string()),
+        "uncertain" => json!({"parameter": PARAMETERS[index % PARAMETERS.len()], "low": 0, "high": 0}),
         field if field.ends_with("_n_m") => json!(0),
         _ => json!({}),
     };
@@ -71,10 +91,16 @@ fn request(bound: &Bound, value: &Value) -> Value {
         let plans = value.as_array().unwrap().iter().map(|_| json!({}));
         return json!({"plans": plans.collect::<Vec<_>>()});
     }
-    if bound.job == "export" {
+    if bound.job == "export" || bound.job == "assess" {
         let torques = json!({"interval_s": 0.1, "left_n_m": [0], "right_n_m": [0]});
         let simulate = json!({"request": {"torque_schedule": torques}, "answer": {}});
-        let mut body = json!({"simulate": simulate, "format": "csv", "rate_hz": 100});
+        let mut body = if bound.job == "export" {
+            json!({"simulate": simulate, "format": "csv", "rate_hz": 100})
+        } else {
+            json!({"simulate": simulate, "tolerances": {}, "uncertain": [{"parameter": "mass", "low": 0, "high": 0}],
+                   "robot": {"motor_stall_torque_n_m": 1, "motor_free_speed_rad_s": 10},
+                   "payload": {"mass_kg": 0, "height_m": 0}})
+        };
         *bound.field.split('.').fold(&mut body, |place, name| &mut place[name]) = value.clone();
         return body;
     }
@@ -123,6 +149,7 @@ async fn refusal_of_grpc(server: &TestServer, bound: &Bound, value: &Value) -> V
     let outcome: Result<(), Status> = match bound.job.as_str() {
         "solve" => client.solve(serde_json::from_value::<pb::SolveRequest>(body).unwrap()).await.map(drop),
         "present" => client.present(serde_json::from_value::<pb::PresentRequest>(body).unwrap()).await.map(drop),
+        "assess" => client.assess(serde_json::from_value::<pb::AssessRequest>(body).unwrap()).await.map(drop),
         "export" => client.export(serde_json::from_value::<pb::ExportRequest>(body).unwrap()).await.map(drop),
         _ => client.simulate(serde_json::from_value::<pb::SimulateRequest>(body).unwrap()).await.map(drop),
     };

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod architecture;
+mod assess;
 mod batch;
 mod budgets;
 mod command_line;

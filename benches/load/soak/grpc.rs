@@ -77,7 +77,8 @@ async fn content_of_batch(mut answers: Streaming<pb::BatchResponse>) -> Result<S
             Some(
                 pb::batch_response::Answer::Simulate(_)
                 | pb::batch_response::Answer::Present(_)
-                | pb::batch_response::Answer::Export(_),
+                | pb::batch_response::Answer::Export(_)
+                | pb::batch_response::Answer::Assess(_),
             )
             | None => "no plan".to_owned(),
         });

@@ -246,9 +246,18 @@ mod tests {
     #[test]
     fn every_call_counts_under_its_own_name() {
         let methods = Methods::of(&Jobs::new(Limits::default(), Arc::new(InProcessSolver), &Metrics::new()));
-        for method in
-            ["Solve", "SolveStream", "SolveBatch", "Batch", "Simulate", "Present", "Export", "Validate", "GetLimits"]
-        {
+        for method in [
+            "Solve",
+            "SolveStream",
+            "SolveBatch",
+            "Batch",
+            "Simulate",
+            "Present",
+            "Export",
+            "Assess",
+            "Validate",
+            "GetLimits",
+        ] {
             let path = format!("{MANEUVER_SERVICE}{method}");
             assert!(methods.has(&path) && methods.label(&path) == method, "{method}");
         }

@@ -87,6 +87,10 @@ impl ManeuverService for Handlers {
         self.unary(&self.0.jobs.export, request).await
     }
 
+    async fn assess(&self, request: Request<pb::AssessRequest>) -> Result<Response<pb::AssessResponse>, Status> {
+        self.unary(&self.0.jobs.assess, request).await
+    }
+
     async fn validate(&self, request: Request<pb::SolveRequest>) -> Result<Response<pb::ValidateResponse>, Status> {
         let call = call_of(&request)?;
         let accepted = Solve::accept(request.into_inner(), self.0.jobs.limits());
@@ -110,6 +114,7 @@ fn answer_to<'a>(state: &'a ApiState, item: Item, call: &'a Call) -> BoxFuture<'
         Item::Simulate(request) => of_kind(&state.jobs.simulate, state, request, call, ItemAnswer::Simulate),
         Item::Present(request) => of_kind(&state.jobs.present, state, request, call, ItemAnswer::Present),
         Item::Export(request) => of_kind(&state.jobs.export, state, request, call, ItemAnswer::Export),
+        Item::Assess(request) => of_kind(&state.jobs.assess, state, request, call, ItemAnswer::Assess),
     }
 }
 

@@ -10,17 +10,13 @@ use crate::robot::State;
 use crate::service::Done;
 use crate::shooting::{Goal, StateComponent};
 use crate::solver::{
-    ChangedParameter, DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Sensitivity,
-    Solution, SolveProgress, Status,
+    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Sensitivity, Solution,
+    SolveProgress, Status,
 };
 
 same_values!(Status = Status { Converged, Feasible, NotConverged, Infeasible });
 same_values!(StopReason = StopReason { Finished, TimeLimit, Deadline, RolloutLimit });
 same_values!(Refinement = RefinementOutcome { Fixed, WithinTolerance, StepLimit, GoalLost, Interrupted, NoPlan });
-same_values!(
-    ChangedParameter =
-        ChangedParameter { Friction, Mass, CenterOfMassRight, CenterOfMassForward, Torque, TorqueLeft, StartHeading }
-);
 same_values!(LowerBoundAssumption = LowerBoundAssumption { Friction, YawFriction, DriveTorque, WheelDrive, Limits });
 
 /// The answer of a solve.

@@ -5,7 +5,7 @@ use crate::jobs::table::{line, row, separations, write_limits, write_timeline};
 use crate::service::Done;
 use crate::shooting::Goal;
 use crate::simulation::TorqueSchedule;
-use crate::solver::{ChangedParameter, Reason, Replay, Report, Sensitivity, Solution};
+use crate::solver::{Reason, Replay, Report, Sensitivity, Solution};
 
 /// What a certificate says that was cut off.
 const NOT_REACHED: &str = "not computed in time";
@@ -65,17 +65,7 @@ fn write_sensitivity(table: &mut String, sensitivity: &[Sensitivity]) {
 /// With its sign and unit, such as -10 %.
 fn change(sensitivity: &Sensitivity) -> String {
     let (change, unit) = (sensitivity.change, sensitivity.parameter.unit());
-    match sensitivity.parameter {
-        ChangedParameter::Friction
-        | ChangedParameter::Mass
-        | ChangedParameter::Torque
-        | ChangedParameter::TorqueLeft => format!("{:+.0} %", 100.0 * change),
-        ChangedParameter::CenterOfMassRight
-        | ChangedParameter::CenterOfMassForward
-        | ChangedParameter::StartHeading => {
-            format!("{change:+.4} {unit}")
-        }
-    }
+    if unit == "share" { format!("{:+.0} %", 100.0 * change) } else { format!("{change:+.4} {unit}") }
 }
 
 fn final_time(schedule: &TorqueSchedule, report: &Report) -> String {
@@ -98,7 +88,7 @@ fn replay_miss(replay: &Replay) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::EndShift;
+    use crate::solver::{ChangedParameter, EndShift};
 
     #[test]
     fn worse_direction_of_each_parameter_has_a_line() {

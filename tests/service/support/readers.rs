@@ -6,6 +6,7 @@ use std::fmt::Debug;
 
 use prost::Message;
 use slipdrive::contract::json;
+use slipdrive::jobs::assess::Assess;
 use slipdrive::jobs::export::Export;
 use slipdrive::jobs::present::Present;
 use slipdrive::jobs::simulate::Simulate;
@@ -14,7 +15,7 @@ use slipdrive::jobs::{Kind, Limits};
 use slipdrive::service::Job as _;
 
 /// The names of the kinds of jobs whose readers are tried.
-pub(crate) const KINDS: [&str; 4] = [Solve::NAME, Simulate::NAME, Present::NAME, Export::NAME];
+pub(crate) const KINDS: [&str; 5] = [Solve::NAME, Simulate::NAME, Present::NAME, Export::NAME, Assess::NAME];
 
 /// Gives the bytes to every reader; whether any of them accepts the bytes.
 ///
@@ -25,12 +26,13 @@ pub(crate) fn is_accepted(bytes: &[u8]) -> bool {
     let is_simulate = is_accepted_by::<Simulate>(bytes);
     let is_present = is_accepted_by::<Present>(bytes);
     let is_export = is_accepted_by::<Export>(bytes);
+    let is_assess = is_accepted_by::<Assess>(bytes);
     if let Ok(accepted) = Solve::read(bytes, &Limits::default()) {
         let again = Solve::read(&json::write(&accepted.completed), &Limits::default());
         let again = again.expect("the completed body is accepted");
         assert_eq!(again.input_hash, accepted.input_hash, "the completed body means the same");
     }
-    is_solve || is_simulate || is_present || is_export
+    is_solve || is_simulate || is_present || is_export || is_assess
 }
 
 fn is_accepted_by<K: Kind>(bytes: &[u8]) -> bool

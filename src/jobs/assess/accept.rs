@@ -1,0 +1,246 @@
+//! Requests of assessments: from messages to a plan and what is not known of it.
+
+use std::time::Duration;
+
+use crate::contract::Problem;
+use crate::contract::convert::{aisle_corners, named, payload, required, robot};
+use crate::contract::message::{self, AssessRequest, Tolerances, Uncertainty};
+use crate::jobs::Limits;
+use crate::jobs::plan::{AcceptedPlan, Said};
+use crate::robot::{Payload, RobotParameters};
+use crate::rules::{Checks, Rule, RuleSet};
+use crate::shooting::AisleCorners;
+use crate::solver::{AssessInput, ChangedParameter, Distribution, Limited, MOST_STEPS, SolveInput, Undisturbed};
+
+const SAMPLES_RULE: Rule = Rule::between(1.0, 10_000.0, "");
+const UNCERTAIN_RULE: Rule = Rule::between(1.0, ChangedParameter::ALL.len() as f64, Rule::ITEMS);
+const DEFAULT_SAMPLES: u32 = 1_000;
+/// From what rollouts round to, to any miss.
+const DISTANCE_RULE: Rule = Rule::between(1e-9, 1e4, "m");
+const HEADING_RULE: Rule = Rule::between(1e-9, 4.0, "rad");
+const SPEED_RULE: Rule = Rule::between(1e-9, 1e4, "m/s");
+const TOLERANCES: [(&str, Rule); 5] = [
+    ("along_m", DISTANCE_RULE),
+    ("across_m", DISTANCE_RULE),
+    ("distance_m", DISTANCE_RULE),
+    ("heading_rad", HEADING_RULE),
+    ("speed_m_s", SPEED_RULE),
+];
+const FORM_RULE: &str = "either `low` and `high` or `mean` and `standard_deviation`";
+
+/// A plan and what is not known of it.
+#[derive(Debug)]
+pub struct AcceptedAssess {
+    pub(super) input: AssessInput,
+    pub(super) time_limit: Duration,
+    /// Whether limits are at the root of the request, as a simulation has them.
+    pub(super) is_simulation: bool,
+}
+
+pub(super) fn rules() -> RuleSet {
+    RuleSet::of([("samples", SAMPLES_RULE), ("uncertain", UNCERTAIN_RULE)])
+        .with("tolerances", RuleSet::of(TOLERANCES))
+        .with("robot", RobotParameters::rules())
+        .with("payload", Payload::rules())
+        .across(&["solve", "simulate"], "either `solve` or `simulate`, whose request keeps the rules of its kind")
+        .across(&["solve.answer", "simulate.answer"], "an answer with a plan that moves")
+        .across(&["tolerances"], "at least one tolerance")
+        .across(&["uncertain[].low", "uncertain[].high"], FORM_RULE)
+        .across(&["uncertain[].mean", "uncertain[].standard_deviation"], FORM_RULE)
+        .across(
+            &["uncertain[].low", "uncertain[].high", "uncertain[].mean", "uncertain[].standard_deviation"],
+            "of at most 10 as a share, 100 m, 4 rad and 10000 kg; a delay of 0 to 10 s; a standard deviation is not negative",
+        )
+        .across(&["uncertain[].low", "uncertain[].high"], "`low` is at most `high`")
+        .across(&["uncertain[].parameter"], "each parameter once; those of a payload where there is one")
+        .across(&["uncertain[].high", "uncertain[].mean"], "a delay of at most 1000 intervals and 10000 steps in all")
+        .across(&["samples"], "at most 20,000,000 steps of all samples together, on the plan's grid")
+}
+
+/// What a change of the parameter may be.
+const fn rule_of(parameter: ChangedParameter) -> Rule {
+    match parameter {
+        ChangedParameter::DelayLeft | ChangedParameter::DelayRight => Rule::between(0.0, 10.0, "s"),
+        ChangedParameter::StartHeading => Rule::within_magnitude(4.0, "rad"),
+        ChangedParameter::PayloadMass => Rule::within_magnitude(1e4, "kg"),
+        ChangedParameter::Friction
+        | ChangedParameter::Mass
+        | ChangedParameter::Torque
+        | ChangedParameter::TorqueLeft
+        | ChangedParameter::TorqueRight => Rule::within_magnitude(10.0, ""),
+        ChangedParameter::CenterOfMassRight
+        | ChangedParameter::CenterOfMassForward
+        | ChangedParameter::PayloadRight
+        | ChangedParameter::PayloadForward
+        | ChangedParameter::StartX
+        | ChangedParameter::StartY => Rule::within_magnitude(100.0, "m"),
+    }
+}
+
+pub(super) fn accept(request: AssessRequest, limits: &Limits) -> Result<AcceptedAssess, Problem> {
+    let AssessRequest { solve, simulate, robot, payload, uncertain, tolerances, samples, seed } = request;
+    let tolerances = required(tolerances, "tolerances")?;
+    let samples = samples.unwrap_or(DEFAULT_SAMPLES);
+    let mut checks = Checks::new();
+    checks.bounds("samples", samples.into(), &SAMPLES_RULE);
+    let tolerances = checked_tolerances(tolerances, &mut checks);
+    checks.length("uncertain", uncertain.len(), &UNCERTAIN_RULE);
+    let uncertain = if UNCERTAIN_RULE.admits(uncertain.len() as f64) {
+        checked_uncertain(&uncertain, &mut checks)?
+    } else {
+        Vec::new()
+    };
+    let plan = AcceptedPlan::of(solve.map(|plan| *plan), simulate.map(|plan| *plan), limits);
+    let input = match plan {
+        Ok(plan) => {
+            let is_simulation = matches!(plan.said, Said::Simulate(_));
+            let input = assessed(plan, (robot, payload), &mut checks)?;
+            let input = AssessInput { uncertain, tolerances, sample_count: samples as usize, seed, ..input };
+            check_together(&input, &mut checks);
+            Ok((input, is_simulation))
+        }
+        Err(problem) => Err(problem),
+    };
+    match (input, checks.finish().map_err(Problem::from)) {
+        (Ok((input, is_simulation)), Ok(())) => {
+            let time_limit = Duration::from_secs_f64(limits.max_time_limit_s);
+            Ok(AcceptedAssess { input, time_limit, is_simulation })
+        }
+        (Err(problem), Ok(())) | (Ok(_), Err(problem)) => Err(problem),
+        (Err(of_plan), Err(problem)) => Err(problem.and(of_plan)),
+    }
+}
+
+fn checked_tolerances(given: Tolerances, checks: &mut Checks) -> [Option<f64>; 5] {
+    let Tolerances { along_m, across_m, distance_m, heading_rad, speed_m_s } = given;
+    let tolerances = [along_m, across_m, distance_m, heading_rad, speed_m_s];
+    checks.within("tolerances", |checks| {
+        for ((field, rule), value) in TOLERANCES.iter().zip(tolerances) {
+            if let Some(value) = value {
+                checks.bounds(field, value, rule);
+            }
+        }
+    });
+    checks.require("tolerances", "empty", tolerances.iter().any(Option::is_some), "at least one tolerance", None);
+    tolerances
+}
+
+/// The distributions, in the order of the request.
+fn checked_uncertain(
+    given: &[Uncertainty],
+    checks: &mut Checks,
+) -> Result<Vec<(ChangedParameter, Distribution)>, Problem> {
+    let mut uncertain: Vec<(ChangedParameter, Distribution)> = Vec::new();
+    for (index, &Uncertainty { parameter, low, high, mean, standard_deviation }) in given.iter().enumerate() {
+        let field = format!("uncertain[{index}].parameter");
+        let named: message::ChangedParameter = named(parameter, &field)?;
+        let known = ChangedParameter::ALL.into_iter().find(|&known| message::ChangedParameter::from(known) == named);
+        let parameter = required(known, &field)?;
+        let is_first = !uncertain.iter().any(|(known, _)| *known == parameter);
+        checks.require(&field, parameter.as_str(), is_first, "a parameter that is not given before", None);
+        let distribution = checks.within(&format!("uncertain[{index}]"), |checks| {
+            let rule = rule_of(parameter);
+            match (low, high, mean, standard_deviation) {
+                (Some(low), Some(high), None, None) => {
+                    checks.bounds("low", low, &rule);
+                    checks.bounds("high", high, &rule);
+                    checks.require("low", low, low <= high, &format!("at most `high` ({high})"), Some(high));
+                    Distribution::Uniform { low, high }
+                }
+                (None, None, Some(mean), Some(standard_deviation)) => {
+                    checks.bounds("mean", mean, &rule);
+                    let spread = Rule::between(0.0, rule.maximum, rule.unit);
+                    checks.bounds("standard_deviation", standard_deviation, &spread);
+                    Distribution::Normal { mean, standard_deviation }
+                }
+                _ => {
+                    let given =
+                        [("low", low), ("high", high), ("mean", mean), ("standard_deviation", standard_deviation)];
+                    let names: Vec<&str> = given.iter().filter_map(|(name, value)| value.map(|_| *name)).collect();
+                    let names = if names.is_empty() { "no number".to_owned() } else { names.join(", ") };
+                    checks.require("parameter", format!("given with {names}"), false, FORM_RULE, None);
+                    Distribution::Uniform { low: 0.0, high: 0.0 }
+                }
+            }
+        });
+        uncertain.push((parameter, distribution));
+    }
+    Ok(uncertain)
+}
+
+/// The plan as the robot drives it that is asked about; nothing is uncertain yet.
+fn assessed(
+    plan: AcceptedPlan,
+    (given_robot, given_payload): (Option<message::Robot>, Option<message::Payload>),
+    checks: &mut Checks,
+) -> Result<AssessInput, Problem> {
+    let moves = plan.step_count() > 0;
+    let AcceptedPlan { said, motion, bare_robot, corners } = plan;
+    let planned = Undisturbed::new(
+        (bare_robot, motion.payload),
+        (motion.reference_point, &motion.start),
+        (&motion.schedule, motion.step_count),
+    );
+    let (field, goal, limited, aisle) = match said {
+        Said::Solve(asked, _) => {
+            let SolveInput { maneuver, aisle, .. } = *asked;
+            ("solve.answer.torque_schedule", Some(maneuver.goal), Limited::Maneuver(Box::new(maneuver)), aisle)
+        }
+        Said::Simulate(_) => {
+            let limited = Limited::Motion(motion.reference_point, motion.limits);
+            ("simulate.request.torque_schedule", None, limited, motion.aisle)
+        }
+    };
+    checks.require(field, format!("{} s long", motion.schedule.final_time), moves, "of a plan that moves", None);
+    let mut driven = planned.clone();
+    let mut aisle = aisle;
+    if let Some(given) = &given_robot {
+        driven.bare_robot = robot(given, checks);
+        if !given.footprint.is_empty() {
+            let footprint = aisle_corners(&[], &given.footprint).footprint;
+            aisle = AisleCorners { footprint, ..corners }.check("keep_in", checks);
+        }
+    }
+    if let Some(given) = given_payload {
+        driven.payload = Some(payload(given)?);
+    }
+    driven.check(checks);
+    Ok(AssessInput {
+        planned,
+        driven,
+        goal,
+        limited,
+        aisle,
+        uncertain: Vec::new(),
+        tolerances: [None; 5],
+        sample_count: 0,
+        seed: 0,
+    })
+}
+
+/// That what is uncertain is there, that delays fit, and that it is not too much.
+fn check_together(input: &AssessInput, checks: &mut Checks) {
+    for (index, (parameter, _)) in input.uncertain.iter().enumerate() {
+        let has_place = !parameter.is_of_payload() || input.driven.payload.is_some();
+        let field = format!("uncertain[{index}].parameter");
+        checks.require(&field, parameter.as_str(), has_place, "of a payload that is given", None);
+    }
+    // What follows makes no sense of a plan without motion.
+    if checks.count() > 0 {
+        return;
+    }
+    for (index, &(parameter, distribution)) in input.uncertain.iter().enumerate() {
+        if matches!(parameter, ChangedParameter::DelayLeft | ChangedParameter::DelayRight) {
+            let (name, value) = match distribution {
+                Distribution::Uniform { high, .. } => ("high", high),
+                Distribution::Normal { mean, .. } => ("mean", mean),
+            };
+            let fits = input.driven.under(&[(parameter, value)]).is_ok();
+            let field = format!("uncertain[{index}].{name}");
+            checks.require(&field, value, fits, "a delay of at most 1000 intervals and 10000 steps in all", None);
+        }
+    }
+    let steps = input.expected_steps();
+    let most = (MOST_STEPS / steps).floor();
+    checks.server_limit("samples", input.sample_count as f64, most);
+}

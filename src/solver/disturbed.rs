@@ -1,0 +1,351 @@
+//! A motion whose robot, torques or start differ from what they should be.
+//!
+//! Starts and ends are those of the axle midpoint, which stays in its place where the centre of mass does not.
+
+use nalgebra::{Rotation2, Vector2};
+
+use super::carried::{check_robot, joined};
+use super::settings::SolverSettings;
+use crate::robot::{Payload, PerWheel, Robot, RobotParameters, State};
+use crate::rules::{Checks, Rule, Violations};
+use crate::shooting::{ReferencePoint, check_state};
+use crate::simulation::{Rollout, Simulator, TorqueSchedule};
+use crate::stop::{Stop, Stopped};
+
+/// Most intervals of a schedule that a delay leaves.
+const MOST_INTERVALS: usize = 1_000;
+const DELAY_RULE: Rule = Rule::at_least(0.0, "s");
+
+/// What may differ from what a plan was made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ChangedParameter {
+    /// Friction coefficients of wheels and front support.
+    Friction,
+    /// Mass and yaw inertia of the chassis.
+    Mass,
+    /// Centre of mass of the chassis, to the right.
+    CenterOfMassRight,
+    /// Centre of mass of the chassis, forward.
+    CenterOfMassForward,
+    /// Torques of both wheels.
+    Torque,
+    /// Torques of the left wheel.
+    TorqueLeft,
+    /// Heading of the start, which turns the velocity of the axle midpoint too.
+    StartHeading,
+    /// Torques of the right wheel.
+    TorqueRight,
+    /// Mass of the payload.
+    PayloadMass,
+    /// Place of the payload, to the right.
+    PayloadRight,
+    /// Place of the payload, forward.
+    PayloadForward,
+    /// World x of the start.
+    StartX,
+    /// World y of the start.
+    StartY,
+    /// Time for which the left wheel holds zero torque before its schedule begins.
+    DelayLeft,
+    /// Time for which the right wheel holds zero torque before its schedule begins.
+    DelayRight,
+}
+
+impl ChangedParameter {
+    /// All of them.
+    pub const ALL: [Self; 15] = [
+        Self::Friction,
+        Self::Mass,
+        Self::CenterOfMassRight,
+        Self::CenterOfMassForward,
+        Self::Torque,
+        Self::TorqueLeft,
+        Self::StartHeading,
+        Self::TorqueRight,
+        Self::PayloadMass,
+        Self::PayloadRight,
+        Self::PayloadForward,
+        Self::StartX,
+        Self::StartY,
+        Self::DelayLeft,
+        Self::DelayRight,
+    ];
+
+    /// The unit of a change: a share multiplies the value by 1 + change, anything else is added.
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Friction | Self::Mass | Self::Torque | Self::TorqueLeft | Self::TorqueRight => "share",
+            Self::CenterOfMassRight
+            | Self::CenterOfMassForward
+            | Self::PayloadRight
+            | Self::PayloadForward
+            | Self::StartX
+            | Self::StartY => "m",
+            Self::StartHeading => "rad",
+            Self::PayloadMass => "kg",
+            Self::DelayLeft | Self::DelayRight => "s",
+        }
+    }
+
+    /// The name in the public contract.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Friction => "friction",
+            Self::Mass => "mass",
+            Self::CenterOfMassRight => "center_of_mass_right",
+            Self::CenterOfMassForward => "center_of_mass_forward",
+            Self::Torque => "torque",
+            Self::TorqueLeft => "torque_left",
+            Self::StartHeading => "start_heading",
+            Self::TorqueRight => "torque_right",
+            Self::PayloadMass => "payload_mass",
+            Self::PayloadRight => "payload_right",
+            Self::PayloadForward => "payload_forward",
+            Self::StartX => "start_x",
+            Self::StartY => "start_y",
+            Self::DelayLeft => "delay_left",
+            Self::DelayRight => "delay_right",
+        }
+    }
+
+    /// Whether it is of the payload.
+    pub const fn is_of_payload(self) -> bool {
+        matches!(self, Self::PayloadMass | Self::PayloadRight | Self::PayloadForward)
+    }
+}
+
+/// A motion as it should be.
+#[derive(Debug, Clone)]
+pub struct Undisturbed {
+    /// The robot without its load.
+    pub bare_robot: RobotParameters,
+    /// What it carries.
+    pub payload: Option<Payload>,
+    /// At the axle midpoint.
+    pub start: State,
+    /// As a simulation reads it: of the length that the length of an interval rounds to.
+    pub schedule: TorqueSchedule,
+    /// Number of time steps.
+    pub step_count: usize,
+    /// From the axle midpoint to the point whose start keeps the rules, in the body frame (right, forward), m.
+    pub from_axle: Vector2<f64>,
+}
+
+/// A motion under changes that the rules admit.
+#[derive(Debug, Clone)]
+pub struct Disturbed {
+    /// The robot without its load.
+    pub bare_robot: RobotParameters,
+    /// What it carries.
+    pub payload: Option<Payload>,
+    /// The robot that moves.
+    pub robot: Robot,
+    /// At the axle midpoint.
+    pub start: State,
+    /// The torques.
+    pub schedule: TorqueSchedule,
+    /// Number of time steps.
+    pub step_count: usize,
+}
+
+impl Undisturbed {
+    /// The motion of these torques from a start at the reference point.
+    pub fn new(
+        (bare_robot, payload): (RobotParameters, Option<Payload>),
+        (reference_point, start): (ReferencePoint, &State),
+        (schedule, step_count): (&TorqueSchedule, usize),
+    ) -> Self {
+        let moving = joined(&bare_robot, payload.as_ref());
+        let to_axle = moving.axle_midpoint() - reference_point.offset(&moving);
+        let start = start.moved_by(to_axle);
+        Self { bare_robot, payload, start, schedule: as_read(schedule.clone()), step_count, from_axle: -to_axle }
+    }
+
+    /// The motion with all these changes.
+    ///
+    /// # Errors
+    /// The rules that they break, by the fields of a solve; those of a delay by its name.
+    pub fn under(&self, changes: &[(ChangedParameter, f64)]) -> Result<Disturbed, Violations> {
+        let Self { mut bare_robot, mut payload, mut start, mut schedule, mut step_count, .. } = self.clone();
+        let mut delay = PerWheel::new(0.0, 0.0);
+        for &(parameter, change) in changes {
+            let share = 1.0 + change;
+            match parameter {
+                ChangedParameter::Friction => {
+                    bare_robot.wheel_friction_coefficient *= share;
+                    bare_robot.front_friction_coefficient *= share;
+                }
+                ChangedParameter::Mass => {
+                    bare_robot.chassis_mass *= share;
+                    bare_robot.chassis_yaw_inertia *= share;
+                }
+                ChangedParameter::CenterOfMassRight => bare_robot.center_of_mass_right += change,
+                ChangedParameter::CenterOfMassForward => bare_robot.center_of_mass_forward += change,
+                ChangedParameter::Torque => {
+                    scale(&mut schedule.left, share);
+                    scale(&mut schedule.right, share);
+                }
+                ChangedParameter::TorqueLeft => scale(&mut schedule.left, share),
+                ChangedParameter::TorqueRight => scale(&mut schedule.right, share),
+                ChangedParameter::StartHeading => start = turned(start, change),
+                ChangedParameter::StartX => start.configuration.x += change,
+                ChangedParameter::StartY => start.configuration.y += change,
+                ChangedParameter::PayloadMass => payload.iter_mut().for_each(|load| load.mass += change),
+                ChangedParameter::PayloadRight => payload.iter_mut().for_each(|load| load.right += change),
+                ChangedParameter::PayloadForward => payload.iter_mut().for_each(|load| load.forward += change),
+                ChangedParameter::DelayLeft => delay.left += change,
+                ChangedParameter::DelayRight => delay.right += change,
+            }
+        }
+        let mut checks = Checks::new();
+        if start != self.start {
+            let start = start.moved_by(self.from_axle);
+            checks.within("maneuver", |checks| checks.within("start", |checks| check_state(&start, checks)));
+        }
+        if delay != PerWheel::default() {
+            check_delay(&delay, (&schedule, step_count), &mut checks);
+        }
+        check_robot(&bare_robot, payload.as_ref(), &mut checks);
+        checks.finish()?;
+        if delay != PerWheel::default() {
+            (schedule, step_count) = delayed(schedule, step_count, &delay);
+        }
+        let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
+        Ok(Disturbed { bare_robot, payload, robot, start, schedule, step_count })
+    }
+
+    /// Adds to `checks` what robot and payload violate.
+    #[cfg(feature = "server")]
+    pub(crate) fn check(&self, checks: &mut Checks) {
+        check_robot(&self.bare_robot, self.payload.as_ref(), checks);
+    }
+
+    /// Steps that the motion has under a delay, s, of either wheel.
+    pub fn steps_under_delay(&self, delay: f64) -> f64 {
+        let intervals = self.schedule.control_count() as f64;
+        self.step_count as f64 * (1.0 + (delay / self.schedule.interval()).ceil() / intervals)
+    }
+}
+
+impl Disturbed {
+    /// The end at the axle midpoint, with the number of times that a contact lifts.
+    ///
+    /// # Errors
+    /// When it was stopped before the end.
+    pub fn end(&self, stop: Stop) -> Result<(State, usize), Stopped> {
+        let (simulator, offset) = (Simulator::new(&self.robot), self.robot.parameters().axle_midpoint());
+        let start = self.start.moved_by(-offset);
+        let rollout = Rollout { start: &start, schedule: &self.schedule, step_count: self.step_count };
+        let (end, separations) = simulator.end_state_and_separations(&rollout, stop)?;
+        Ok((simulator.end_frame(&rollout, offset).state(&end), separations))
+    }
+}
+
+/// The schedule that a simulation reads from its torques and the length of an interval.
+fn as_read(mut schedule: TorqueSchedule) -> TorqueSchedule {
+    schedule.final_time = schedule.interval() * schedule.control_count() as f64;
+    schedule
+}
+
+fn check_delay(delay: &PerWheel<f64>, (schedule, step_count): (&TorqueSchedule, usize), checks: &mut Checks) {
+    let before = checks.count();
+    checks.bounds(ChangedParameter::DelayLeft.as_str(), delay.left, &DELAY_RULE);
+    checks.bounds(ChangedParameter::DelayRight.as_str(), delay.right, &DELAY_RULE);
+    if checks.count() > before {
+        return;
+    }
+    let (name, longest) = if delay.left > delay.right {
+        (ChangedParameter::DelayLeft, delay.left)
+    } else {
+        (ChangedParameter::DelayRight, delay.right)
+    };
+    let intervals = schedule.control_count() as f64;
+    let with_delay = intervals + (longest / schedule.interval()).ceil();
+    let steps = (step_count as f64 * with_delay / intervals).ceil();
+    let fits = with_delay <= MOST_INTERVALS as f64 && steps <= SolverSettings::STEP_LIMIT as f64;
+    checks.require(name.as_str(), longest, fits, "a delay of at most 1000 intervals and 10000 steps in all", None);
+}
+
+/// The torques that each wheel begins after its delay, in intervals into which both delays fit when rounded.
+fn delayed(schedule: TorqueSchedule, step_count: usize, delay: &PerWheel<f64>) -> (TorqueSchedule, usize) {
+    let (count, interval) = (schedule.control_count(), schedule.interval());
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked: 0 to 1,000")]
+    let whole = |delay: f64, interval: f64| (delay / interval).round() as usize;
+    let longest = count + (delay.left.max(delay.right) / interval).ceil() as usize;
+    // Each interval in equal parts of as many steps as the others, where there is such a number.
+    let most = (MOST_INTERVALS / longest).min(step_count / count).max(1);
+    let parts = (1..=most).rev().find(|parts| step_count.is_multiple_of(count * parts)).unwrap_or(most);
+    let part = interval / parts as f64;
+    let (left, right) = (whole(delay.left, part), whole(delay.right, part));
+    if left.max(right) == 0 {
+        return (schedule, step_count);
+    }
+    let part_count = count * parts + left.max(right);
+    let of_wheel = |torques: &[f64], zeros: usize| {
+        let torques = torques.iter().flat_map(|&torque| std::iter::repeat_n(torque, parts));
+        let mut delayed: Vec<f64> = std::iter::repeat_n(0.0, zeros).chain(torques).collect();
+        delayed.resize(part_count, 0.0);
+        delayed
+    };
+    let final_time = part * part_count as f64;
+    let (left, right) = (of_wheel(&schedule.left, left), of_wheel(&schedule.right, right));
+    let steps = (step_count * part_count).div_ceil(count * parts);
+    (as_read(TorqueSchedule { final_time, left, right }), steps)
+}
+
+fn scale(torques: &mut [f64], share: f64) {
+    for torque in torques {
+        *torque *= share;
+    }
+}
+
+/// The same motion, turned about the point that the state speaks of.
+fn turned(state: State, angle: f64) -> State {
+    let mut turned = state;
+    turned.configuration.heading += angle;
+    let velocity = Rotation2::new(angle) * Vector2::new(state.velocity.x, state.velocity.y);
+    (turned.velocity.x, turned.velocity.y) = (velocity.x, velocity.y);
+    turned
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn planned(step_count: usize) -> Undisturbed {
+        let schedule = TorqueSchedule { final_time: 0.4, left: vec![1.0, 2.0], right: vec![3.0, 4.0] };
+        let start = (ReferencePoint::AxleMidpoint, &State::default());
+        Undisturbed::new((RobotParameters::default(), None), start, (&schedule, step_count))
+    }
+
+    #[test]
+    fn delayed_wheel_holds_zero_torque_first_and_the_other_one_last() {
+        let changes = [(ChangedParameter::DelayLeft, 0.1), (ChangedParameter::DelayRight, 0.06)];
+        // Two parts of 0.1 s per interval, since it has two steps.
+        let Disturbed { schedule, step_count, .. } = planned(4).under(&changes).unwrap();
+        assert_eq!(schedule.left, [0.0, 1.0, 1.0, 2.0, 2.0]);
+        assert_eq!(schedule.right, [0.0, 3.0, 3.0, 4.0, 4.0]);
+        assert_eq!(step_count, 5);
+        assert!((schedule.final_time - 0.5).abs() < 1e-15);
+        let Disturbed { schedule, step_count, .. } = planned(40).under(&changes).unwrap();
+        assert_eq!((schedule.left.len(), schedule.right.len(), step_count), (50, 50, 50));
+        assert_eq!(schedule.right.iter().filter(|&&torque| torque == 0.0).count(), 10);
+        assert_eq!((schedule.right[5], schedule.right[6], schedule.right[49]), (0.0, 3.0, 0.0));
+    }
+
+    #[test]
+    fn impossible_delays_are_refused_by_name() {
+        let field = |change| planned(4).under(&[change]).unwrap_err().list()[0].field.clone();
+        assert_eq!(field((ChangedParameter::DelayLeft, -1e-3)), "delay_left");
+        assert_eq!(field((ChangedParameter::DelayRight, 200.0)), "delay_right");
+        assert_eq!(field((ChangedParameter::DelayRight, f64::INFINITY)), "delay_right");
+        assert!(planned(4).under(&[(ChangedParameter::DelayRight, 199.0)]).is_ok());
+    }
+
+    #[test]
+    fn changes_add_up() {
+        let changes = [(ChangedParameter::Torque, 0.5), (ChangedParameter::TorqueRight, 0.5)];
+        let Disturbed { schedule, .. } = planned(4).under(&changes).unwrap();
+        assert_eq!((schedule.left[0], schedule.right[0]), (1.5, 6.75));
+    }
+}
