@@ -270,13 +270,13 @@ fn check_delay(delay: &PerWheel<f64>, (schedule, step_count): (&TorqueSchedule, 
 fn delayed(schedule: TorqueSchedule, step_count: usize, delay: &PerWheel<f64>) -> (TorqueSchedule, usize) {
     let (count, interval) = (schedule.control_count(), schedule.interval());
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked: 0 to 1,000")]
-    let whole = |delay: f64, interval: f64| (delay / interval).round() as usize;
-    let longest = count + (delay.left.max(delay.right) / interval).ceil() as usize;
+    let whole = |intervals: f64| intervals as usize;
+    let longest = count + whole((delay.left.max(delay.right) / interval).ceil());
     // Each interval in equal parts of as many steps as the others, where there is such a number.
     let most = (MOST_INTERVALS / longest).min(step_count / count).max(1);
     let parts = (1..=most).rev().find(|parts| step_count.is_multiple_of(count * parts)).unwrap_or(most);
     let part = interval / parts as f64;
-    let (left, right) = (whole(delay.left, part), whole(delay.right, part));
+    let (left, right) = (whole((delay.left / part).round()), whole((delay.right / part).round()));
     if left.max(right) == 0 {
         return (schedule, step_count);
     }

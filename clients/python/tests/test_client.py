@@ -144,6 +144,18 @@ def test_plan_is_exported_as_files(client: Client, tmp_path: Path) -> None:
     assert [violation.pointer for violation in refused.value.violations] == ["#/rate_hz", "#/frame_id"]
 
 
+def test_plan_is_assessed(client: Client) -> None:
+    plan = client.solve(FORWARD)
+    assessed = plan.assess(
+        uncertain=[{"parameter": "friction", "low": -0.1, "high": 0.1}], tolerances={"distance_m": 0.1}, samples=100
+    )
+    assert assessed.samples == 100 and assessed.success_rate_low <= assessed.success_rate <= assessed.success_rate_high
+    assert assessed.worst is not None and client.simulate(assessed.worst.simulate).end_state.y_m is not None
+    with pytest.raises(ProblemError) as refused:
+        client.assess(plan, uncertain=[], tolerances={}, samples=0)
+    assert len(refused.value.violations) == 3
+
+
 def test_api_key_is_sent() -> None:
     server = Server(keys="secret")
     try:

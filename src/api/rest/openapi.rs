@@ -62,8 +62,10 @@ pub(super) fn document(state: &ApiState, operations: impl Iterator<Item = (Strin
     serde_json::to_vec(&document).expect("a document of names and numbers is valid JSON")
 }
 
-/// Messages of requests that answers hold too, and that keep their rules there: a robot joined with its payload is valid.
-const VALID_IN_ANSWERS: [&str; 2] = ["BodyPoint", "Robot"];
+/// Messages of requests that answers hold too, and that keep their rules there: a robot joined with its payload is valid,
+/// and so is a sample that is answered as a simulation.
+const VALID_IN_ANSWERS: [&str; 8] =
+    ["BodyPoint", "ManeuverLimits", "Payload", "Robot", "SimulateGrid", "SimulateRequest", "State", "WorldPoint"];
 
 /// Schemas by name.
 struct Messages {

@@ -27,9 +27,9 @@ use crate::solver::{Assessment, Helpers, NoProgress, RunControl, SharedWork};
 /// What a step of a rollout takes a small cloud machine, s.
 const STEP_S: f64 = 3e-6;
 /// What a sample takes beside its steps, s.
-const SAMPLE_S: f64 = 20e-6;
+const SAMPLE_S: f64 = 300e-6;
 /// Rollouts of a sample that is compared with limits, in rollouts of one that is not.
-const WITH_LIMITS: f64 = 3.0;
+const WITH_LIMITS: f64 = 2.6;
 
 /// Assesses plans.
 pub struct Assess {

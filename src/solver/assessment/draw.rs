@@ -51,7 +51,7 @@ pub(super) fn share(seed: u64, counters: [u64; 2]) -> f64 {
     ((bits >> 11) as f64 + 0.5) * (1.0 / (1_u64 << 53) as f64)
 }
 
-/// A step of SplitMix64: a bijection that spreads each bit over all others.
+/// A step of `SplitMix64`: a bijection that spreads each bit over all others.
 fn mixed(state: u64) -> u64 {
     let mut bits = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -80,7 +80,7 @@ impl<'a> Samples<'a> {
         let (end, separations) = motion.end(stop)?;
         let uses = self.input.limit_uses(&motion, stop)?;
         // Not a number is an excess too.
-        let exceeded = uses.iter().enumerate().filter(|(_, used)| !(used.excess <= EXCESS));
+        let exceeded = uses.iter().enumerate().filter(|(_, used)| used.excess > EXCESS || used.excess.is_nan());
         let exceeded = exceeded.fold(0, |bits, (index, _)| bits | 1 << index);
         Ok(Some(Ended { error: error(self.target, &end), separates: separations > 0, exceeded }))
     }

@@ -14,7 +14,9 @@ pub(super) fn wilson(successes: usize, count: usize) -> (f64, f64) {
     let middle = rate + z * z / (2.0 * count);
     let half = z * (rate * (1.0 - rate) / count + z * z / (4.0 * count * count)).sqrt();
     let scale = 1.0 + z * z / count;
-    (((middle - half) / scale).max(0.0), ((middle + half) / scale).min(1.0))
+    // Without rounding where the closed form ends at 0 or 1.
+    let low = if successes == 0 { 0.0 } else { (middle - half) / scale };
+    (low, if rate == 1.0 { 1.0 } else { (middle + half) / scale })
 }
 
 /// A quantile of ascending values, linear between them; NaN of none.
@@ -73,15 +75,17 @@ mod tests {
     }
 
     #[test]
-    fn wilson_interval_covers_the_rate_in_95_percent() {
-        for (seed, rate) in [(1, 0.3), (2, 0.42), (3, 0.61), (4, 0.7)] {
+    fn wilson_interval_covers_rates_in_95_percent() {
+        // The coverage of a single rate jumps by counts between 93.7 and 96.1 %, so each repeat has a rate of its own.
+        for seed in 0..5 {
             let covers = |repeat: u64| {
+                let rate = 0.3 + 0.4 * share(seed, [repeat, 100]);
                 let is_success = |sample: &u64| share(seed, [repeat, *sample]) < rate;
                 let (low, high) = wilson((0..100).filter(is_success).count(), 100);
                 (low..=high).contains(&rate)
             };
             let covered = (0..2_000).filter(|&repeat| covers(repeat)).count() as f64 / 2_000.0;
-            assert!((0.94..=0.965).contains(&covered), "{covered} at a rate of {rate}");
+            assert!((0.94..=0.965).contains(&covered), "{covered}");
         }
     }
 

@@ -20,7 +20,15 @@ Array = npt.NDArray[np.float64]
 # - `torque`: Torques of both wheels.
 # - `torque_left`: Torques of the left wheel.
 # - `start_heading`: Heading of the start, which turns the start velocity of the axle midpoint too.
-ChangedParameter = Literal["friction", "mass", "center_of_mass_right", "center_of_mass_forward", "torque", "torque_left", "start_heading"]
+# - `torque_right`: Torques of the right wheel.
+# - `payload_mass`: Mass of the payload, kg more than it has; its own yaw inertia stays.
+# - `payload_right`: Place of the payload, to the right.
+# - `payload_forward`: Place of the payload, forward.
+# - `start_x`: World x of the start.
+# - `start_y`: World y of the start.
+# - `delay_left`: How long the left wheel holds zero torque before its schedule begins, s.
+# - `delay_right`: How long the right wheel holds zero torque before its schedule begins, s.
+ChangedParameter = Literal["friction", "mass", "center_of_mass_right", "center_of_mass_forward", "torque", "torque_left", "start_heading", "torque_right", "payload_mass", "payload_right", "payload_forward", "start_x", "start_y", "delay_left", "delay_right"]
 
 # Whether a contact slips.
 # - `stick`: No slip.
@@ -32,6 +40,11 @@ ContactMode = Literal["stick", "slip"]
 # - `right`: The right wheel.
 # - `front`: The front support.
 ContactName = Literal["left", "right", "front"]
+
+# The solver of the one-step friction problem.
+# - `exact`: Contact patterns solved exactly.
+# - `fixed_point`: The paper's prox fixed point.
+ContactSolver = Literal["exact", "fixed_point"]
 
 # What the lower bound on the final time rests on.
 # - `friction`: Friction bounds the acceleration of the whole robot's centre of mass.
@@ -45,6 +58,11 @@ LowerBoundAssumption = Literal["friction", "yaw_friction", "drive_torque", "whee
 # - `sequential_linear`: Trust-region sequential linear programming on an exact penalty.
 # - `nelder_mead`: The paper's Nelder-Mead on the paper's penalty.
 Method = Literal["sequential_linear", "nelder_mead"]
+
+# The point of the chassis whose position and velocity start, goal and trajectory speak of.
+# - `chassis_center_of_mass`: Centre of mass of the chassis, as in the paper; a payload does not move it.
+# - `axle_midpoint`: Midpoint of the axle, what planners call base_link.
+ReferencePoint = Literal["chassis_center_of_mass", "axle_midpoint"]
 
 # How the steps of the plan's grid came about.
 # - `fixed`: The caller chose them.
@@ -79,11 +97,68 @@ StopReason = Literal["finished", "time_limit", "deadline", "rollout_limit"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class AppliedChange:
+    """A change of one sample."""
+
+    change: float
+    """By how much."""
+    parameter: ChangedParameter
+    """The parameter."""
+    unit: str
+    """The unit of the change: share, m, rad, kg or s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AppliedLimits:
     """The limits that applied to a solve."""
 
     time_limit_s: float
     """How long it was allowed to run, s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AssessResponse:
+    """How often a plan succeeds. The same request has the same answer, whatever the number of workers."""
+
+    grid_factor: int
+    """How many times finer than the plan's that grid is."""
+    limits: list[LimitExcess]
+    """How many samples exceed each limit that the plan was given, in the order of its report."""
+    mean: EndErrors
+    """Mean errors; null (in protobuf not a number) without motions."""
+    nominal: EndErrors
+    """The errors of the motion without changes there."""
+    nominal_success: bool
+    """Whether the motion without changes is a success there."""
+    quantiles: list[ErrorQuantile]
+    """Magnitudes that a share of the samples do not exceed: 0.05, 0.25, 0.5, 0.75, 0.95 and 1. Null (in protobuf
+    infinite or not a number) where motions diverge, and without motions.
+    """
+    refused: int
+    """Samples whose changes break the rules of the robot or are impossible; they have no motion, and fail."""
+    samples: int
+    """How many samples."""
+    separations: int
+    """Samples in which a contact lifts, which no longer is the model's motion; they fail."""
+    shares: list[VarianceShares]
+    """What each parameter alone adds to the variance of each error, in the order of the request."""
+    steps: int
+    """Steps of a sample without delay: on the first grid of 1, 2, 4, 8 and 16 times the plan's on which the motion
+    without changes is a success. Where there is none, and where finer ones would take more than 10,000 steps a
+    sample or 20,000,000 in all: the finest.
+    """
+    success_rate: float
+    """Their share."""
+    success_rate_high: float
+    """Its upper end."""
+    success_rate_low: float
+    """Wilson's interval of 95 % for that share: its lower end."""
+    successes: int
+    """Those within all tolerances in which no contact lifts."""
+    worst: WorstSample | None
+    """The sample with the largest error for its tolerance, one in which a contact lifts before all others; null (in
+    protobuf absent) where all are refused.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -195,6 +270,22 @@ class DistinctOptimum:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class EndErrors:
+    """How far an end is from where it should be."""
+
+    across_m: float | None
+    """Across it, m; positive to the left."""
+    along_m: float | None
+    """Along the heading of the goal, m; positive ahead of it."""
+    distance_m: float | None
+    """In any direction, m; not negative."""
+    heading_rad: float | None
+    """Of the heading, modulo 2 pi, rad; positive to the left."""
+    speed_m_s: float | None
+    """Magnitude of the difference of the velocities, m/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class EndState:
     """The state of the reference point at the end, as a goal judges it. A step keeps the friction law at the heading
     of its midpoint, so the velocity of the chassis centre of mass is first turned by half the angle of the last
@@ -221,6 +312,16 @@ class EndState:
     """World y, m."""
     yaw_rate_rad_s: float | None
     """Yaw rate, rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorQuantile:
+    """What a share of the samples do not exceed."""
+
+    errors: EndErrors
+    """The magnitudes, each for itself."""
+    share: float
+    """The share."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -382,6 +483,18 @@ class JobLimits:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class LimitExcess:
+    """How often a limit is exceeded."""
+
+    limit: str
+    """The field of the request that has the limit, such as maneuver.limits.speed_m_s."""
+    samples: int
+    """Samples that exceed it by more than 0.5 %."""
+    value: float
+    """What is allowed, in the unit of the field."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LimitUse:
     """How far a motion uses one of the limits that were given."""
 
@@ -402,6 +515,34 @@ class LimitUse:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ManeuverLimits:
+    """What a plan must keep at every step of its grid. An absent limit bounds nothing, apart from the first. Speed
+    and accelerations are those of the reference point, or of the centre of the payload where there is one.
+    """
+
+    acceleration_m_s2: float | None = None
+    """Largest acceleration while the speed grows, m/s2."""
+    deceleration_m_s2: float | None = None
+    """Largest acceleration while the speed falls, m/s2."""
+    grip_utilization: float | None = None
+    """Largest share of the grip of each wheel that its friction force may use, below 1; forbids slip."""
+    normal_load_share: float | None = None
+    """Least normal force of each contact as a share of the robot's weight, at most half of the contact's share at
+    rest; 0 for no more than no separation; default 0.01.
+    """
+    speed_m_s: float | None = None
+    """Largest speed, m/s."""
+    torque_rate_n_m_s: float | None = None
+    """Largest magnitude of the change of the torque of each wheel per time, N m/s."""
+    wheel_rate_rad_s: float | None = None
+    """Largest magnitude of the rate of each wheel, rad/s."""
+    yaw_acceleration_rad_s2: float | None = None
+    """Largest magnitude of the yaw acceleration, rad/s2."""
+    yaw_rate_rad_s: float | None = None
+    """Largest magnitude of the yaw rate, rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class NormalLoad:
     """A normal force as a share of the robot's weight."""
 
@@ -411,6 +552,24 @@ class NormalLoad:
     """The share; negative where the contact would have had to pull."""
     time_s: float
     """When, s: the start of its step."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Payload:
+    """A load that is fixed to the chassis. Joined to it by the parallel-axis theorem, it is a heavier chassis with
+    another centre of mass; a reference point `chassis_center_of_mass` stays that of the chassis alone.
+    """
+
+    forward_m: float | None = None
+    """Its centre of mass ahead of the axle, m; default 0."""
+    height_m: float
+    """Height of its centre of mass above the ground, m; required."""
+    mass_kg: float
+    """Mass, kg; required, 0 is no load."""
+    right_m: float | None = None
+    """Its centre of mass to the right of the axle midpoint, m; default 0."""
+    yaw_inertia_kg_m2: float | None = None
+    """Yaw inertia about its own centre of mass, kg m2; default 0, a point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -683,6 +842,42 @@ class Separation:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class SimulateGrid:
+    """The time grid of a simulation."""
+
+    steps: int | None = None
+    """Number of time steps; default 200, or one per interval where there are more intervals."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SimulateRequest:
+    """A torque schedule to integrate."""
+
+    contact_solver: ContactSolver | None = None
+    """The solver of the one-step friction problem."""
+    grid: SimulateGrid | None = None
+    """The time grid."""
+    keep_in: list[WorldPoint] | None = None
+    """Corners of a convex aisle in the world, in either order, which the footprint is compared with. An empty list
+    is an absent one.
+    """
+    limits: ManeuverLimits | None = None
+    """What the motion is compared with: the answer says how far it uses each limit that is given, and never changes
+    by it. `normal_load_share` has no effect here.
+    """
+    payload: Payload | None = None
+    """What the robot carries; absent: nothing."""
+    reference_point: ReferencePoint | None = None
+    """The point that the start and the answer speak of."""
+    robot: Robot | None = None
+    """The robot; absent: the reference robot."""
+    start: State | None = None
+    """Absent: at rest at the origin."""
+    torque_schedule: TorqueSchedule
+    """The torques; required."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SimulateResponse:
     """The motion under a torque schedule."""
 
@@ -749,6 +944,32 @@ class Solution:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """A state at the reference point; absent is 0."""
+
+    heading_rad: float | None = None
+    """Heading, rad."""
+    velocity_x_m_s: float | None = None
+    """World x velocity, m/s."""
+    velocity_y_m_s: float | None = None
+    """World y velocity, m/s."""
+    wheel_angle_left_rad: float | None = None
+    """Left wheel angle, rad."""
+    wheel_angle_right_rad: float | None = None
+    """Right wheel angle, rad."""
+    wheel_rate_left_rad_s: float | None = None
+    """Left wheel rate, rad/s."""
+    wheel_rate_right_rad_s: float | None = None
+    """Right wheel rate, rad/s."""
+    x_m: float | None = None
+    """World x, m."""
+    y_m: float | None = None
+    """World y, m."""
+    yaw_rate_rad_s: float | None = None
+    """Yaw rate, rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueSchedule:
     """Piecewise constant torques."""
 
@@ -786,3 +1007,52 @@ class Trajectory:
     """World y, m."""
     yaw_rate_rad_s: Array
     """Yaw rate, rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VarianceShares:
+    """First-order Sobol shares of one parameter, estimated from the means of bins of the same samples: 0 where an
+    error does not depend on the parameter, 1 where it depends on nothing else. What several parameters do together
+    is in none of them. Null (in protobuf not a number) of fewer than 64 motions, and of errors that do not vary.
+    """
+
+    across: float | None
+    """Of the signed error across it."""
+    along: float | None
+    """Of the signed error along the heading."""
+    distance: float | None
+    """Of the distance."""
+    heading: float | None
+    """Of the signed error of the heading."""
+    parameter: ChangedParameter
+    """The parameter."""
+    speed: float | None
+    """Of the speed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WorldPoint:
+    """A point of the world; absent is 0."""
+
+    x_m: float | None = None
+    """World x, m."""
+    y_m: float | None = None
+    """World y, m."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WorstSample:
+    """A sample."""
+
+    changes: list[AppliedChange]
+    """Its changes, in the order of the request."""
+    errors: EndErrors
+    """Its errors."""
+    relative_error: float | None
+    """Its largest error as a multiple of the tolerance; null (in protobuf infinite) where the motion diverges."""
+    sample: int
+    """Its number, from 0."""
+    separates: bool
+    """Whether a contact lifts."""
+    simulate: SimulateRequest
+    """Its motion as a request."""

@@ -151,6 +151,25 @@ class Client:
         body = encode({**plan_of(plan), "format": format, "rate_hz": rate_hz, **given})
         return decode(Exported, json.loads(self._ask("POST", "export", body)))
 
+    def assess(
+        self,
+        plan: Solution | Simulation,
+        *,
+        uncertain: Sequence[requests.Uncertainty],
+        tolerances: requests.Tolerances,
+        samples: int | None = None,
+        seed: int = 0,
+        robot: requests.Robot | None = None,
+        payload: requests.Payload | None = None,
+        deadline_s: float | None = None,
+    ) -> answers.AssessResponse:
+        """How often a plan succeeds under what is not known, and how wrong its end is; the same request, the same answer."""
+        asked = {"samples": samples, "robot": robot, "payload": payload}
+        given = {name: value for name, value in asked.items() if value is not None}
+        known = {"uncertain": list(uncertain), "tolerances": tolerances, "seed": seed}
+        body = encode({**plan_of(plan), **known, **given})
+        return decode(answers.AssessResponse, json.loads(self._ask("POST", "assess", body, deadline_s)))
+
     def limits(self) -> answers.GetLimitsResponse:
         """The limits of the server, and the rules of all fields."""
         return decode(answers.GetLimitsResponse, json.loads(self._ask("GET", "limits")))

@@ -14,6 +14,24 @@ from . import answers
 
 Numbers = Sequence[float] | npt.NDArray[np.floating[Any]]
 
+# What may differ from what a plan was made for.
+# - `friction`: Friction coefficients of wheels and front support.
+# - `mass`: Mass and yaw inertia of the chassis, without a payload.
+# - `center_of_mass_right`: Centre of mass of the chassis, to the right; a payload stays where it is.
+# - `center_of_mass_forward`: Centre of mass of the chassis, forward; a payload stays where it is.
+# - `torque`: Torques of both wheels.
+# - `torque_left`: Torques of the left wheel.
+# - `start_heading`: Heading of the start, which turns the start velocity of the axle midpoint too.
+# - `torque_right`: Torques of the right wheel.
+# - `payload_mass`: Mass of the payload, kg more than it has; its own yaw inertia stays.
+# - `payload_right`: Place of the payload, to the right.
+# - `payload_forward`: Place of the payload, forward.
+# - `start_x`: World x of the start.
+# - `start_y`: World y of the start.
+# - `delay_left`: How long the left wheel holds zero torque before its schedule begins, s.
+# - `delay_right`: How long the right wheel holds zero torque before its schedule begins, s.
+ChangedParameter = Literal["friction", "mass", "center_of_mass_right", "center_of_mass_forward", "torque", "torque_left", "start_heading", "torque_right", "payload_mass", "payload_right", "payload_forward", "start_x", "start_y", "delay_left", "delay_right"]
+
 # Which of the local optima is the answer.
 # - `fastest`: The fastest.
 # - `steadiest`: Of those within `choose_within` of the fastest the one whose end shifts least with 10 % less friction,
@@ -53,6 +71,35 @@ SlipPolicy = Literal["allowed", "forbidden"]
 # - `full`: Everything.
 # - `plan`: Without trajectory and contacts.
 View = Literal["full", "plan"]
+
+
+class _AssessRequestRequired(TypedDict):
+    tolerances: Tolerances
+    """When a sample is a success; required, with one tolerance at least."""
+    uncertain: Sequence[Uncertainty]
+    """What is not known, each parameter once; required. All of them are independent of each other."""
+
+
+class AssessRequest(_AssessRequestRequired, total=False):
+    """A plan to sample: exactly one of `solve` and `simulate`. Each sample is one rollout of its torques, by
+    Coulomb's law, under changes of its own. Starts and ends are those of the axle midpoint, which keeps its place
+    where the centre of mass moves.
+    """
+
+    payload: Payload
+    """What it carries then; absent: what the plan was made for."""
+    robot: Robot
+    """The robot that drives the plan; absent: the one that it was made for. Without a footprint it has that one's."""
+    samples: int
+    """How many samples; default 1000. [>= 1, <= 10000]"""
+    seed: int
+    """Seed of all random numbers. Those of a parameter follow from seed, sample and parameter alone. [>= 0, <=
+    1.84467e+19]
+    """
+    simulate: SimulatedPlan
+    """An integrated torque schedule: its ends are compared with its own end."""
+    solve: SolvedPlan
+    """A solved maneuver: its ends are compared with the goal, and where that is free with the end of the plan."""
 
 
 class BodyPoint(TypedDict, total=False):
@@ -164,34 +211,32 @@ class ManeuverLimits(TypedDict, total=False):
     """
 
     acceleration_m_s2: float
-    """Largest acceleration while the speed grows, m/s2. [>= 0.0001, <= 10000]"""
+    """Largest acceleration while the speed grows, m/s2."""
     deceleration_m_s2: float
-    """Largest acceleration while the speed falls, m/s2. [>= 0.0001, <= 10000]"""
+    """Largest acceleration while the speed falls, m/s2."""
     grip_utilization: float
-    """Largest share of the grip of each wheel that its friction force may use, below 1; forbids slip. [>= 0.001, <
-    1]
-    """
+    """Largest share of the grip of each wheel that its friction force may use, below 1; forbids slip."""
     normal_load_share: float
     """Least normal force of each contact as a share of the robot's weight, at most half of the contact's share at
-    rest; 0 for no more than no separation; default 0.01. [>= 0, <= 0.5]
+    rest; 0 for no more than no separation; default 0.01.
     """
     speed_m_s: float
-    """Largest speed, m/s. [>= 0.0001, <= 100]"""
+    """Largest speed, m/s."""
     torque_rate_n_m_s: float
-    """Largest magnitude of the change of the torque of each wheel per time, N m/s. [>= 1e-06, <= 1e+09]"""
+    """Largest magnitude of the change of the torque of each wheel per time, N m/s."""
     wheel_rate_rad_s: float
-    """Largest magnitude of the rate of each wheel, rad/s. [>= 0.001, <= 100000]"""
+    """Largest magnitude of the rate of each wheel, rad/s."""
     yaw_acceleration_rad_s2: float
-    """Largest magnitude of the yaw acceleration, rad/s2. [>= 0.0001, <= 1e+06]"""
+    """Largest magnitude of the yaw acceleration, rad/s2."""
     yaw_rate_rad_s: float
-    """Largest magnitude of the yaw rate, rad/s. [>= 0.0001, <= 1000]"""
+    """Largest magnitude of the yaw rate, rad/s."""
 
 
 class _PayloadRequired(TypedDict):
     height_m: float
-    """Height of its centre of mass above the ground, m; required. [>= 0, <= 100]"""
+    """Height of its centre of mass above the ground, m; required."""
     mass_kg: float
-    """Mass, kg; required, 0 is no load. [>= 0, <= 50000]"""
+    """Mass, kg; required, 0 is no load."""
 
 
 class Payload(_PayloadRequired, total=False):
@@ -200,11 +245,11 @@ class Payload(_PayloadRequired, total=False):
     """
 
     forward_m: float
-    """Its centre of mass ahead of the axle, m; default 0. [>= -100, <= 100]"""
+    """Its centre of mass ahead of the axle, m; default 0."""
     right_m: float
-    """Its centre of mass to the right of the axle midpoint, m; default 0. [>= -100, <= 100]"""
+    """Its centre of mass to the right of the axle midpoint, m; default 0."""
     yaw_inertia_kg_m2: float
-    """Yaw inertia about its own centre of mass, kg m2; default 0, a point. [>= 0, <= 500000]"""
+    """Yaw inertia about its own centre of mass, kg m2; default 0, a point."""
 
 
 class PresentRequest(TypedDict, total=False):
@@ -280,7 +325,7 @@ class SimulateGrid(TypedDict, total=False):
     """The time grid of a simulation."""
 
     steps: int
-    """Number of time steps; default 200, or one per interval where there are more intervals. [>= 1, <= 10000]"""
+    """Number of time steps; default 200, or one per interval where there are more intervals. [>= 0]"""
 
 
 class _SimulateRequestRequired(TypedDict):
@@ -403,25 +448,40 @@ class State(TypedDict, total=False):
     """A state at the reference point; absent is 0."""
 
     heading_rad: float
-    """Heading, rad. [>= -10000, <= 10000]"""
+    """Heading, rad."""
     velocity_x_m_s: float
-    """World x velocity, m/s. [>= -100, <= 100]"""
+    """World x velocity, m/s."""
     velocity_y_m_s: float
-    """World y velocity, m/s. [>= -100, <= 100]"""
+    """World y velocity, m/s."""
     wheel_angle_left_rad: float
-    """Left wheel angle, rad. [>= -10000, <= 10000]"""
+    """Left wheel angle, rad."""
     wheel_angle_right_rad: float
-    """Right wheel angle, rad. [>= -10000, <= 10000]"""
+    """Right wheel angle, rad."""
     wheel_rate_left_rad_s: float
-    """Left wheel rate, rad/s. [>= -100000, <= 100000]"""
+    """Left wheel rate, rad/s."""
     wheel_rate_right_rad_s: float
-    """Right wheel rate, rad/s. [>= -100000, <= 100000]"""
+    """Right wheel rate, rad/s."""
     x_m: float
-    """World x, m. [>= -10000, <= 10000]"""
+    """World x, m."""
     y_m: float
-    """World y, m. [>= -10000, <= 10000]"""
+    """World y, m."""
     yaw_rate_rad_s: float
-    """Yaw rate, rad/s. [>= -1000, <= 1000]"""
+    """Yaw rate, rad/s."""
+
+
+class Tolerances(TypedDict, total=False):
+    """The largest magnitude of each error of the end; absent: any."""
+
+    across_m: float
+    """Across it, m. [>= 1e-09, <= 10000]"""
+    along_m: float
+    """Along the heading of the goal, m. [>= 1e-09, <= 10000]"""
+    distance_m: float
+    """In any direction, m. [>= 1e-09, <= 10000]"""
+    heading_rad: float
+    """Of the heading, modulo 2 pi, rad. [>= 1e-09, <= 4]"""
+    speed_m_s: float
+    """Of the velocity, m/s. [>= 1e-09, <= 10000]"""
 
 
 class TorqueSchedule(TypedDict):
@@ -435,10 +495,30 @@ class TorqueSchedule(TypedDict):
     """Torques of the right wheel, as many, N m."""
 
 
+class _UncertaintyRequired(TypedDict):
+    parameter: ChangedParameter
+    """The parameter; required."""
+
+
+class Uncertainty(_UncertaintyRequired, total=False):
+    """What is known of a parameter: a band, each value of which is as likely as any other, or a normal distribution.
+    The numbers are changes: a share multiplies by 1 + change, anything else is added.
+    """
+
+    high: float
+    """The largest change."""
+    low: float
+    """The least change; with `high`."""
+    mean: float
+    """The mean of the changes; with `standard_deviation`."""
+    standard_deviation: float
+    """Their standard deviation."""
+
+
 class WorldPoint(TypedDict, total=False):
     """A point of the world; absent is 0."""
 
     x_m: float
-    """World x, m. [>= -10000, <= 10000]"""
+    """World x, m."""
     y_m: float
-    """World y, m. [>= -10000, <= 10000]"""
+    """World y, m."""

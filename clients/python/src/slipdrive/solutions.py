@@ -72,6 +72,31 @@ class Asked:
             joint_names=joint_names,
         )
 
+    def assess(
+        self,
+        *,
+        uncertain: Sequence[requests.Uncertainty],
+        tolerances: requests.Tolerances,
+        samples: int | None = None,
+        seed: int = 0,
+        robot: requests.Robot | None = None,
+        payload: requests.Payload | None = None,
+        deadline_s: float | None = None,
+    ) -> answers.AssessResponse:
+        """How often this plan succeeds, by the server that gave it; see `Client.assess`."""
+        if self.client is None:
+            raise ValueError("this answer was read from a file: give it to Client.assess")
+        return self.client.assess(
+            self,  # type: ignore[arg-type]  # Only the two below are made.
+            uncertain=uncertain,
+            tolerances=tolerances,
+            samples=samples,
+            seed=seed,
+            robot=robot,
+            payload=payload,
+            deadline_s=deadline_s,
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution(answers.Solution, Asked):
