@@ -211,32 +211,34 @@ class ManeuverLimits(TypedDict, total=False):
     """
 
     acceleration_m_s2: float
-    """Largest acceleration while the speed grows, m/s2."""
+    """Largest acceleration while the speed grows, m/s2. [>= 0.0001, <= 10000]"""
     deceleration_m_s2: float
-    """Largest acceleration while the speed falls, m/s2."""
+    """Largest acceleration while the speed falls, m/s2. [>= 0.0001, <= 10000]"""
     grip_utilization: float
-    """Largest share of the grip of each wheel that its friction force may use, below 1; forbids slip."""
+    """Largest share of the grip of each wheel that its friction force may use, below 1; forbids slip. [>= 0.001, <
+    1]
+    """
     normal_load_share: float
     """Least normal force of each contact as a share of the robot's weight, at most half of the contact's share at
-    rest; 0 for no more than no separation; default 0.01.
+    rest; 0 for no more than no separation; default 0.01. [>= 0, <= 0.5]
     """
     speed_m_s: float
-    """Largest speed, m/s."""
+    """Largest speed, m/s. [>= 0.0001, <= 100]"""
     torque_rate_n_m_s: float
-    """Largest magnitude of the change of the torque of each wheel per time, N m/s."""
+    """Largest magnitude of the change of the torque of each wheel per time, N m/s. [>= 1e-06, <= 1e+09]"""
     wheel_rate_rad_s: float
-    """Largest magnitude of the rate of each wheel, rad/s."""
+    """Largest magnitude of the rate of each wheel, rad/s. [>= 0.001, <= 100000]"""
     yaw_acceleration_rad_s2: float
-    """Largest magnitude of the yaw acceleration, rad/s2."""
+    """Largest magnitude of the yaw acceleration, rad/s2. [>= 0.0001, <= 1e+06]"""
     yaw_rate_rad_s: float
-    """Largest magnitude of the yaw rate, rad/s."""
+    """Largest magnitude of the yaw rate, rad/s. [>= 0.0001, <= 1000]"""
 
 
 class _PayloadRequired(TypedDict):
     height_m: float
-    """Height of its centre of mass above the ground, m; required."""
+    """Height of its centre of mass above the ground, m; required. [>= 0, <= 100]"""
     mass_kg: float
-    """Mass, kg; required, 0 is no load."""
+    """Mass, kg; required, 0 is no load. [>= 0, <= 50000]"""
 
 
 class Payload(_PayloadRequired, total=False):
@@ -245,11 +247,11 @@ class Payload(_PayloadRequired, total=False):
     """
 
     forward_m: float
-    """Its centre of mass ahead of the axle, m; default 0."""
+    """Its centre of mass ahead of the axle, m; default 0. [>= -100, <= 100]"""
     right_m: float
-    """Its centre of mass to the right of the axle midpoint, m; default 0."""
+    """Its centre of mass to the right of the axle midpoint, m; default 0. [>= -100, <= 100]"""
     yaw_inertia_kg_m2: float
-    """Yaw inertia about its own centre of mass, kg m2; default 0, a point."""
+    """Yaw inertia about its own centre of mass, kg m2; default 0, a point. [>= 0, <= 500000]"""
 
 
 class PresentRequest(TypedDict, total=False):
@@ -325,7 +327,7 @@ class SimulateGrid(TypedDict, total=False):
     """The time grid of a simulation."""
 
     steps: int
-    """Number of time steps; default 200, or one per interval where there are more intervals. [>= 0]"""
+    """Number of time steps; default 200, or one per interval where there are more intervals. [>= 1, <= 10000]"""
 
 
 class _SimulateRequestRequired(TypedDict):
@@ -448,25 +450,25 @@ class State(TypedDict, total=False):
     """A state at the reference point; absent is 0."""
 
     heading_rad: float
-    """Heading, rad."""
+    """Heading, rad. [>= -10000, <= 10000]"""
     velocity_x_m_s: float
-    """World x velocity, m/s."""
+    """World x velocity, m/s. [>= -100, <= 100]"""
     velocity_y_m_s: float
-    """World y velocity, m/s."""
+    """World y velocity, m/s. [>= -100, <= 100]"""
     wheel_angle_left_rad: float
-    """Left wheel angle, rad."""
+    """Left wheel angle, rad. [>= -10000, <= 10000]"""
     wheel_angle_right_rad: float
-    """Right wheel angle, rad."""
+    """Right wheel angle, rad. [>= -10000, <= 10000]"""
     wheel_rate_left_rad_s: float
-    """Left wheel rate, rad/s."""
+    """Left wheel rate, rad/s. [>= -100000, <= 100000]"""
     wheel_rate_right_rad_s: float
-    """Right wheel rate, rad/s."""
+    """Right wheel rate, rad/s. [>= -100000, <= 100000]"""
     x_m: float
-    """World x, m."""
+    """World x, m. [>= -10000, <= 10000]"""
     y_m: float
-    """World y, m."""
+    """World y, m. [>= -10000, <= 10000]"""
     yaw_rate_rad_s: float
-    """Yaw rate, rad/s."""
+    """Yaw rate, rad/s. [>= -1000, <= 1000]"""
 
 
 class Tolerances(TypedDict, total=False):
@@ -519,6 +521,6 @@ class WorldPoint(TypedDict, total=False):
     """A point of the world; absent is 0."""
 
     x_m: float
-    """World x, m."""
+    """World x, m. [>= -10000, <= 10000]"""
     y_m: float
-    """World y, m."""
+    """World y, m. [>= -10000, <= 10000]"""
