@@ -145,17 +145,8 @@ impl Used {
             yaw_acceleration: Some(1e6),
             ..ManeuverLimits::default()
         };
-        let input = SimulateInput {
-            robot: asked.robot.clone(),
-            payload: None,
-            reference_point: asked.maneuver.reference_point,
-            start: asked.maneuver.start,
-            limits,
-            aisle: None,
-            schedule: plan.schedule.clone(),
-            step_count: plan.report.step_count,
-            contact_method: slipdrive::simulation::ContactMethod::Exact,
-        };
+        let motion = SimulateInput::of_plan(asked, plan.schedule.clone(), plan.report.step_count);
+        let input = SimulateInput { limits, aisle: None, ..motion };
         let simulation = simulate(&input, Stop::never()).expect("nothing stops it");
         let largest = |field: &str| {
             let of = simulation.limits.iter().filter(|used| used.limit.ends_with(field));

@@ -107,6 +107,7 @@ fn after_flag(work: impl FnOnce() + Send, end: impl FnOnce()) -> Option<Duration
 fn after_simulation(robot: &Robot, random: &mut Xoshiro256PlusPlus) -> Option<Duration> {
     let input = SimulateInput {
         robot: robot.clone(),
+        bare_robot: *robot.parameters(),
         payload: None,
         reference_point: ReferencePoint::default(),
         start: State::default(),

@@ -33,6 +33,7 @@ pub use connections::Connections;
 use connections::Place;
 pub(super) use memory::{Lease, Purpose, Shared};
 use metered_stream::MeteredStream;
+pub(super) use requests::PAGE_FOLDER;
 #[cfg(test)]
 pub(super) use requests::is_for_readers;
 

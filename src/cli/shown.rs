@@ -41,16 +41,15 @@ pub(super) fn write(
     if !is_asked_for(arguments) {
         return Ok(());
     }
+    let request = PresentRequest { report: arguments.report.is_some(), ..request.clone() };
+    let input = Present::accept(request, jobs.limits())?;
     if let Some(path) = &arguments.csv {
-        let accepted = Present::accept(request.clone(), jobs.limits())?;
-        let csv = AcceptedPlan::csv(&accepted.plans, &InProcessSolver, (&AtomicBool::new(false)).into());
+        let csv = AcceptedPlan::csv(&input.plans, &InProcessSolver, (&AtomicBool::new(false)).into());
         write_file(path, csv.map_err(|_| anyhow::anyhow!("the motion was stopped"))?.as_bytes())?;
     }
     if arguments.report.is_none() && arguments.svg.is_none() {
         return Ok(());
     }
-    let request = PresentRequest { report: arguments.report.is_some(), ..request.clone() };
-    let input = Present::accept(request, jobs.limits())?;
     let permit = service.reserve(Class::Light)?;
     let response = permit.submit(Arc::clone(&jobs.present), input, None, Present::answer)?;
     let response = response.blocking_outcome()?;

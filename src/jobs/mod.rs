@@ -5,6 +5,7 @@
 
 pub mod assess;
 pub mod export;
+mod idle_workers;
 mod kind;
 mod limits;
 pub mod plan;

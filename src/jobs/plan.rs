@@ -5,13 +5,12 @@ use serde_json::Value;
 use super::simulate::Simulate;
 use super::solve::Solve;
 use super::{Kind, Limits, ManeuverSolver};
-use crate::contract::convert::{aisle_corners, required, robot, schedule};
+use crate::contract::convert::{aisle_corners, required, schedule};
 use crate::contract::message::{SimulateResponse, SimulatedPlan, Solution, SolvedPlan};
-use crate::contract::{ErrorCode, Problem};
-use crate::robot::RobotParameters;
+use crate::contract::{ErrorCode, Problem, json};
 use crate::rules::{Checks, Rule};
 use crate::shooting::{AisleCorners, ManeuverLimits};
-use crate::simulation::{ContactMethod, TorqueSchedule, Trajectory};
+use crate::simulation::{TorqueSchedule, Trajectory};
 use crate::solver::{SimulateInput, SimulateParameters, SolveInput};
 use crate::stop::{Stop, Stopped};
 
@@ -25,8 +24,6 @@ pub struct AcceptedPlan {
     pub(super) said: Said,
     /// The motion; the schedule is empty where nothing moves.
     pub(super) motion: SimulateInput,
-    /// The robot without its load.
-    pub(super) bare_robot: RobotParameters,
     /// The corners of aisle and robot, as they were given.
     pub(super) corners: AisleCorners,
 }
@@ -73,6 +70,16 @@ impl AcceptedPlan {
     }
 }
 
+/// A saved plan, or a whole request about one, without what is rolled out again anyway.
+///
+/// # Errors
+/// `malformed_body` where it is no JSON object.
+pub(super) fn without_motion(file: &[u8]) -> Result<Vec<u8>, Problem> {
+    let mut plan = Value::Object(json::read_object(file)?);
+    forget_motion(&mut plan);
+    Ok(json::write(&plan))
+}
+
 /// Forgets what of a request with its answer is rolled out again anyway, as any caller would.
 pub(super) fn forget_motion(plan: &mut Value) {
     for answer in plan.as_object_mut().into_iter().flat_map(|plan| plan.values_mut()) {
@@ -91,11 +98,9 @@ fn accept_simulated(plan: SimulatedPlan, limits: &Limits) -> Result<AcceptedPlan
     let (request, answer) = (required(request, "request")?, required(answer, "answer")?);
     let footprint = request.robot.iter().flat_map(|robot| robot.footprint.clone()).collect::<Vec<_>>();
     let corners = aisle_corners(&request.keep_in, &footprint);
-    // What is wrong with it is said below.
-    let bare_robot = robot(&request.robot.clone().unwrap_or_default(), &mut Checks::new());
     let accepted = Simulate::accept(request, limits).map_err(|fault| fault.below("request"))?;
     let answer = SimulateResponse { trajectory: None, contacts: None, ..answer };
-    Ok(AcceptedPlan { said: Said::Simulate(Box::new(answer)), motion: accepted.input, bare_robot, corners })
+    Ok(AcceptedPlan { said: Said::Simulate(Box::new(answer)), motion: accepted.input, corners })
 }
 
 fn accept_solved(plan: SolvedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {
@@ -107,25 +112,15 @@ fn accept_solved(plan: SolvedPlan, limits: &Limits) -> Result<AcceptedPlan, Prob
     let corners = aisle_corners(&maneuver.unwrap_or_default().keep_in, &given_robot.footprint);
     let motion = motion_of(&accepted.input, &answer, limits).map_err(|fault| fault.below("answer"))?;
     let answer = Solution { trajectory: None, contacts: None, ..answer };
-    let bare_robot = accepted.input.bare_robot;
-    Ok(AcceptedPlan { said: Said::Solve(Box::new(accepted.input), Box::new(answer)), motion, bare_robot, corners })
+    Ok(AcceptedPlan { said: Said::Solve(Box::new(accepted.input), Box::new(answer)), motion, corners })
 }
 
 /// The motion of the torques that were answered, on the grid of the plan.
 fn motion_of(asked: &SolveInput, answer: &Solution, limits: &Limits) -> Result<SimulateInput, Problem> {
     let schedule = schedule(required(answer.torque_schedule.clone(), "torque_schedule")?, "torque_schedule")?;
-    let still = SimulateInput {
-        robot: asked.robot.clone(),
-        payload: asked.payload,
-        reference_point: asked.maneuver.reference_point,
-        start: asked.maneuver.start,
-        // What the plan uses of its limits is in its report.
-        limits: ManeuverLimits::default(),
-        aisle: None,
-        schedule,
-        step_count: 1,
-        contact_method: ContactMethod::Exact,
-    };
+    // What the plan uses of its limits is in its report.
+    let still = SimulateInput::of_plan(asked, schedule, 1);
+    let still = SimulateInput { limits: ManeuverLimits::default(), aisle: None, ..still };
     if still.schedule.left.is_empty() && still.schedule.right.is_empty() {
         return Ok(still);
     }

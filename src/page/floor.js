@@ -79,10 +79,7 @@ export class Floor {
     const plans = [state.compared, state.plan];
     const follows = this.isFollowing && state.plan;
     if (follows) this.#follow(state);
-    this.#robots.forEach((robot, index) => {
-      const plan = plans[index];
-      robot.show(plan, plan ? bodyOf(plan.request, this.byDefault) : null, state.time, this.#view);
-    });
+    this.#robots.forEach((robot, index) => robot.show(plans[index], state.time, this.#view));
   }
 
   /** Shows everything again, after following ended. */
@@ -93,23 +90,16 @@ export class Floor {
   /** @param {Point[]} points */
   #fit(points) {
     const state = this.#state;
-    const paths = [state?.plan, state?.compared].flatMap((plan) => (plan ? this.#everyPoint(plan) : []));
+    const paths = [state?.plan, state?.compared].flatMap((plan) => (plan ? everyPoint(plan) : []));
     this.#view = View.fitting([...points, ...paths, ...this.#corners()], this.#frame, MARGIN_PX);
     this.#drawGround();
-  }
-
-  /** @param {Plan} plan */
-  #everyPoint(plan) {
-    const reach = reachOf(bodyOf(plan.request, this.byDefault));
-    return everyPose(plan).flatMap((pose) => around(pose, reach));
   }
 
   /** @param {Readonly<State>} state */
   #follow({ plan, time }) {
     if (!plan) return;
     const { x, y } = poseAt(plan.trajectory, time);
-    const scale =
-      (FOLLOWED_SHARE * Math.min(this.#frame.width, this.#frame.height)) / reachOf(bodyOf(plan.request, this.byDefault));
+    const scale = (FOLLOWED_SHARE * Math.min(this.#frame.width, this.#frame.height)) / reachOf(plan.body);
     this.#view = new View(scale, this.#view.onSide, [0, 0]).centred([x, y], this.#frame);
     this.#drawGround();
     if (this.#state) this.#showHandles(this.#state);
@@ -139,8 +129,7 @@ export class Floor {
 
   /** The path of the reference point, and the tracks of wheels where they slip. @param {Plan} plan @param {string} name */
   #trace(plan, name) {
-    const body = bodyOf(plan.request, this.byDefault);
-    const poses = everyPose(plan);
+    const [body, poses] = [plan.body, everyPose(plan)];
     const path = svg("path", { class: `trace plan-${name}`, d: pathOf(poses.map(({ x, y }) => this.#view.place([x, y]))) });
     const tracks = /** @type {const} */ (["left", "right"]).flatMap((wheel) => {
       const points = poses.map((pose) => this.#view.place(placing(body, pose)(body.wheels[wheel])));
@@ -169,6 +158,12 @@ const inside = (time, start, end) => time >= start - 1e-9 && time <= end + 1e-9;
 /** @param {Plan} plan @returns {Pose[]} */
 const everyPose = ({ trajectory: { x_m, y_m, heading_rad } }) =>
   x_m.map((x, node) => ({ x: x ?? NaN, y: y_m[node] ?? NaN, heading: heading_rad[node] ?? NaN }));
+
+/** Room for the robot of a plan all the way. @param {Plan} plan */
+function everyPoint(plan) {
+  const reach = reachOf(plan.body);
+  return everyPose(plan).flatMap((pose) => around(pose, reach));
+}
 
 /** Room for a robot at a pose. @param {Pose} pose @param {number} reach m @returns {Point[]} */
 const around = ({ x, y }, reach) => [

@@ -92,7 +92,7 @@ const simulate = (/** @type {unknown} */ body) => ask("simulate", body);
 
 /** @param {Plan["shown"]} shown */
 async function showPlan(shown) {
-  const plan = await planOf(shown, simulate);
+  const plan = await planOf(shown, simulate, referenceRobot);
   showFacts(plan);
   byId("answer", HTMLElement).hidden = false;
   byId("stale", HTMLElement).hidden = JSON.stringify(current().request) === solved;
@@ -165,7 +165,7 @@ async function open(content) {
 async function compare(content) {
   const shown = savedPlan(content);
   if (!shown) throw new Error("it holds no plan to compare with");
-  await showBeside(await planOf(shown, simulate));
+  await showBeside(await planOf(shown, simulate, referenceRobot));
 }
 
 /** @param {Plan | null} compared */

@@ -1,5 +1,6 @@
 // Makes a plan that can be shown from an answer of the service.
 
+import { bodyOf } from "./body.js";
 import { isRecord } from "./state.js";
 
 /** @typedef {import("./state.js").Plan} Plan */
@@ -10,27 +11,28 @@ import { isRecord } from "./state.js";
  * A plan with its motion. Where the answer came without one, as the view `plan` does, the service integrates it again.
  * @param {Plan["shown"]} shown
  * @param {(body: unknown) => Promise<any>} simulate
+ * @param {Record<string, number>} referenceRobot for fields that the request leaves out
  * @returns {Promise<Plan>}
  */
-export async function planOf(shown, simulate) {
-  const pair = /** @type {{ request: any, answer: any }} */ (shown.solve ?? shown.simulate);
-  const { request, answer } = pair;
-  const isWhole = isMotion(answer.trajectory) && answer.contacts;
-  const stands = !answer.torque_schedule?.left_n_m?.length && shown.solve;
-  const motion = isWhole
-    ? answer
-    : stands
-      ? standing(answer)
-      : await simulate(shown.solve ? simulation(request, answer) : request);
+export async function planOf(shown, simulate, referenceRobot) {
+  const { request, answer } = /** @type {{ request: any, answer: any }} */ (shown.solve ?? shown.simulate);
+  const motion = await motionOf(shown, simulate);
   if (!isMotion(motion.trajectory)) throw new Error("the plan has no motion");
   return {
     shown,
-    request,
+    body: bodyOf(request, referenceRobot),
     trajectory: motion.trajectory,
     contacts: motion.contacts,
-    replaced: !isWhole,
     spans: Array.isArray(answer.contact_modes) ? answer.contact_modes : (motion.contact_modes ?? []),
   };
+}
+
+/** @param {Plan["shown"]} shown @param {(body: unknown) => Promise<any>} simulate @returns {Promise<any>} */
+async function motionOf({ solve, simulate: simulated }, simulate) {
+  const { request, answer } = /** @type {{ request: any, answer: any }} */ (solve ?? simulated);
+  if (isMotion(answer.trajectory) && answer.contacts) return answer;
+  if (!solve) return simulate(request);
+  return answer.torque_schedule?.left_n_m?.length ? simulate(simulation(request, answer)) : standing(answer);
 }
 
 /** @param {unknown} value @returns {value is Trajectory} */

@@ -5,7 +5,6 @@ import { setAttributes, svg } from "./dom.js";
 import { forceAt, largestForce, poseAt, slipsAt } from "./motion.js";
 
 /** @typedef {import("./state.js").Plan} Plan */
-/** @typedef {import("./body.js").Body} Body */
 /** @typedef {import("./body.js").Point} Point */
 /** @typedef {import("./view.js").View} View */
 
@@ -30,15 +29,11 @@ export class Robot {
     this.element = svg("g", { class: `robot plan-${name}`, "aria-hidden": "true" }, ...parts);
   }
 
-  /**
-   * @param {Plan | null} plan
-   * @param {Body | null} body
-   * @param {number} time s
-   * @param {View} view
-   */
-  show(plan, body, time, view) {
+  /** @param {Plan | null} plan @param {number} time s @param {View} view */
+  show(plan, time, view) {
     setAttributes(this.element, { visibility: plan ? undefined : "hidden" });
-    if (!plan || !body) return;
+    if (!plan) return;
+    const { body } = plan;
     const place = placing(body, poseAt(plan.trajectory, time));
     /** @param {Point[]} corners */
     const polygon = (corners) => ({ points: corners.map((corner) => view.place(place(corner)).join(",")).join(" ") });

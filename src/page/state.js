@@ -9,9 +9,8 @@
 /**
  * A request with its answer, as files keep it and `present` takes it, with the motion that the animation shows.
  * @typedef {{
- *   shown: Schemas["PresentedPlan"],
- *   request: Schemas["SolveRequest"] | Schemas["SimulateRequest"],
- *   spans: Span[], trajectory: Trajectory, contacts: Contacts | undefined, replaced: boolean,
+ *   shown: Schemas["PresentedPlan"], body: import("./body.js").Body,
+ *   spans: Span[], trajectory: Trajectory, contacts: Contacts | undefined,
  * }} Plan
  */
 /**

@@ -179,17 +179,7 @@ fn path_has_one_scale() {
 #[test]
 fn impossible_plan_says_so_over_start_and_goal() {
     let input = SolveInput::new(SolveParameters::default()).unwrap();
-    let motion = SimulateInput {
-        robot: input.robot.clone(),
-        payload: None,
-        reference_point: input.maneuver.reference_point,
-        start: input.maneuver.start,
-        limits: input.maneuver.limits,
-        aisle: None,
-        schedule: TorqueSchedule::empty(),
-        step_count: 1,
-        contact_method: crate::simulation::ContactMethod::Exact,
-    };
+    let motion = SimulateInput::of_plan(&input, TorqueSchedule::empty(), 1);
     let trajectory = Trajectory { time: vec![0.0], state: vec![motion.start], ..Trajectory::default() };
     let drive = Drive { input, motion, trajectory };
     let fault = Some("The goal is impossible. <no torque> & \"more\".".to_owned());

@@ -11,7 +11,9 @@ use crate::simulation::ContactSample;
 
 const TIME: Quantity = Quantity { name: "time", unit: "s", field: "time_s" };
 const WHEELS: [ContactName; 2] = [ContactName::Left, ContactName::Right];
+/// Of a panel over time, px, and of one quantity over another.
 const HEIGHT: f64 = 108.0;
+const TALL_HEIGHT: f64 = 140.0;
 /// The friction limit beside a plan's curve.
 const FRICTION_DASH: &str = "1.5 2.5";
 
@@ -35,11 +37,17 @@ fn name_of(contact: ContactName) -> &'static str {
     }
 }
 
+/// A panel of one quantity over another.
+fn over_quantity(axes: &'static str, title: String, [across, up]: [Quantity; 2], shapes: Vec<Shape>) -> Panel {
+    let shown = [Vec::new(), Vec::new()];
+    Panel { axes, title, across, up, shapes, shown, height: TALL_HEIGHT, equal: false, up_falls: false }
+}
+
 /// A panel from the start to the end of the longest plan.
 fn over_time(plans: &[Plan], axes: &'static str, title: String, up: Quantity, shapes: Vec<Shape>) -> Panel {
     let ends = moving(plans).map(|(_, plan)| plan.schedule.final_time);
     let shown = [std::iter::once(0.0).chain(ends).collect(), Vec::new()];
-    Panel { axes, title, across: TIME, up, shapes, shown, height: HEIGHT, equal: false, up_falls: false }
+    Panel { shown, height: HEIGHT, ..over_quantity(axes, title, [TIME, up], shapes) }
 }
 
 /// A value of each step, in its middle: forces are means.
@@ -223,18 +231,7 @@ pub(super) fn torques(plans: &[Plan]) -> Figure {
             shapes.push(Shape::Dot { at: start, radius: 3.0, paint: Paint::area("sd-ink", "#1a1a1a", 1.0) });
             shapes.push(Shape::Dot { at: end, radius: 4.0, paint: GOAL });
         }
-        let title = format!("{} ({})", up.name, up.unit);
-        Panel {
-            axes,
-            title,
-            across,
-            up,
-            shapes,
-            shown: [Vec::new(), Vec::new()],
-            height: 140.0,
-            equal: false,
-            up_falls: false,
-        }
+        over_quantity(axes, format!("{} ({})", up.name, up.unit), [across, up], shapes)
     };
     let quantity = |name, unit, field| Quantity { name, unit, field };
     let rows = vec![
@@ -344,18 +341,7 @@ pub(super) fn wheel_rates(plans: &[Plan]) -> Figure {
         }
         let up = Quantity { name: "torque", unit: "N m", field: "torque_n_m" };
         let across = Quantity { name: "rate", unit: "rad/s", field: "wheel_rate_rad_s" };
-        let title = format!("{}: torque (N m)", name_of(wheel));
-        Panel {
-            axes,
-            title,
-            across,
-            up,
-            shapes,
-            shown: [Vec::new(), Vec::new()],
-            height: 140.0,
-            equal: false,
-            up_falls: false,
-        }
+        over_quantity(axes, format!("{}: torque (N m)", name_of(wheel)), [across, up], shapes)
     };
     let mut rows = vec![vec![
         over("left_rate", ContactName::Left, StateComponent::WheelRateLeft),

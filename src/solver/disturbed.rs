@@ -52,6 +52,8 @@ pub enum ChangedParameter {
 }
 
 impl ChangedParameter {
+    /// What a delay must be, in words.
+    pub const DELAY_FITS: &str = "a delay of at most 1000 intervals and 10000 steps in all";
     /// All of them.
     pub const ALL: [Self; 15] = [
         Self::Friction,
@@ -161,6 +163,14 @@ impl Undisturbed {
         Self { bare_robot, payload, start, schedule: as_read(schedule.clone()), step_count, from_axle: -to_axle }
     }
 
+    /// The motion without changes.
+    ///
+    /// # Panics
+    /// When robot and payload break their rules, which those of a validated request do not.
+    pub fn unchanged(&self) -> Disturbed {
+        self.under(&[]).expect("robot and payload were checked")
+    }
+
     /// The motion with all these changes.
     ///
     /// # Errors
@@ -263,7 +273,7 @@ fn check_delay(delay: &PerWheel<f64>, (schedule, step_count): (&TorqueSchedule, 
     let with_delay = intervals + (longest / schedule.interval()).ceil();
     let steps = (step_count as f64 * with_delay / intervals).ceil();
     let fits = with_delay <= MOST_INTERVALS as f64 && steps <= SolverSettings::STEP_LIMIT as f64;
-    checks.require(name.as_str(), longest, fits, "a delay of at most 1000 intervals and 10000 steps in all", None);
+    checks.require(name.as_str(), longest, fits, ChangedParameter::DELAY_FITS, None);
 }
 
 /// The torques that each wheel begins after its delay, in intervals into which both delays fit when rounded.

@@ -1,6 +1,6 @@
 //! Threads that share the work of a solve. The solver starts none: its caller may lend some.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Work in independent parts that several threads may do at once.
 pub trait SharedWork: Sync {
@@ -32,5 +32,28 @@ impl Helpers for Alone {
     fn share(&self, work: &dyn SharedWork) {
         static NEVER: AtomicBool = AtomicBool::new(false);
         while work.take_part(&NEVER) {}
+    }
+}
+
+/// Cancels the other parts of shared work when one panics.
+pub(super) struct CancelOnPanic<'a>(Option<&'a AtomicBool>);
+
+impl<'a> CancelOnPanic<'a> {
+    /// Sets the flag where it is dropped before [`Self::disarm`].
+    pub(super) fn new(is_cancelled: &'a AtomicBool) -> Self {
+        Self(Some(is_cancelled))
+    }
+
+    /// The part has ended by itself.
+    pub(super) fn disarm(mut self) {
+        self.0 = None;
+    }
+}
+
+impl Drop for CancelOnPanic<'_> {
+    fn drop(&mut self) {
+        if let Some(is_cancelled) = self.0 {
+            is_cancelled.store(true, Ordering::Relaxed);
+        }
     }
 }

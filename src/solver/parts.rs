@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::candidate::{Candidate, improves};
-use super::helpers::SharedWork;
+use super::helpers::{CancelOnPanic, SharedWork};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
 use crate::optimizer::Interruption;
@@ -234,23 +234,12 @@ impl SharedWork for Parts<'_> {
             return false;
         }
         let Some((index, limit)) = self.begin() else { return false };
-        let mut alarm = CancelOnPanic(Some(&self.is_cancelled));
+        let alarm = CancelOnPanic::new(&self.is_cancelled);
         let stop = self.control.stop().interrupted_by([&self.is_cancelled, recalled]);
         let control = self.control.of_part(stop, self.progress);
         let outcome = (self.run)(index, &control, limit);
-        alarm.0 = None;
+        alarm.disarm();
         self.end(index, limit, outcome);
         true
-    }
-}
-
-/// Cancels the other parts when one panics.
-struct CancelOnPanic<'a>(Option<&'a AtomicBool>);
-
-impl Drop for CancelOnPanic<'_> {
-    fn drop(&mut self) {
-        if let Some(is_cancelled) = self.0 {
-            is_cancelled.store(true, Ordering::Relaxed);
-        }
     }
 }

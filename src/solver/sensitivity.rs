@@ -94,12 +94,10 @@ struct Plan {
 
 impl Plan {
     fn new(input: &SolveInput, plan: (&TorqueSchedule, usize), stop: Stop) -> Result<Self, Stopped> {
-        let SolveInput { robot, bare_robot, payload, maneuver, .. } = input;
+        let SolveInput { bare_robot, payload, maneuver, .. } = input;
         let start = (maneuver.reference_point, &maneuver.start);
         let planned = Undisturbed::new((*bare_robot, *payload), start, plan);
-        let Undisturbed { start, schedule, step_count, .. } = planned.clone();
-        let (bare_robot, payload, robot) = (*bare_robot, *payload, robot.clone());
-        let (end, _) = Disturbed { bare_robot, payload, robot, start, schedule, step_count }.end(stop)?;
+        let (end, _) = planned.unchanged().end(stop)?;
         Ok(Self { planned, end })
     }
 

@@ -3,7 +3,7 @@
 use super::carried::{check_robot, joined};
 use super::limit_uses::limit_uses;
 use super::schedule_check::{self, check_schedule};
-use super::{LimitUse, SolverSettings};
+use super::{LimitUse, SolveInput, SolverSettings};
 use crate::robot::{Payload, Robot, RobotParameters, State};
 use crate::rules::{Checks, Rule, RuleSet, Violations};
 use crate::shooting::{Aisle, AisleCorners, ManeuverLimits, PathLimits, ReferencePoint, check_state, rules_of_state};
@@ -21,6 +21,8 @@ const SCHEDULE_ARRAYS: (&str, &str) = ("left_n_m", "right_n_m");
 pub struct SimulateInput {
     /// The robot, what it carries joined to its chassis.
     pub robot: Robot,
+    /// The robot without its load.
+    pub bare_robot: RobotParameters,
     /// What it carries.
     pub payload: Option<Payload>,
     /// The point that the start and the answer speak of.
@@ -112,6 +114,23 @@ impl SimulateParameters {
 }
 
 impl SimulateInput {
+    /// The motion of torques that were found for a maneuver, compared with what it must keep.
+    pub fn of_plan(asked: &SolveInput, schedule: TorqueSchedule, step_count: usize) -> Self {
+        let SolveInput { robot, bare_robot, payload, maneuver, aisle, .. } = asked;
+        Self {
+            robot: robot.clone(),
+            bare_robot: *bare_robot,
+            payload: *payload,
+            reference_point: maneuver.reference_point,
+            start: maneuver.start,
+            limits: maneuver.limits,
+            aisle: aisle.clone(),
+            schedule,
+            step_count,
+            contact_method: ContactMethod::Exact,
+        }
+    }
+
     /// Validates a simulation.
     ///
     /// # Errors
@@ -121,7 +140,7 @@ impl SimulateInput {
         let aisle = parameters.check(&mut checks);
         checks.finish()?;
         let SimulateParameters {
-            robot,
+            robot: bare_robot,
             payload,
             reference_point,
             start,
@@ -131,8 +150,19 @@ impl SimulateInput {
             step_count,
             contact_method,
         } = parameters;
-        let robot = Robot::new(joined(&robot, payload.as_ref()))?;
-        Ok(Self { robot, payload, reference_point, start, limits, aisle, schedule, step_count, contact_method })
+        let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
+        Ok(Self {
+            robot,
+            bare_robot,
+            payload,
+            reference_point,
+            start,
+            limits,
+            aisle,
+            schedule,
+            step_count,
+            contact_method,
+        })
     }
 }
 

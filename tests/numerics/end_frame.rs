@@ -3,7 +3,6 @@
 use slipdrive::contact::ContactName;
 use slipdrive::robot::RobotParameters;
 use slipdrive::shooting::{Goal, Maneuver, ReferencePoint, StateComponent};
-use slipdrive::simulation::ContactMethod;
 use slipdrive::solver::{RunControl, SimulateInput, SolveInput, SolveParameters, Status, simulate, solve};
 use slipdrive::stop::Stop;
 
@@ -38,17 +37,7 @@ fn goals_at_speed_on_a_curve_are_met_and_simulated_to_the_bit() {
         let solution = solve(&input, &RunControl::unattended()).unwrap();
         assert_eq!(solution.status, Status::Converged, "{point:?} {:?}", solution.reason);
 
-        let simulation = SimulateInput {
-            robot: input.robot.clone(),
-            payload: None,
-            reference_point: point,
-            start: maneuver.start,
-            limits: maneuver.limits,
-            aisle: None,
-            schedule: solution.schedule.clone(),
-            step_count: solution.report.step_count,
-            contact_method: ContactMethod::Exact,
-        };
+        let simulation = SimulateInput::of_plan(&input, solution.schedule.clone(), solution.report.step_count);
         let end = simulate(&simulation, Stop::never()).unwrap().trajectory.end_state;
         assert_eq!(end, solution.trajectory.end_state);
         assert_eq!(maneuver.goal_error(&end), solution.goal_error);

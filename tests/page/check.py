@@ -158,12 +158,12 @@ def keyboard_alone(browser: Browser, service: Service) -> None:
     visit = Visit(browser, service)
     page = visit.page
 
-    def reach(selector: str) -> None:
+    def reach(selector: str, key: str = "Tab") -> None:
         for _ in range(120):
-            page.keyboard.press("Tab")
+            page.keyboard.press(key)
             if page.evaluate("selector => document.activeElement.matches(selector)", selector):
                 return
-        raise AssertionError(f"Tab never comes to {selector}")
+        raise AssertionError(f"{key} never comes to {selector}")
 
     reach("#solve")
     reach("#handle-goal")
@@ -173,10 +173,7 @@ def keyboard_alone(browser: Browser, service: Service) -> None:
     assert abs(float(page.input_value("#maneuver-goal-x_m")) - 0.01) < 1e-9
     assert float(page.input_value("#maneuver-goal-heading_rad")) > 0.2
     page.keyboard.press("]")
-    for _ in range(120):
-        page.keyboard.press("Shift+Tab")
-        if page.evaluate("document.activeElement.id") == "solve":
-            break
+    reach("#solve", "Shift+Tab")
     with page.expect_response("**/solve") as caught:
         page.keyboard.press("Enter")
     answer = result_of(caught.value.text())

@@ -245,12 +245,18 @@ fn saved_plans_are_presented_together_in_a_page_that_needs_nothing() {
     assert_eq!(rows, vec![2 + 10 + 2 + 15; 1 + 2 * 41]);
 }
 
-#[test]
-fn saved_plan_is_exported_into_a_folder() {
-    let folder = Folder::new("exported");
+/// The file of a short plan.
+fn saved_plan(folder: &Folder) -> String {
     let body = br#"{"maneuver": {"goal": {"y_m": 1}}, "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}}"#;
     let plan = folder.file("plan.json");
     assert_eq!(run_with_input(&["solve", "-", "--save", &plan], body).status.code(), Some(0));
+    plan
+}
+
+#[test]
+fn saved_plan_is_exported_into_a_folder() {
+    let folder = Folder::new("exported");
+    let plan = saved_plan(&folder);
     let bag = folder.file("bag");
     let of_bag = ["--format", "ros2_mcap", "--rate-hz", "50", "--joint-names", r#"["left", "right"]"#, "--out", &bag];
     let exported = run_with_input(&[&["export", &plan], &of_bag[..]].concat(), b"");
@@ -268,9 +274,7 @@ fn saved_plan_is_exported_into_a_folder() {
 #[test]
 fn saved_plan_is_assessed_by_flags() {
     let folder = Folder::new("assessed");
-    let body = br#"{"maneuver": {"goal": {"y_m": 1}}, "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}}"#;
-    let plan = folder.file("plan.json");
-    assert_eq!(run_with_input(&["solve", "-", "--save", &plan], body).status.code(), Some(0));
+    let plan = saved_plan(&folder);
     let uncertain = r#"[{"parameter": "friction", "low": -0.1, "high": 0.1}]"#;
     let flags = ["--uncertain", uncertain, "--tolerances", r#"{"distance_m": 0.05}"#, "--samples", "100"];
     let assessed = run_with_input(&[&["assess", &plan], &flags[..]].concat(), b"");

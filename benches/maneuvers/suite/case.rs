@@ -97,18 +97,7 @@ impl Case {
     /// As [`Case::simulated_over_the_wire`] on the case's own grid, without rounding of the interval.
     pub(crate) fn simulated(&self, schedule: &TorqueSchedule) -> Simulation {
         let asked = &self.accepted.input;
-        let maneuver = &asked.maneuver;
-        let input = slipdrive::solver::SimulateInput {
-            robot: asked.robot.clone(),
-            payload: asked.payload,
-            reference_point: maneuver.reference_point,
-            start: maneuver.start,
-            limits: maneuver.limits,
-            aisle: asked.aisle.clone(),
-            schedule: schedule.clone(),
-            step_count: STEP_COUNT,
-            contact_method: slipdrive::simulation::ContactMethod::Exact,
-        };
+        let input = slipdrive::solver::SimulateInput::of_plan(asked, schedule.clone(), STEP_COUNT);
         simulate(&input, Stop::never()).expect("nothing stops it")
     }
 

@@ -12,10 +12,10 @@ use tracing::Instrument as _;
 
 use super::endpoints::endpoints;
 use super::operation::Access;
-use super::{page, problem_json};
+use super::problem_json;
 use crate::api::access::{AccessLine, Endpoint, RequestContext};
 use crate::api::receive::{connection_of, only_probes, peer_of};
-use crate::api::server::Use;
+use crate::api::server::{PAGE_FOLDER, Use};
 use crate::api::{ApiSettings, ApiState, CAUSE_IS_LOGGED, observed_body};
 use crate::contract::{ErrorCode, Problem};
 use crate::metrics::Metrics;
@@ -41,8 +41,8 @@ impl Passage {
     /// The route of a path, and who may ask there.
     fn route(&self, path: &str) -> (Arc<str>, Access) {
         // The files of the page count together, those that do not exist too.
-        if path.starts_with(page::FOLDER) {
-            return (page::FOLDER.into(), Access::Open);
+        if path.starts_with(PAGE_FOLDER) {
+            return (PAGE_FOLDER.into(), Access::Open);
         }
         let known = self.routes.iter().find(|(route, _)| **route == *path).cloned();
         known.unwrap_or_else(|| (OTHER_ROUTE.into(), Access::WithKey))

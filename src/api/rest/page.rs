@@ -10,9 +10,6 @@ use crate::contract::message::SolveRequest;
 use crate::jobs::solve::Solve;
 use crate::jobs::{Example, Kind as _, present};
 
-/// Where the files are served that the pages load.
-pub(super) const FOLDER: &str = "/page/";
-
 const HTML: &str = "text/html; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 const STYLE: &str = "text/css; charset=utf-8";

@@ -24,8 +24,8 @@ use super::memory::{Ceiling, Lease, Purpose, Shared};
 const FOR_GUESTS: [&str; 4] = ["/grpc.", "/livez", "/readyz", "/metrics"];
 /// The page and what it shows, beside the files in its folder: what everybody may read.
 const FOR_READERS: [&str; 4] = ["/", "/docs", "/limits", "/openapi.json"];
-/// The folder of the page.
-const FILES_FOR_READERS: &str = "/page/";
+/// Where the files are served that the page loads.
+pub(in crate::api) const PAGE_FOLDER: &str = "/page/";
 /// Most fields of a head: hyper's own limit over HTTP/1.
 const MAX_FIELDS: usize = 100;
 /// What a field of a head holds beside its name and value, bytes: its place in the map, and two allocations.
@@ -101,7 +101,7 @@ fn standing<B>(connection: &Connection, request: &Request<B>) -> Standing {
 
 /// Whether everybody may read what is at this path.
 pub(in crate::api) fn is_for_readers(path: &str) -> bool {
-    FOR_READERS.contains(&path) || path.starts_with(FILES_FOR_READERS)
+    FOR_READERS.contains(&path) || path.starts_with(PAGE_FOLDER)
 }
 
 /// What a head holds, beside what every request does.

@@ -53,7 +53,7 @@ pub(super) fn rules() -> RuleSet {
         )
         .across(&["uncertain[].low", "uncertain[].high"], "`low` is at most `high`")
         .across(&["uncertain[].parameter"], "each parameter once; those of a payload where there is one")
-        .across(&["uncertain[].high", "uncertain[].mean"], "a delay of at most 1000 intervals and 10000 steps in all")
+        .across(&["uncertain[].high", "uncertain[].mean"], ChangedParameter::DELAY_FITS)
         .across(&["samples"], "at most 20,000,000 steps of all samples together, on the plan's grid")
 }
 
@@ -175,9 +175,9 @@ fn assessed(
     checks: &mut Checks,
 ) -> Result<AssessInput, Problem> {
     let moves = plan.step_count() > 0;
-    let AcceptedPlan { said, motion, bare_robot, corners } = plan;
+    let AcceptedPlan { said, motion, corners } = plan;
     let planned = Undisturbed::new(
-        (bare_robot, motion.payload),
+        (motion.bare_robot, motion.payload),
         (motion.reference_point, &motion.start),
         (&motion.schedule, motion.step_count),
     );
@@ -237,7 +237,7 @@ fn check_together(input: &AssessInput, checks: &mut Checks) {
             };
             let fits = input.driven.under(&[(parameter, value)]).is_ok();
             let field = format!("uncertain[{index}].{name}");
-            checks.require(&field, value, fits, "a delay of at most 1000 intervals and 10000 steps in all", None);
+            checks.require(&field, value, fits, ChangedParameter::DELAY_FITS, None);
         }
     }
     let steps = input.expected_steps();

@@ -9,20 +9,19 @@ mod metrics;
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde_json::Value;
-
 pub use accept::AcceptedAssess;
 
 use self::metrics::AssessMetrics;
-use super::plan::forget_motion;
+use super::idle_workers::IdleWorkers;
+use super::plan::without_motion;
 use super::{Flag, Kind, Limits, ManeuverSolver};
+use crate::contract::Problem;
 use crate::contract::message::{AssessRequest, AssessResponse};
-use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
 use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
-use crate::solver::{Assessment, Helpers, NoProgress, RunControl, SharedWork};
+use crate::solver::{Assessment, NoProgress, RunControl};
 
 /// What a step of a rollout takes a small cloud machine, s.
 const STEP_S: f64 = 3e-6;
@@ -41,15 +40,6 @@ impl Assess {
     /// Samples with this solver, and counts among these metrics.
     pub fn new(solver: Arc<dyn ManeuverSolver>, metrics: &Metrics) -> Self {
         Self { solver, metrics: AssessMetrics::new(metrics.registration()) }
-    }
-}
-
-/// Lends idle workers.
-struct IdleWorkers<'a>(&'a JobControl<'a, ()>);
-
-impl Helpers for IdleWorkers<'_> {
-    fn share(&self, work: &dyn SharedWork) {
-        self.0.share(&|| work.open_parts(), &|is_recalled| work.take_part(is_recalled));
     }
 }
 
@@ -131,9 +121,7 @@ impl Kind for Assess {
 
     /// The file has a plan, or a whole request.
     fn joined(files: Vec<Vec<u8>>) -> Result<Vec<u8>, Problem> {
-        let mut plan: Value = Value::Object(json::read_object(&files.concat())?);
-        forget_motion(&mut plan);
-        Ok(json::write(&plan))
+        without_motion(&files.concat())
     }
 
     fn table(accepted: &AcceptedAssess, done: &Done<Assessment>) -> String {

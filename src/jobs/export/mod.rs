@@ -14,17 +14,16 @@ use std::time::Duration;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use serde_json::Value;
 
 pub use accept::AcceptedExport;
 
 use self::miss::Miss;
 use self::motion::Motion;
-use super::plan::forget_motion;
+use super::plan::without_motion;
 use super::table::{line, row};
 use super::{File, Flag, Kind, Limits, ManeuverSolver};
+use crate::contract::Problem;
 use crate::contract::message::{ExportFormat, ExportRequest, ExportResponse, ExportedFile};
-use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::rules::RuleSet;
 use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
@@ -139,9 +138,7 @@ impl Kind for Export {
 
     /// The file has a plan, or a whole request.
     fn joined(files: Vec<Vec<u8>>) -> Result<Vec<u8>, Problem> {
-        let mut plan: Value = Value::Object(json::read_object(&files.concat())?);
-        forget_motion(&mut plan);
-        Ok(json::write(&plan))
+        without_motion(&files.concat())
     }
 
     /// Files and their sizes, and the miss.

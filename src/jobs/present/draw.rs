@@ -14,7 +14,7 @@ pub(super) fn figures(plans: &[(&AcceptedPlan, &Trajectory)], words: &[PlanInWor
 }
 
 fn shown<'a>((plan, trajectory): &(&'a AcceptedPlan, &'a Trajectory), name: &'a str) -> plot::Plan<'a> {
-    let AcceptedPlan { said, motion, bare_robot: _, corners } = *plan;
+    let AcceptedPlan { said, motion, corners } = *plan;
     let (goal, torque_limit, limits) = match said {
         Said::Solve(asked, _) => {
             (Some(&asked.maneuver.goal), Some(asked.maneuver.torque_limit), &asked.maneuver.limits)

@@ -18,6 +18,7 @@ use metrics::SolveMetrics;
 pub use observer::Progressed;
 use observer::SolveObserver;
 
+use super::idle_workers::IdleWorkers;
 use super::{ARRAYS_OF_STEPS, Example, Kind, Limits, ManeuverSolver, ProgressLine};
 use crate::contract::message::{self, PresentRequest, PresentedPlan, SearchPhase, SolveRequest, SolvedPlan, View};
 use crate::contract::{Problem, json};
@@ -100,9 +101,9 @@ impl Job for Solve {
     }
 
     fn run(&self, accepted: &AcceptedSolve, control: &JobControl<'_, Progressed>) -> Result<Solved, Stopped> {
-        let observer = SolveObserver::new(control);
+        let (observer, workers) = (SolveObserver::new(control), IdleWorkers(control));
         let stop = control.stop();
-        let run = RunControl::new(stop.flag(), &observer).cut_off_by(stop.cut_flag()).helped_by(&observer);
+        let run = RunControl::new(stop.flag(), &observer).cut_off_by(stop.cut_flag()).helped_by(&workers);
         let solution = self.solver.solve(&accepted.input, &run).map_err(|_| control.cut_off())?;
         let stop_reason = stop_reason(solution.stop_reason, stop.cause())?;
         Ok(Solved { solution, stop_reason, search_end: observer.search_end.time() })

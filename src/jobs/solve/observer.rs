@@ -7,7 +7,7 @@ use tracing::Span;
 use super::finishing::SearchEnd;
 use crate::contract::message::SearchPhase;
 use crate::service::JobControl;
-use crate::solver::{Helpers, Phase, ProgressObserver, SharedWork, SolveProgress};
+use crate::solver::{Phase, ProgressObserver, SolveProgress};
 
 /// The best iterate of a running solve, and what the search does.
 #[derive(Debug, Clone, Copy)]
@@ -16,7 +16,7 @@ pub struct Progressed {
     pub(super) phase: SearchPhase,
 }
 
-/// Keeps the latest progress for whoever asks, when the search ended, and a span per running phase; lends idle workers.
+/// Keeps the latest progress for whoever asks, when the search ended, and a span per running phase.
 pub(super) struct SolveObserver<'a> {
     control: &'a JobControl<'a, Progressed>,
     pub(super) search_end: SearchEnd,
@@ -77,11 +77,5 @@ impl ProgressObserver for SolveObserver<'_> {
         if let Some(position) = phases.iter().position(|(running, _)| *running == phase) {
             phases.swap_remove(position);
         }
-    }
-}
-
-impl Helpers for SolveObserver<'_> {
-    fn share(&self, work: &dyn SharedWork) {
-        self.control.share(&|| work.open_parts(), &|is_recalled| work.take_part(is_recalled));
     }
 }

@@ -160,7 +160,7 @@ impl AssessInput {
 
     /// Whether samples are rolled out once more to compare them with limits.
     pub fn has_limits(&self) -> bool {
-        !self.limits(&unchanged(&self.driven)).is_empty()
+        !self.limits(&self.driven.unchanged()).is_empty()
     }
 
     fn longest_delay(&self) -> f64 {
@@ -198,7 +198,7 @@ impl AssessInput {
     /// Where the plan should end, at the axle midpoint.
     fn target(&self, stop: Stop) -> Result<State, Stopped> {
         let from_axle = self.planned.from_axle;
-        let (end, _) = unchanged(&self.planned).end(stop)?;
+        let (end, _) = self.planned.unchanged().end(stop)?;
         let mut wanted = end.moved_by(from_axle).to_vector();
         for (component, value) in self.goal.iter().flat_map(Goal::constrained) {
             wanted[component.index()] = value;
@@ -219,10 +219,6 @@ impl AssessInput {
     }
 }
 
-fn unchanged(motion: &Undisturbed) -> Disturbed {
-    motion.under(&[]).expect("the robots and the start of a request are valid")
-}
-
 /// From where an end should be to where it is, both at the axle midpoint.
 fn error(target: &State, end: &State) -> EndError {
     let (wanted, reached) = (target.configuration, end.configuration);
@@ -240,7 +236,7 @@ pub fn assess(input: &AssessInput, control: &RunControl) -> Result<Assessment, S
     let target = input.target(control.stop())?;
     let (grid, nominal) = grid(input, &target, control.stop())?;
     let driven = Undisturbed { step_count: grid.step_count, ..input.driven.clone() };
-    let limits = input.limit_uses(&unchanged(&driven), control.stop())?;
+    let limits = input.limit_uses(&driven.unchanged(), control.stop())?;
     let outcomes = Samples::new(input, (&driven, &target), control).outcomes()?;
     let ended: Vec<_> = outcomes.iter().flatten().collect();
     let success_count = ended.iter().filter(|sample| input.is_success(&sample.error, sample.separates)).count();
@@ -285,7 +281,7 @@ fn grid(input: &AssessInput, target: &State, stop: Stop) -> Result<(AssessedGrid
     for factor in GRIDS.into_iter().filter(|&factor| factor == 1 || is_within(factor)) {
         let step_count = factor * input.driven.step_count;
         let driven = Undisturbed { step_count, ..input.driven.clone() };
-        let (end, separations) = unchanged(&driven).end(stop)?;
+        let (end, separations) = driven.unchanged().end(stop)?;
         let (error, separates) = (error(target, &end), separations > 0);
         let nominal = Nominal { error, separates, is_success: input.is_success(&error, separates) };
         tried = Some((AssessedGrid { step_count, factor }, nominal));

@@ -5,6 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::{AssessInput, EXCESS, EndError, error};
 use crate::robot::State;
+use crate::solver::helpers::CancelOnPanic;
 use crate::solver::{RunControl, SharedWork, Undisturbed};
 use crate::stop::{Stop, Stopped};
 
@@ -104,21 +105,10 @@ impl SharedWork for Samples<'_> {
             ranges[index] = Range::UnderWay;
             index
         };
-        let mut alarm = CancelOnPanic(Some(&self.is_cancelled));
+        let alarm = CancelOnPanic::new(&self.is_cancelled);
         let outcomes = self.run(index, self.control.stop().interrupted_by([&self.is_cancelled, recalled]));
-        alarm.0 = None;
+        alarm.disarm();
         self.ranges()[index] = outcomes.map_or(Range::Open, Range::Done);
         true
-    }
-}
-
-/// Cancels the other ranges when one panics.
-struct CancelOnPanic<'a>(Option<&'a AtomicBool>);
-
-impl Drop for CancelOnPanic<'_> {
-    fn drop(&mut self) {
-        if let Some(is_cancelled) = self.0 {
-            is_cancelled.store(true, Ordering::Relaxed);
-        }
     }
 }

@@ -30,7 +30,7 @@ fn heading(half: f64) -> Vec<(ChangedParameter, Distribution)> {
 }
 
 fn distance(input: &AssessInput) -> f64 {
-    let (end, separations) = unchanged(&input.planned).end(Stop::never()).unwrap();
+    let (end, separations) = input.planned.unchanged().end(Stop::never()).unwrap();
     assert_eq!(separations, 0);
     end.configuration.y
 }
@@ -161,13 +161,9 @@ fn stopped_assessment_has_no_answer() {
 fn excess_of_a_limit_is_counted() {
     let torque = Distribution::Uniform { low: -0.1, high: 0.1 };
     let mut input = straight(vec![(ChangedParameter::Torque, torque)], [None, None, Some(1.0), None, None]);
-    let (end, _) = unchanged(&Undisturbed {
-        schedule: TorqueSchedule { final_time: 1.0, left: vec![0.3], right: vec![0.3] },
-        step_count: 20,
-        ..input.driven.clone()
-    })
-    .end(Stop::never())
-    .unwrap();
+    let schedule = TorqueSchedule { final_time: 1.0, left: vec![0.3], right: vec![0.3] };
+    let nominal = Undisturbed { schedule, step_count: 20, ..input.driven.clone() };
+    let (end, _) = nominal.unchanged().end(Stop::never()).unwrap();
     let limits = ManeuverLimits { speed: Some(end.velocity.y), ..ManeuverLimits::default() };
     input.limited = Limited::Motion(ReferencePoint::AxleMidpoint, limits);
     let found = assess(&input, &RunControl::unattended()).unwrap();

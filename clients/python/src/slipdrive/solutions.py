@@ -45,11 +45,15 @@ class Asked:
         """The answer as plain dictionaries and lists."""
         return cast("dict[str, Any]", json.loads(self.answer_json))
 
+    def _server(self, method: str) -> Client:
+        """The server that gave this answer, for a method of its client."""
+        if self.client is None:
+            raise ValueError(f"this answer was read from a file: give it to Client.{method}")
+        return self.client
+
     def figures(self) -> Figures:
         """The figures of this answer, drawn by the server that gave it."""
-        if self.client is None:
-            raise ValueError("this answer was read from a file: give it to Client.figures")
-        return self.client.figures(self)  # type: ignore[arg-type]  # Only the two below are made.
+        return self._server("figures").figures(self)  # type: ignore[arg-type]  # Only the two below are made.
 
     def export(
         self,
@@ -61,9 +65,7 @@ class Asked:
         joint_names: Sequence[str] | None = None,
     ) -> Exported:
         """This plan as files for a controller, written by the server that gave it; see `Client.export`."""
-        if self.client is None:
-            raise ValueError("this answer was read from a file: give it to Client.export")
-        return self.client.export(
+        return self._server("export").export(
             self,  # type: ignore[arg-type]  # Only the two below are made.
             format=format,
             rate_hz=rate_hz,
@@ -84,9 +86,7 @@ class Asked:
         deadline_s: float | None = None,
     ) -> answers.AssessResponse:
         """How often this plan succeeds, by the server that gave it; see `Client.assess`."""
-        if self.client is None:
-            raise ValueError("this answer was read from a file: give it to Client.assess")
-        return self.client.assess(
+        return self._server("assess").assess(
             self,  # type: ignore[arg-type]  # Only the two below are made.
             uncertain=uncertain,
             tolerances=tolerances,
