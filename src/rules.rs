@@ -237,23 +237,22 @@ impl Checks {
 
     /// Requires a value within its bounds.
     pub(crate) fn bounds(&mut self, field: &str, value: f64, rule: &Rule) {
-        self.require(field, value, rule.admits(value), &rule.to_string(), rule.passed_by(value));
+        self.require(field, value, rule.admits(value), rule, rule.passed_by(value));
     }
 
     /// Requires an array of a length within its bounds.
     pub(crate) fn length(&mut self, field: &str, length: usize, rule: &Rule) {
-        let long = format!("{length} items long");
         let count = length as f64;
-        self.require(field, long, rule.admits(count), &rule.to_string(), rule.passed_by(count));
+        self.require(field, format_args!("{length} items long"), rule.admits(count), rule, rule.passed_by(count));
     }
 
-    /// Requires `holds`; otherwise notes that `field` is `value` and must be `rule`.
+    /// Requires `holds`; otherwise notes that `field` is `value` and must be `rule`: nothing is written before.
     pub(crate) fn require(
         &mut self,
         field: &str,
         value: impl fmt::Display,
         holds: bool,
-        rule: &str,
+        rule: impl fmt::Display,
         limit: Option<f64>,
     ) {
         if !holds {

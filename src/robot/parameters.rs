@@ -182,9 +182,9 @@ impl RobotParameters {
     pub(super) fn check_loads(&self, (right, forward): (&str, &str), position: (f64, f64), checks: &mut Checks) {
         let contacts = [("left wheel", right), ("right wheel", right), ("front support", forward)];
         for ((name, field), load) in contacts.into_iter().zip(self.static_loads()) {
-            let rule = format!("such that the {name} carries load at rest (its normal force would be {load} N)");
-            let position = format!("({}, {}) (right, forward)", position.0, position.1);
-            checks.require(field, position, load >= 0.0, &rule, Some(0.0));
+            let rule = format_args!("such that the {name} carries load at rest (its normal force would be {load} N)");
+            let position = format_args!("({}, {}) (right, forward)", position.0, position.1);
+            checks.require(field, position, load >= 0.0, rule, Some(0.0));
         }
     }
 
@@ -192,11 +192,11 @@ impl RobotParameters {
         for guard in self.paradox_guards() {
             let ParadoxGuard { field, friction, length_name, length } = guard;
             let largest = PARADOX_LIMIT * length / self.center_of_mass_height;
-            let rule = format!(
+            let rule = format_args!(
                 "at most {largest}: {field} * center_of_mass_height_m / ({length_name}) above {PARADOX_LIMIT} may lose \
                  uniqueness"
             );
-            checks.require(field, friction, guard.admits(self.center_of_mass_height), &rule, Some(largest));
+            checks.require(field, friction, guard.admits(self.center_of_mass_height), rule, Some(largest));
         }
     }
 

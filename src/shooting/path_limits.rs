@@ -36,6 +36,11 @@ pub struct PathLimits {
 }
 
 impl PathLimit {
+    /// Whether another limit of the same field is as tight: the search alone needs this one beside it.
+    pub fn is_face(&self) -> bool {
+        matches!(self.quantity, PathQuantity::LengthwiseUtilization { .. })
+    }
+
     /// What is allowed, in the unit of the field.
     pub fn allowed(&self) -> f64 {
         self.used(self.largest)
@@ -168,7 +173,7 @@ fn aisle_limits(aisle: &Aisle, axle_midpoint: Vector2<f64>) -> Vec<PathLimit> {
     let of = |point: Vector2<f64>| {
         aisle.keep_in.edges().map(move |edge| PathLimit {
             field: "maneuver.keep_in",
-            quantity: PathQuantity::Outside { point, normal: edge.normal, distance: edge.offset },
+            quantity: PathQuantity::Outside { point, normal: edge.normal, distance: edge.offset, radius: point.norm() },
             largest: 0.0,
             unit,
         })

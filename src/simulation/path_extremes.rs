@@ -138,16 +138,17 @@ impl PathExtremes {
         let is_last = index + 1 == self.step_count || interval_of(index + 1) != interval;
         let sample = PathSample::new(step, rollout.schedule.torque(interval), self.step_length);
         let first = self.others.len() * interval;
-        for (extremes, quantity) in self.largest[first..].iter_mut().zip(&self.others) {
-            let extreme = Extreme { value: quantity.of_step(entry, &sample), step: index };
+        PathQuantity::each_of_step(&self.others, entry, &sample, |place, value| {
+            let (extremes, quantity) = (&mut self.largest[first + place], self.others[place]);
+            let extreme = Extreme { value, step: index };
             if is_last {
-                note_last(extremes, extreme, *quantity);
+                note_last(extremes, extreme, quantity);
             } else if is_first && quantity.jumps_with_torque() {
                 extremes[FIRST] = extreme;
             } else if extreme.value > extremes[BETWEEN].value {
                 extremes[BETWEEN] = extreme;
             }
-        }
+        });
         self.samples.push(sample);
     }
 }

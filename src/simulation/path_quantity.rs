@@ -84,6 +84,8 @@ pub enum PathQuantity {
         normal: Vector2<f64>,
         /// Distance of the edge from the origin of the world along its normal, m.
         distance: f64,
+        /// Of the point's circle around the centre of mass, m.
+        radius: f64,
     },
 }
 
@@ -96,6 +98,8 @@ pub(super) struct PathSample {
     position: [f64; 2],
     /// Sine and cosine of the heading at the end of the step.
     rotation: (f64, f64),
+    /// Sagitta of the arc on which a point turns around the centre of mass in the step, as a share of its radius.
+    bulge: f64,
     torque: PerWheel<f64>,
     /// s.
     step_length: f64,
@@ -128,6 +132,8 @@ impl PathSample {
             friction: [impulse[0], impulse[1], impulse[2]],
             position: [end.x, end.y],
             rotation: end.heading.sin_cos(),
+            // radius (omega dt)^2 / 8.
+            bulge: (step.end_velocity[2] * step_length).powi(2) / 8.0,
             torque,
             step_length,
         }
@@ -190,7 +196,7 @@ impl PathQuantity {
     pub(super) fn negligible(self, value: f64) -> f64 {
         let unit = match self {
             Self::MotorTorque { .. } => 1.0,
-            Self::Outside { point, .. } => point.norm(),
+            Self::Outside { radius, .. } => radius,
             Self::Unloading { .. }
             | Self::WheelRate { .. }
             | Self::Speed { .. }
@@ -205,6 +211,7 @@ impl PathQuantity {
     }
 
     /// The value of a step, times the step length where the quantity is per step length.
+    #[inline]
     pub(super) fn of_step(self, entry: &TapeEntry, sample: &PathSample) -> f64 {
         let (start, end) = (&entry.start_velocity, &entry.end_velocity);
         match self {
@@ -228,11 +235,32 @@ impl PathQuantity {
                 let friction = wheel_friction(entry, sample, friction_coefficient, least);
                 sign * friction.longitudinal[wheel] / friction.radius[wheel]
             }
-            Self::Outside { point, normal, distance } => {
-                let corner = turned(point, sample.rotation);
-                let [x, y] = sample.position;
-                normal.x * (x + corner.x) + normal.y * (y + corner.y) - distance + bulge(point, end, sample)
+            Self::Outside { point, normal, distance, radius } => {
+                Corner::new(point, radius, sample).outside(normal, distance)
             }
+        }
+    }
+
+    /// Shows `note` the value of each quantity, with its place. Each corner is turned once: its edges follow each other.
+    #[inline]
+    pub(super) fn each_of_step(
+        quantities: &[Self],
+        entry: &TapeEntry,
+        sample: &PathSample,
+        mut note: impl FnMut(usize, f64),
+    ) {
+        let mut corner: Option<Corner> = None;
+        for (place, quantity) in quantities.iter().enumerate() {
+            let value = match *quantity {
+                Self::Outside { point, normal, distance, radius } => {
+                    let known = corner.filter(|known| known.point == point);
+                    let known = known.unwrap_or_else(|| Corner::new(point, radius, sample));
+                    corner = Some(known);
+                    known.outside(normal, distance)
+                }
+                other => other.of_step(entry, sample),
+            };
+            note(place, value);
         }
     }
 
@@ -279,13 +307,13 @@ impl PathQuantity {
                 of.by_radius[wheel] = -force / (radius * radius);
                 gradient.add_utilization(&of, (entry, sample), (friction_coefficient, least_normal_force));
             }
-            Self::Outside { point, normal, distance: _ } => {
+            Self::Outside { point, normal, distance: _, radius } => {
                 let corner = turned(point, sample.rotation);
                 let by_heading = normal.y * corner.x - normal.x * corner.y;
                 gradient.by_end_pose = Some([normal.x, normal.y, by_heading]);
                 let angle = end[2] * sample.step_length;
-                gradient.by_end_velocity[2] = point.norm() * angle * sample.step_length / 4.0;
-                gradient.by_step_length = point.norm() * angle * end[2] / 4.0;
+                gradient.by_end_velocity[2] = radius * angle * sample.step_length / 4.0;
+                gradient.by_step_length = radius * angle * end[2] / 4.0;
             }
         }
         gradient
@@ -322,6 +350,30 @@ impl<const N: usize> PathGradient<N> {
                 self.by_step_length += by_normal * least_force;
             }
         }
+    }
+}
+
+/// A point of the robot in the world at the end of a step.
+#[derive(Debug, Clone, Copy)]
+struct Corner {
+    /// From the centre of mass, (right, forward), m.
+    point: Vector2<f64>,
+    position: Vector2<f64>,
+    /// What its circle bulges between two nodes, m.
+    bulge: f64,
+}
+
+impl Corner {
+    #[inline]
+    fn new(point: Vector2<f64>, radius: f64, sample: &PathSample) -> Self {
+        let ([x, y], turned) = (sample.position, turned(point, sample.rotation));
+        Self { point, position: Vector2::new(x + turned.x, y + turned.y), bulge: radius * sample.bulge }
+    }
+
+    /// By how far it is outside an edge, m.
+    #[inline]
+    fn outside(&self, normal: Vector2<f64>, distance: f64) -> f64 {
+        normal.x * self.position.x + normal.y * self.position.y - distance + self.bulge
     }
 }
 
@@ -382,11 +434,6 @@ fn change_of_velocity(point: Vector2<f64>, entry: &TapeEntry) -> f64 {
 /// A body vector (right, forward) in the world.
 fn turned(vector: Vector2<f64>, (sin, cos): (f64, f64)) -> Vector2<f64> {
     Vector2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
-}
-
-/// Sagitta of the arc on which a point turns around the centre of mass in a step: radius (omega dt)^2 / 8, m.
-fn bulge(point: Vector2<f64>, velocity: &BodyVector, sample: &PathSample) -> f64 {
-    point.norm() * (velocity[2] * sample.step_length).powi(2) / 8.0
 }
 
 fn wheel_friction(entry: &TapeEntry, sample: &PathSample, coefficient: f64, least_normal: f64) -> WheelFriction {

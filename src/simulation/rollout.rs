@@ -2,9 +2,8 @@
 
 use std::borrow::Cow;
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 
-use super::contact_timeline::separates;
 use super::moreau_step::{Step, StepContact, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
@@ -94,39 +93,9 @@ impl Simulator {
     /// # Errors
     /// When it was stopped before the end.
     pub fn end_state(&self, rollout: &Rollout, stop: Stop) -> Result<State, Stopped> {
-        self.end_state_noting(rollout, stop, |_| {})
-    }
-
-    /// As [`Simulator::end_state`], with the number of times that a contact separates.
-    ///
-    /// # Errors
-    /// When it was stopped before the end.
-    pub fn end_state_and_separations(&self, rollout: &Rollout, stop: Stop) -> Result<(State, usize), Stopped> {
-        let mut separations = 0;
-        let end = self.end_state_noting(rollout, stop, |normal_impulse| {
-            let weight = normal_impulse.sum();
-            separations += normal_impulse.iter().filter(|impulse| separates(**impulse, weight)).count();
-        })?;
-        Ok((end, separations))
-    }
-
-    /// Shows `note` the normal impulses of each step.
-    #[inline]
-    fn end_state_noting(
-        &self,
-        rollout: &Rollout,
-        stop: Stop,
-        mut note: impl FnMut(&Vector3<f64>),
-    ) -> Result<State, Stopped> {
         match &*self.model(rollout) {
-            Model::Wheels(model) => {
-                let note = |_, step: &Step<3>| note(&step.contact.normal_impulse);
-                integrate(model, rollout, &mut ExactContact::default(), stop, note)
-            }
-            Model::WheelsAndFront(model) => {
-                let note = |_, step: &Step<5>| note(&step.contact.normal_impulse);
-                integrate(model, rollout, &mut ExactContact::default(), stop, note)
-            }
+            Model::Wheels(model) => integrate(model, rollout, &mut ExactContact::default(), stop, |_, _| {}),
+            Model::WheelsAndFront(model) => integrate(model, rollout, &mut ExactContact::default(), stop, |_, _| {}),
         }
     }
 

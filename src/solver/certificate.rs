@@ -6,7 +6,7 @@ use nalgebra::{DVector, SVector};
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
 use super::goal_miss::goal_missed;
-use super::limit_uses::{largest_excess, limit_uses};
+use super::limit_uses::{largest_excess, limit_uses, motion_with_limits};
 use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
 use super::search::SearchResult;
 use super::sensitivity::{Sensitivity, sensitivity};
@@ -56,14 +56,12 @@ pub(super) fn certified(
     let is_urgent = result.stop_reason == StopReason::Stopped;
     let mut certificate = || -> Result<Certificate, Stopped> {
         let optimality = Optimality::of_decision(problem, best, (input.settings.goal_tolerance, is_urgent), cut)?;
-        let replay = match result.replay {
-            Some(replay) => replay,
+        let replayed = match &result.replayed {
+            Some(replayed) => replayed.clone(),
             None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
         };
-        let fine = (&motion.schedule, REPLAY_REFINEMENT * step_count);
-        let replay_limits = limit_uses_of_plan(input, simulator, fine, cut)?;
         let sensitivity = sensitivity(input, (&motion.schedule, step_count), cut)?;
-        Ok(Certificate { optimality, bound, replay, replay_limits, sensitivity })
+        Ok(Certificate { optimality, bound, replayed, sensitivity })
     };
     let certificate = certificate().map_err(|Stopped| Optimality::unknown(&best.decision));
     Ok(motion.solution(input, result, certificate))
@@ -73,9 +71,7 @@ pub(super) fn certified(
 struct Certificate {
     optimality: Optimality,
     bound: LowerBound,
-    replay: Replay,
-    /// What the replay uses of the limits, in the order of those of the plan.
-    replay_limits: Vec<LimitUse>,
+    replayed: Replayed,
     sensitivity: Vec<Sensitivity>,
 }
 
@@ -170,13 +166,12 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
         distinct_optima: vec![DistinctOptimum { final_time: 0.0, count: 1, friction_shift: None }],
         plans: Vec::new(),
         refinement,
-        replay: None,
+        replayed: None,
     };
     let certificate = Certificate {
         optimality: Optimality { measure: 0.0, is_stationary: true, sign_violations: 0 },
         bound: largest_lower_bound(input, Grid::Steps(input.settings.step_count)),
-        replay: replay_of_miss(input, &goal_error, (0, 0, 0.0)),
-        replay_limits: Vec::new(),
+        replayed: Replayed { replay: replay_of_miss(input, &goal_error, (0, 0, 0.0)), limits: Vec::new() },
         sensitivity: Vec::new(),
     };
     let schedule = TorqueSchedule::empty();
@@ -232,8 +227,8 @@ impl Motion {
         certificate: Result<Certificate, Optimality>,
     ) -> Solution {
         let (optimality, shown) = match certificate {
-            Ok(Certificate { optimality, bound, replay, replay_limits, sensitivity }) => {
-                for (used, replayed) in self.limits.iter_mut().zip(&replay_limits) {
+            Ok(Certificate { optimality, bound, replayed: Replayed { replay, limits }, sensitivity }) => {
+                for (used, replayed) in self.limits.iter_mut().zip(&limits) {
                     used.replay_excess = Some(replayed.excess);
                 }
                 (optimality, Some((bound, (replay, sensitivity))))
@@ -288,6 +283,14 @@ impl Motion {
     }
 }
 
+/// A plan on a finer grid.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Replayed {
+    pub(super) replay: Replay,
+    /// What it uses of the limits, in the order of those of the plan.
+    limits: Vec<LimitUse>,
+}
+
 /// The same torques on a finer grid: the miss is the distance of its end from the goal.
 ///
 /// # Errors
@@ -297,26 +300,16 @@ pub(super) fn replay(
     simulator: &Simulator,
     (schedule, step_count): (&TorqueSchedule, usize),
     stop: Stop,
-) -> Result<Replay, Stopped> {
+) -> Result<Replayed, Stopped> {
     let parameters = input.robot.parameters();
     let start = input.maneuver.start_at_center_of_mass(parameters);
     let fine = Rollout { start: &start, schedule, step_count: REPLAY_REFINEMENT * step_count };
-    let (end, separations) = simulator.end_state_and_separations(&fine, stop)?;
-    let end = simulator.end_frame(&fine, input.maneuver.reference_point.offset(parameters)).state(&end);
+    let (motion, limits) = motion_with_limits(simulator, &input.path_limits(), &fine, stop)?;
+    let end = simulator.end_frame(&fine, input.maneuver.reference_point.offset(parameters)).state(&motion.end);
     let miss = input.maneuver.goal_error(&end).map(finite_or_largest);
-    let excess = largest_excess(&limit_uses_of_plan(input, simulator, (schedule, fine.step_count), stop)?);
-    Ok(replay_of_miss(input, &miss, (fine.step_count, separations, finite_or_largest(excess))))
-}
-
-/// What a plan uses of its limits on some grid.
-fn limit_uses_of_plan(
-    input: &SolveInput,
-    simulator: &Simulator,
-    (schedule, step_count): (&TorqueSchedule, usize),
-    stop: Stop,
-) -> Result<Vec<LimitUse>, Stopped> {
-    let start = input.maneuver.start_at_center_of_mass(input.robot.parameters());
-    limit_uses(simulator, &input.path_limits(), &Rollout { start: &start, schedule, step_count }, stop)
+    let excess = finite_or_largest(largest_excess(&limits));
+    let replay = replay_of_miss(input, &miss, (fine.step_count, motion.separations, excess));
+    Ok(Replayed { replay, limits })
 }
 
 /// The replay whose end misses the goal by `miss`.

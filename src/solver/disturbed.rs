@@ -5,10 +5,12 @@
 use nalgebra::{Rotation2, Vector2};
 
 use super::carried::{check_robot, joined};
+use super::limit_uses::motion_with_limits;
 use super::settings::SolverSettings;
+use super::solution::LimitUse;
 use crate::robot::{Payload, PerWheel, Robot, RobotParameters, State};
 use crate::rules::{Checks, Rule, Violations};
-use crate::shooting::{ReferencePoint, check_state};
+use crate::shooting::{PathLimits, ReferencePoint, check_state};
 use crate::simulation::{Rollout, Simulator, TorqueSchedule};
 use crate::stop::{Stop, Stopped};
 
@@ -52,8 +54,6 @@ pub enum ChangedParameter {
 }
 
 impl ChangedParameter {
-    /// What a delay must be, in words.
-    pub const DELAY_FITS: &str = "a delay of at most 1000 intervals and 10000 steps in all";
     /// All of them.
     pub const ALL: [Self; 15] = [
         Self::Friction,
@@ -238,16 +238,29 @@ impl Undisturbed {
 }
 
 impl Disturbed {
-    /// The end at the axle midpoint, with the number of times that a contact lifts.
+    /// The end at the axle midpoint, with the number of times that a contact separates and what is used of these limits.
+    ///
+    /// # Errors
+    /// When it was stopped before the end.
+    pub(super) fn end_with_limits(
+        &self,
+        limits: &PathLimits,
+        stop: Stop,
+    ) -> Result<(State, usize, Vec<LimitUse>), Stopped> {
+        let (simulator, offset) = (Simulator::new(&self.robot), self.robot.parameters().axle_midpoint());
+        let start = self.start.moved_by(-offset);
+        let rollout = Rollout { start: &start, schedule: &self.schedule, step_count: self.step_count };
+        let (motion, uses) = motion_with_limits(&simulator, limits, &rollout, stop)?;
+        Ok((simulator.end_frame(&rollout, offset).state(&motion.end), motion.separations, uses))
+    }
+
+    /// The end at the axle midpoint, with the number of times that a contact separates.
     ///
     /// # Errors
     /// When it was stopped before the end.
     pub fn end(&self, stop: Stop) -> Result<(State, usize), Stopped> {
-        let (simulator, offset) = (Simulator::new(&self.robot), self.robot.parameters().axle_midpoint());
-        let start = self.start.moved_by(-offset);
-        let rollout = Rollout { start: &start, schedule: &self.schedule, step_count: self.step_count };
-        let (end, separations) = simulator.end_state_and_separations(&rollout, stop)?;
-        Ok((simulator.end_frame(&rollout, offset).state(&end), separations))
+        let (end, separations, _) = self.end_with_limits(&PathLimits::default(), stop)?;
+        Ok((end, separations))
     }
 }
 
@@ -273,7 +286,7 @@ fn check_delay(delay: &PerWheel<f64>, (schedule, step_count): (&TorqueSchedule, 
     let with_delay = intervals + (longest / schedule.interval()).ceil();
     let steps = (step_count as f64 * with_delay / intervals).ceil();
     let fits = with_delay <= MOST_INTERVALS as f64 && steps <= SolverSettings::STEP_LIMIT as f64;
-    checks.require(name.as_str(), longest, fits, ChangedParameter::DELAY_FITS, None);
+    checks.require(name.as_str(), longest, fits, "a delay of at most 1000 intervals and 10000 steps in all", None);
 }
 
 /// The torques that each wheel begins after its delay, in intervals into which both delays fit when rounded.

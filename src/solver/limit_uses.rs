@@ -1,13 +1,11 @@
 //! How much of its limits a motion uses: measured on a rollout of its own, on any grid.
 
 use super::solution::LimitUse;
-use crate::shooting::PathLimits;
-use crate::simulation::{EndSensitivity, FrictionLaw, Rollout, Simulator};
+use crate::shooting::{PathLimit, PathLimits};
+use crate::simulation::{FrictionLaw, PathMaxima, PathMaximum, PathQuantity, Rollout, Simulator};
 use crate::stop::{Stop, Stopped};
 
-/// The largest use of each limited field by a rollout, in the order of the limits.
-///
-/// Where no wheel may slip the wheels are held: so their friction is known that would hold them.
+/// The largest use of each limited field by a rollout, in the order of the limits; see [`motion_with_limits`].
 ///
 /// # Errors
 /// When it was stopped before the end.
@@ -17,32 +15,54 @@ pub(super) fn limit_uses(
     rollout: &Rollout,
     stop: Stop,
 ) -> Result<Vec<LimitUse>, Stopped> {
-    let mut uses: Vec<LimitUse> = Vec::new();
-    if limits.is_empty() || rollout.schedule.control_count() == 0 {
-        return Ok(uses);
+    if limits.is_empty() { Ok(Vec::new()) } else { Ok(motion_with_limits(simulator, limits, rollout, stop)?.1) }
+}
+
+/// Integrates a motion: what it comes to, and the largest use of each limited field.
+///
+/// Where no wheel may slip but one does, its grip is judged by another rollout whose wheels are held: so the friction is known that
+/// would hold them. All else is that of the motion as it is.
+///
+/// # Errors
+/// When it was stopped before the end.
+pub(super) fn motion_with_limits(
+    simulator: &Simulator,
+    limits: &PathLimits,
+    rollout: &Rollout,
+    stop: Stop,
+) -> Result<(PathMaxima, Vec<LimitUse>), Stopped> {
+    let judged: Vec<&PathLimit> = limits.path.iter().filter(|limit| !limit.is_face()).collect();
+    let quantities: Vec<PathQuantity> = judged.iter().map(|limit| limit.quantity).collect();
+    let maxima = |law, quantities: &[PathQuantity]| simulator.path_maxima(rollout, law, quantities, stop);
+    let mut motion = maxima(FrictionLaw::Exact, &quantities)?;
+    if limits.forbids_slip && motion.slips {
+        let held = maxima(FrictionLaw::Held, &quantities)?;
+        for ((limit, maximum), held) in judged.iter().zip(&mut motion.maxima).zip(held.maxima) {
+            if matches!(limit.quantity, PathQuantity::GripUtilization { .. }) {
+                *maximum = held;
+            }
+        }
     }
-    let law = if limits.forbids_slip { FrictionLaw::Held } else { FrictionLaw::Exact };
-    let mut motion = EndSensitivity::watching(limits.quantities());
-    simulator.record(rollout, law, &mut motion, stop)?;
+    let mut uses: Vec<LimitUse> = Vec::new();
+    if rollout.schedule.control_count() == 0 {
+        return Ok((motion, uses));
+    }
     let step_length = rollout.schedule.final_time / rollout.step_count as f64;
-    for (limit, index) in motion.path.of_others(rollout.schedule.control_count()) {
-        let (limit, value) = (&limits.path[limit], motion.path.value(index));
-        note(
-            &mut uses,
-            LimitUse {
-                limit: limit.field,
-                value: limit.allowed(),
-                largest: limit.used(value),
-                time: (motion.path.step(index) + 1) as f64 * step_length,
-                excess: limit.excess(value),
-                replay_excess: None,
-            },
-        );
+    for (limit, &PathMaximum { value, step }) in judged.into_iter().zip(&motion.maxima) {
+        let used = LimitUse {
+            limit: limit.field,
+            value: limit.allowed(),
+            largest: limit.used(value),
+            time: (step + 1) as f64 * step_length,
+            excess: limit.excess(value),
+            replay_excess: None,
+        };
+        note(&mut uses, used);
     }
     if let Some(rate) = limits.torque_rate {
         note(&mut uses, torque_rate_use(rate, rollout));
     }
-    Ok(uses)
+    Ok((motion, uses))
 }
 
 /// Keeps the largest use of each field; one that is not a number is larger than all.

@@ -7,14 +7,14 @@
 //! for, plans come in that order.
 
 use super::candidate::Candidate;
-use super::certificate::replay;
+use super::certificate::{Replayed, replay};
 use super::grid_problem::problem_on;
 use super::local_search::LocalSearch;
 use super::progress::PhasesOnly;
 use super::run_control::RunControl;
 use super::search::{SearchResult, further_optima, search};
 use super::settings::SolveInput;
-use super::solution::{RefinementOutcome, Replay, StopReason};
+use super::solution::{RefinementOutcome, StopReason};
 use crate::optimizer::Interruption;
 use crate::shooting::schedule_from_decision;
 use crate::simulation::Simulator;
@@ -63,7 +63,7 @@ struct Refiner<'a, 'b, 'c> {
 struct Plan {
     candidate: Candidate,
     step_count: usize,
-    replay: Replay,
+    replayed: Replayed,
 }
 
 impl Refiner<'_, '_, '_> {
@@ -140,7 +140,7 @@ impl Refiner<'_, '_, '_> {
     fn keep(&mut self, plan: &Plan) {
         self.result.best = Some(plan.candidate.clone());
         self.result.step_count = plan.step_count;
-        self.result.replay = Some(plan.replay);
+        self.result.replayed = Some(plan.replayed.clone());
     }
 
     /// Whether the allowed steps may do for the plan.
@@ -151,7 +151,7 @@ impl Refiner<'_, '_, '_> {
     /// The plan on the finest grid that it needs and reaches.
     fn refined(&mut self, mut plan: Plan) -> (Plan, RefinementOutcome) {
         loop {
-            if plan.replay.within_tolerance {
+            if plan.replayed.replay.within_tolerance {
                 return (plan, RefinementOutcome::WithinTolerance);
             }
             if plan.step_count >= self.finest() {
@@ -206,8 +206,8 @@ impl Refiner<'_, '_, '_> {
 
     fn plan(&self, candidate: Candidate, step_count: usize, stop: Stop) -> Result<Plan, Stopped> {
         let schedule = schedule_from_decision(&candidate.decision);
-        let replay = replay(self.input, self.simulator, (&schedule, step_count), stop)?;
-        Ok(Plan { candidate, step_count, replay })
+        let replayed = replay(self.input, self.simulator, (&schedule, step_count), stop)?;
+        Ok(Plan { candidate, step_count, replayed })
     }
 
     /// The finest allowed grid on which all control intervals are equally long.
@@ -217,7 +217,7 @@ impl Refiner<'_, '_, '_> {
     }
 
     fn next_factor(&self, plan: &Plan) -> usize {
-        let factor = (UNCERTAINTY * plan.replay.relative_miss(&self.input.settings))
+        let factor = (UNCERTAINTY * plan.replayed.replay.relative_miss(&self.input.settings))
             .clamp(FACTORS.0 as f64, FACTORS.1 as f64)
             .ceil();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8, and whole")]
@@ -229,6 +229,6 @@ impl Refiner<'_, '_, '_> {
 impl Plan {
     /// The steps that bring the replay within tolerance, if the miss is proportional to the step.
     fn needed_steps(&self, input: &SolveInput) -> f64 {
-        self.replay.relative_miss(&input.settings) * self.step_count as f64
+        self.replayed.replay.relative_miss(&input.settings) * self.step_count as f64
     }
 }

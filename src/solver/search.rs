@@ -1,13 +1,14 @@
 //! The search: starts, their local optima, and the best of them.
 
 use super::candidate::{Candidate, improves};
+use super::certificate::Replayed;
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::sensitivity::friction_shift;
 use super::settings::{Choice, SolveInput};
-use super::solution::{DistinctOptimum, RefinementOutcome, Replay, StopReason};
+use super::solution::{DistinctOptimum, RefinementOutcome, StopReason};
 use super::starts::{Start, Strategy, starts};
 use super::strategies::Heat;
 use crate::optimizer::Interruption;
@@ -45,7 +46,7 @@ pub(super) struct SearchResult {
     pub(super) plans: Vec<Candidate>,
     pub(super) refinement: RefinementOutcome,
     /// The best decision's replay, where the refinement has made it.
-    pub(super) replay: Option<Replay>,
+    pub(super) replayed: Option<Replayed>,
 }
 
 impl SearchResult {
@@ -123,7 +124,7 @@ pub(super) fn search(
         starts_tried: found.tried,
         distinct_optima: grouped(&optima),
         refinement: RefinementOutcome::Fixed,
-        replay: None,
+        replayed: None,
     };
     if result.stop_reason != StopReason::Stopped && result.weigh(input, &optima, control.stop()).is_err() {
         result.stop_reason = StopReason::Stopped;

@@ -1,7 +1,7 @@
-//! Derivatives of every path quantity against differences, under every friction law.
+//! Derivatives of every path quantity against differences, under every friction law; and the largest value of each on the way.
 
 use nalgebra::Vector2;
-use slipdrive::contact::ContactMode;
+use slipdrive::contact::{ContactMode, ContactName};
 use slipdrive::robot::{Robot, RobotParameters, State};
 use slipdrive::simulation::{
     ContactMethod, EndSensitivity, FrictionLaw, PathQuantity, Rollout, Simulator, TorqueSchedule,
@@ -54,7 +54,12 @@ fn quantities(cases: &mut RandomCases, robot: &RobotParameters) -> Vec<PathQuant
             friction_coefficient: robot.wheel_friction_coefficient,
             least_normal_force: 0.1 * robot.total_mass(),
         },
-        PathQuantity::Outside { point, normal: Vector2::new(angle.cos(), angle.sin()), distance: 0.5 },
+        PathQuantity::Outside {
+            point,
+            normal: Vector2::new(angle.cos(), angle.sin()),
+            distance: 0.5,
+            radius: point.norm(),
+        },
     ];
     of_wheels.chain(others).collect()
 }
@@ -159,4 +164,35 @@ fn rows_agree_with_differences_with_held_wheels() {
 #[test]
 fn rows_agree_with_differences_under_smoothed_friction() {
     compare_random(FrictionLaw::Smoothed(0.05), SMOOTHED_TOLERANCE, false);
+}
+
+#[test]
+fn maxima_are_the_largest_values_that_are_noted_for_derivatives() {
+    for seed in 0..200 {
+        let mut cases = RandomCases::new(seed);
+        let robot = cases.robot();
+        let simulator = Simulator::new(&robot);
+        let quantities = quantities(&mut cases, robot.parameters());
+        let (start, schedule) = (cases.state(&robot, 1.0), cases.schedule(CONTROL_COUNT, 1.0, 2.0));
+        let rollout = Rollout { start: &start, schedule: &schedule, step_count: STEP_COUNT };
+        for law in [FrictionLaw::Exact, FrictionLaw::Held, FrictionLaw::Smoothed(0.05)] {
+            let maxima = simulator.path_maxima(&rollout, law, &quantities, Stop::never()).unwrap();
+            let mut noted = EndSensitivity::watching(quantities.clone());
+            simulator.record(&rollout, law, &mut noted, Stop::never()).unwrap();
+            assert_eq!(maxima.end, noted.end, "seed {seed}, {law:?}");
+            for (place, (quantity, found)) in quantities.iter().zip(&maxima.maxima).enumerate() {
+                let values = noted.path.of_others(CONTROL_COUNT).filter(|(of, _)| *of == place);
+                let largest = values.map(|(_, index)| noted.path.value(index)).fold(f64::NEG_INFINITY, f64::max);
+                // Values that hardly exceed those at the ends of their interval are not noted.
+                let above = found.value - largest;
+                assert!((0.0..=1e-6 * (1.0 + largest.abs())).contains(&above), "seed {seed}, {quantity:?}: {above}");
+            }
+        }
+        let trajectory = simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap();
+        let exact = simulator.path_maxima(&rollout, FrictionLaw::Exact, &[], Stop::never()).unwrap();
+        let slips = [ContactName::Left, ContactName::Right].map(|wheel| trajectory.slip_time(wheel) > 0.0);
+        assert_eq!(exact.slips, slips.contains(&true), "seed {seed}");
+        assert_eq!(exact.separations, trajectory.separations().len(), "seed {seed}");
+        assert_eq!(Ok(exact.end), simulator.end_state(&rollout, Stop::never()));
+    }
 }

@@ -182,6 +182,11 @@ async fn what_makes_no_sense_is_refused_by_name() {
         (of(json!([mass[0], mass[0]])), "#/uncertain/1/parameter", "not given before"),
         (of(json!([{"parameter": "payload_mass", "low": 0, "high": 0}])), "#/uncertain/0/parameter", "payload"),
         (of(json!([{"parameter": "delay_left", "low": -0.1, "high": 0}])), "#/uncertain/0/low", "between 0 and 10 s"),
+        (
+            body(&long, &of(json!([{"parameter": "delay_left", "mean": 0, "standard_deviation": 0.1}]))),
+            "#/uncertain/0/standard_deviation",
+            "four standard deviations",
+        ),
         (body(&straight(), &json!({"uncertain": mass, "tolerances": {}})), "#/tolerances", "at least one"),
         (body(&straight(), &json!({"uncertain": mass})), "#/tolerances", "missing field"),
         (body(&straight(), &json!({"tolerances": tolerances})), "#/uncertain", "missing field"),

@@ -28,6 +28,9 @@ const TOLERANCES: [(&str, Rule); 5] = [
 ];
 const FORM_RULE: &str = "either `low` and `high` or `mean` and `standard_deviation`";
 
+/// Beyond four standard deviations above the mean are 3 of 100,000 samples.
+const LONGEST_DELAY_FITS: &str = "such that the longest delay (`high`, or `mean` and four standard deviations) leaves at most 1000 intervals and 10000 steps";
+
 /// A plan and what is not known of it.
 #[derive(Debug)]
 pub struct AcceptedAssess {
@@ -53,7 +56,7 @@ pub(super) fn rules() -> RuleSet {
         )
         .across(&["uncertain[].low", "uncertain[].high"], "`low` is at most `high`")
         .across(&["uncertain[].parameter"], "each parameter once; those of a payload where there is one")
-        .across(&["uncertain[].high", "uncertain[].mean"], ChangedParameter::DELAY_FITS)
+        .across(&["uncertain[].high", "uncertain[].standard_deviation"], LONGEST_DELAY_FITS)
         .across(&["samples"], "at most 20,000,000 steps of all samples together, on the plan's grid")
 }
 
@@ -233,12 +236,16 @@ fn check_together(input: &AssessInput, checks: &mut Checks) {
         if matches!(parameter, ChangedParameter::DelayLeft | ChangedParameter::DelayRight) {
             let (name, value) = match distribution {
                 Distribution::Uniform { high, .. } => ("high", high),
-                Distribution::Normal { mean, .. } => ("mean", mean),
+                Distribution::Normal { standard_deviation, .. } => ("standard_deviation", standard_deviation),
             };
-            let fits = input.driven.under(&[(parameter, value)]).is_ok();
+            // Not below zero, whatever the mean: such samples fail, and the others count.
+            let fits = input.driven.under(&[(parameter, distribution.largest().max(0.0))]).is_ok();
             let field = format!("uncertain[{index}].{name}");
-            checks.require(&field, value, fits, ChangedParameter::DELAY_FITS, None);
+            checks.require(&field, value, fits, LONGEST_DELAY_FITS, None);
         }
+    }
+    if checks.count() > 0 {
+        return;
     }
     let steps = input.expected_steps();
     let most = (MOST_STEPS / steps).floor();

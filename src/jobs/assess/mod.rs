@@ -26,9 +26,9 @@ use crate::solver::{Assessment, NoProgress, RunControl};
 /// What a step of a rollout takes a small cloud machine, s.
 const STEP_S: f64 = 3e-6;
 /// What a sample takes beside its steps, s.
-const SAMPLE_S: f64 = 300e-6;
-/// Rollouts of a sample that is compared with limits, in rollouts of one that is not.
-const WITH_LIMITS: f64 = 2.6;
+const SAMPLE_S: f64 = 100e-6;
+/// The rollout of a sample that is compared with limits, in rollouts of one that is not.
+const WITH_LIMITS: f64 = 1.8;
 
 /// Assesses plans.
 pub struct Assess {

@@ -24,7 +24,7 @@ pub enum Distribution {
 
 impl Distribution {
     /// The value in this sample.
-    pub(super) fn draw(self, seed: u64, sample: usize, parameter: ChangedParameter) -> f64 {
+    pub fn draw(self, seed: u64, sample: usize, parameter: ChangedParameter) -> f64 {
         let uniform = |which| share(seed, [sample as u64, 2 * parameter as u64 + which]);
         match self {
             Self::Uniform { low, high } => low + uniform(0) * (high - low),

@@ -12,13 +12,11 @@ pub use draw::Distribution;
 use samples::{Outcome, Samples};
 
 use super::disturbed::{ChangedParameter, Disturbed, Undisturbed};
-use super::limit_uses::limit_uses;
 use super::run_control::RunControl;
 use super::settings::SolverSettings;
 use super::solution::LimitUse;
 use crate::robot::State;
 use crate::shooting::{Aisle, Goal, Maneuver, ManeuverLimits, PathLimits, ReferencePoint, wrapped_angle};
-use crate::simulation::{Rollout, Simulator};
 use crate::stop::{Stop, Stopped};
 
 /// Shares of the samples at which quantiles are given; the last is the largest of all.
@@ -158,7 +156,7 @@ impl AssessInput {
         self.driven.steps_under_delay(self.longest_delay())
     }
 
-    /// Whether samples are rolled out once more to compare them with limits.
+    /// Whether samples are compared with limits.
     pub fn has_limits(&self) -> bool {
         !self.limits(&self.driven.unchanged()).is_empty()
     }
@@ -182,17 +180,6 @@ impl AssessInput {
             Limited::Maneuver(maneuver) => PathLimits::of_maneuver(&motion.robot, maneuver, payload, aisle),
             Limited::Motion(point, limits) => PathLimits::new(&motion.robot, (limits, *point), payload, aisle),
         }
-    }
-
-    /// How far each limit is used, by a rollout of its own: that of a plan without slip holds the wheels.
-    fn limit_uses(&self, motion: &Disturbed, stop: Stop) -> Result<Vec<LimitUse>, Stopped> {
-        let limits = self.limits(motion);
-        if limits.is_empty() {
-            return Ok(Vec::new());
-        }
-        let start = motion.start.moved_by(-motion.robot.parameters().axle_midpoint());
-        let rollout = Rollout { start: &start, schedule: &motion.schedule, step_count: motion.step_count };
-        limit_uses(&Simulator::new(&motion.robot), &limits, &rollout, stop)
     }
 
     /// Where the plan should end, at the axle midpoint.
@@ -236,7 +223,8 @@ pub fn assess(input: &AssessInput, control: &RunControl) -> Result<Assessment, S
     let target = input.target(control.stop())?;
     let (grid, nominal) = grid(input, &target, control.stop())?;
     let driven = Undisturbed { step_count: grid.step_count, ..input.driven.clone() };
-    let limits = input.limit_uses(&driven.unchanged(), control.stop())?;
+    let unchanged = driven.unchanged();
+    let (_, _, limits) = unchanged.end_with_limits(&input.limits(&unchanged), control.stop())?;
     let outcomes = Samples::new(input, (&driven, &target), control).outcomes()?;
     let ended: Vec<_> = outcomes.iter().flatten().collect();
     let success_count = ended.iter().filter(|sample| input.is_success(&sample.error, sample.separates)).count();

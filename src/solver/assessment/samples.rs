@@ -78,8 +78,7 @@ impl<'a> Samples<'a> {
 
     fn outcome(&self, sample: usize, stop: Stop) -> Result<Outcome, Stopped> {
         let Ok(motion) = self.driven.under(&self.input.changes(sample)) else { return Ok(None) };
-        let (end, separations) = motion.end(stop)?;
-        let uses = self.input.limit_uses(&motion, stop)?;
+        let (end, separations, uses) = motion.end_with_limits(&self.input.limits(&motion), stop)?;
         // Not a number is an excess too.
         let exceeded = uses.iter().enumerate().filter(|(_, used)| used.excess > EXCESS || used.excess.is_nan());
         let exceeded = exceeded.fold(0, |bits, (index, _)| bits | 1 << index);

@@ -1,6 +1,6 @@
 use super::*;
 use crate::robot::RobotParameters;
-use crate::shooting::StateComponent;
+use crate::shooting::{SlipPolicy, StateComponent};
 use crate::simulation::TorqueSchedule;
 use crate::solver::SharedWork;
 use crate::solver::helpers::Helpers;
@@ -171,4 +171,35 @@ fn excess_of_a_limit_is_counted() {
     assert_eq!(excess.limit, "maneuver.limits.speed_m_s");
     // 0.5 % of the speed is 0.5 % of the torque: 47.5 % of the samples, five standard errors.
     assert!((396..554).contains(&excess.sample_count), "{}", excess.sample_count);
+}
+
+#[test]
+fn samples_that_slip_are_judged_by_the_friction_that_would_hold_them_and_by_the_speed_that_they_have() {
+    // Less than half of the friction: the wheels slip.
+    let slippery = vec![(ChangedParameter::Friction, Distribution::Uniform { low: -0.6, high: -0.6 })];
+    let mut input = straight(slippery, [None, None, Some(10.0), None, None]);
+    for torques in [&mut input.driven.schedule.left, &mut input.driven.schedule.right] {
+        torques.iter_mut().for_each(|torque| *torque *= 3.0);
+    }
+    input.sample_count = 1;
+    let forbidden = Maneuver { slip: SlipPolicy::Forbidden, ..Maneuver::forward_drive() };
+    input.limited = Limited::Maneuver(Box::new(forbidden));
+    let motion = input.driven.under(&input.changes(0)).unwrap();
+    let (end, _, uses) = motion.end_with_limits(&input.limits(&motion), Stop::never()).unwrap();
+    assert_eq!(uses.len(), 1);
+    assert!(uses[0].limit == "maneuver.slip" && uses[0].excess > 0.05, "{uses:?}");
+    // Where nothing is said of slip, wheels that slide use all of their friction and no more.
+    let limits = ManeuverLimits { grip_utilization: Some(1.0), ..ManeuverLimits::default() };
+    input.limited = Limited::Motion(ReferencePoint::AxleMidpoint, limits);
+    let (same, _, uses) = motion.end_with_limits(&input.limits(&motion), Stop::never()).unwrap();
+    assert!(same == end && uses[0].excess.abs() < 1e-9, "{uses:?}");
+    // The speed that is judged is that of the motion as it is, slower than on the floor that the plan was made for.
+    let speed = |motion: &Disturbed| {
+        let limits = ManeuverLimits { speed: Some(1.0), ..ManeuverLimits::default() };
+        let maneuver = Maneuver { slip: SlipPolicy::Forbidden, limits, ..Maneuver::forward_drive() };
+        let limits = PathLimits::of_maneuver(&motion.robot, &maneuver, None, None);
+        let (_, _, uses) = motion.end_with_limits(&limits, Stop::never()).unwrap();
+        uses.iter().find(|used| used.limit == "maneuver.limits.speed_m_s").unwrap().largest
+    };
+    assert!(speed(&motion) < 0.95 * speed(&input.driven.unchanged()), "{}", speed(&motion));
 }
