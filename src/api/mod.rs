@@ -2,12 +2,15 @@
 
 mod access;
 pub mod auth;
+mod batch;
 pub mod grpc;
 mod observed_body;
 mod panic;
+mod read_ahead;
 mod receive;
 pub mod rest;
 pub mod server;
+mod submit;
 mod trace_context;
 
 use std::num::NonZeroUsize;
@@ -26,7 +29,7 @@ use crate::service::Service;
 pub struct ApiSettings {
     /// Who may call.
     pub keys: ApiKeys,
-    /// Items of one gRPC batch that may be unanswered at once.
+    /// Items of one batch that may be unanswered at once.
     pub batch_window: NonZeroUsize,
     /// How long the body of a request, or the message of a call, may take to arrive.
     pub body_timeout: Duration,

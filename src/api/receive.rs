@@ -18,6 +18,10 @@ const FIRST_BYTES: usize = 2 * 1024;
 /// When it is worth trying again after a lack of memory or places: those who do not read, or do not ask, make room at
 /// once.
 const RETRY: Duration = Duration::from_secs(1);
+/// Refused bodies are read on for this long, and up to [`MAX_DISCARDED_BYTES`]: a connection closed with unread bytes
+/// is reset, and the caller never sees the refusal.
+pub(super) const DISCARD_TIMEOUT: Duration = Duration::from_secs(1);
+const MAX_DISCARDED_BYTES: usize = 16 * 1024 * 1024;
 
 /// The connection that a request came by.
 pub(super) fn connection_of(extensions: &Extensions) -> Arc<Connection> {
@@ -53,9 +57,27 @@ pub(super) async fn receive(
 ) -> Result<(Vec<u8>, Lease), Problem> {
     let _wait = connection.wait(body_timeout).begun();
     let received = timeout(body_timeout, read_within(body, limit, connection)).await;
-    received.unwrap_or_else(|_| {
-        Err(Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {body_timeout:?}")))
-    })
+    received.unwrap_or_else(|_| Err(body_timed_out(body_timeout)))
+}
+
+/// The refusal of a body, or of a message of many, that takes too long.
+pub(super) fn body_timed_out(after: Duration) -> Problem {
+    Problem::new(ErrorCode::BodyTimeout, format!("the body was not complete after {after:?}"))
+}
+
+/// Reads on for a moment, so that the caller has sent all and sees the refusal. Whether the rest came in time or not,
+/// that is the same.
+pub(super) async fn discard(body: &mut Body) {
+    let discarded = async {
+        let mut discarded = 0;
+        while let Some(Ok(chunk)) = next_chunk(body).await {
+            discarded += chunk.len();
+            if discarded > MAX_DISCARDED_BYTES {
+                return;
+            }
+        }
+    };
+    let _ = timeout(DISCARD_TIMEOUT, discarded).await;
 }
 
 async fn read_within(body: &mut Body, limit: usize, connection: &Arc<Connection>) -> Result<(Vec<u8>, Lease), Problem> {

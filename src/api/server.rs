@@ -107,7 +107,7 @@ impl ServerSettings {
 }
 
 /// Flow-control window of one HTTP/2 stream for requests, bytes.
-const STREAM_WINDOW_BYTES: u32 = 64 * 1024;
+pub(super) const STREAM_WINDOW_BYTES: u32 = 64 * 1024;
 /// Flow-control window of a whole connection for requests, bytes. All that arrives is read at once, into the budget; half of
 /// this is what h2 allows small frames to cost until they are read, which one turn of reading stays below.
 const CONNECTION_WINDOW_BYTES: u32 = 512 * 1024;

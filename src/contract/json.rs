@@ -7,6 +7,7 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, Deserialize, DeserializeOwned, Deserializer, MapAccess, Visitor};
 use serde::{Serialize, Serializer};
 use serde_json::Value;
+use serde_json::value::RawValue;
 use serde_json::error::Category;
 use serde_path_to_error::{Path, Segment};
 
@@ -27,6 +28,75 @@ pub fn read_object<'de, T: Deserialize<'de>>(body: &'de [u8]) -> Result<T, Probl
         serde_path_to_error::deserialize(&mut deserializer).map_err(|error| problem_of(error.path(), error.inner()))?;
     deserializer.end().map_err(|error| malformed(&error))?;
     Ok(value)
+}
+
+/// The fields of one JSON object, each value as it is written.
+///
+/// # Errors
+/// `malformed_body` with the column when the bytes are no JSON, `invalid_field` when they are no object or name a field
+/// twice.
+pub fn read_fields(line: &[u8]) -> Result<Vec<(String, &RawValue)>, Problem> {
+    let fields: Fields<'_> = serde_json::from_slice(line).map_err(|error| match error.classify() {
+        Category::Syntax | Category::Eof | Category::Io => malformed(&error),
+        Category::Data => faulty_field("", &without_position(&error)),
+    })?;
+    let Fields(fields) = fields;
+    let twice = (1..fields.len()).find(|&index| fields[..index].iter().any(|(name, _)| *name == fields[index].0));
+    match twice {
+        Some(index) => Err(faulty_field(&fields[index].0, &format!("duplicate field `{}`", fields[index].0))),
+        None => Ok(fields),
+    }
+}
+
+/// The value of a field.
+///
+/// # Errors
+/// `invalid_field` when it is of another type.
+pub fn read_field<'a, T: Deserialize<'a>>(name: &str, value: &'a RawValue) -> Result<T, Problem> {
+    serde_json::from_str(value.get()).map_err(|error| faulty_field(name, &without_position(&error)))
+}
+
+/// The problem of a field of the body, or of the body itself where the name is empty.
+pub fn faulty_field(name: &str, fault: &str) -> Problem {
+    let mut pointer = "#".to_owned();
+    if !name.is_empty() {
+        push_segment(&mut pointer, name);
+    }
+    let text = format!("`{}`: {fault}", dotted(&pointer));
+    Problem::at_field(ErrorCode::InvalidField, pointer, text)
+}
+
+/// Most fields that are looked at one by one: far more than any request has.
+const MAX_FIELDS: usize = 32;
+
+/// The fields of an object, in their order.
+struct Fields<'a>(Vec<(String, &'a RawValue)>);
+
+impl<'de: 'a, 'a> Deserialize<'de> for Fields<'a> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct FieldsVisitor;
+
+        impl<'de> Visitor<'de> for FieldsVisitor {
+            type Value = Fields<'de>;
+
+            fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+                formatter.write_str("an object")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Fields<'de>, A::Error> {
+                let mut fields = Vec::new();
+                while let Some(field) = map.next_entry()? {
+                    fields.push(field);
+                    if fields.len() > MAX_FIELDS {
+                        return Err(de::Error::custom(format_args!("more than {MAX_FIELDS} fields")));
+                    }
+                }
+                Ok(Fields(fields))
+            }
+        }
+
+        deserializer.deserialize_any(FieldsVisitor)
+    }
 }
 
 fn problem_of(path: &Path, error: &serde_json::Error) -> Problem {

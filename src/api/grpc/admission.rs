@@ -10,10 +10,12 @@ use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderMap, Method, header};
 
-use super::read_ahead::ReadAhead;
-use crate::api::access::{Notes, RequestContext};
+use super::framed_body::{FramedBody, HeadsAndMessages};
+use crate::api::access::RequestContext;
+use crate::api::read_ahead::{Pace, ReadAhead};
 use crate::api::receive::{connection_of, only_probes, receive};
-use crate::api::server::{Connection, Use};
+use crate::api::server::Use;
+use crate::api::submit::Caller;
 use crate::api::{ApiState, CAUSE_IS_LOGGED};
 use crate::contract::{ErrorCode, Problem};
 use crate::jobs::{Jobs, Kind, Limits, Visitor};
@@ -32,14 +34,10 @@ const HEALTH_MESSAGE_BYTES: usize = 1024;
 pub(super) struct Call {
     /// The id for errors and logs.
     pub(super) request_id: String,
-    /// What its line in the log says of its jobs.
-    pub(super) notes: Notes,
-    /// When the caller needs the answer.
-    pub(super) deadline: Option<Instant>,
+    /// Whose it is.
+    pub(super) caller: Caller,
     /// Its longest message, bytes.
     pub(super) max_message_bytes: usize,
-    /// How it came.
-    pub(super) connection: Arc<Connection>,
     /// The permit to queue its job, until it is taken.
     permit: Arc<Mutex<Option<Permit>>>,
 }
@@ -174,7 +172,12 @@ pub(super) async fn admit(
     let deadline = deadline(request.headers(), context.arrival)?;
     let (mut head, mut body) = request.into_parts();
     let body = match needs {
-        Needs::Stream => Body::new(ReadAhead::of(body, limit, &connection, &context.request_id)),
+        Needs::Stream => {
+            // Calls share their connection: what is not read of one holds up the others.
+            let pace = Pace { pause_bytes: None, message_timeout: state.settings.body_timeout };
+            let messages = ReadAhead::of(body, HeadsAndMessages { limit }, pace, &connection);
+            Body::new(FramedBody { messages, request_id: context.request_id.clone() })
+        }
         Needs::MessageAndPermit(_) | Needs::Message | Needs::MessageAtAnyTime => {
             let received = receive(&mut body, limit + FRAME_HEAD_BYTES, state.settings.body_timeout, &connection).await;
             let (message, lease) = received?;
@@ -185,9 +188,9 @@ pub(super) async fn admit(
         Needs::MessageAndPermit(class) => Some(state.service.reserve(class)?),
         Needs::Message | Needs::MessageAtAnyTime | Needs::Stream => None,
     };
-    let (request_id, notes) = (context.request_id.clone(), context.notes.clone());
-    let permit = Arc::new(Mutex::new(permit));
-    head.extensions.insert(Call { request_id, notes, deadline, max_message_bytes: limit, connection, permit });
+    let (request_id, permit) = (context.request_id.clone(), Arc::new(Mutex::new(permit)));
+    let caller = Caller { notes: context.notes.clone(), deadline, connection };
+    head.extensions.insert(Call { request_id, caller, max_message_bytes: limit, permit });
     Ok(Request::from_parts(head, body))
 }
 

@@ -4,26 +4,30 @@
 
 use std::sync::Arc;
 
-use futures_util::future::{BoxFuture, FutureExt as _};
+use futures_util::future::BoxFuture;
 use futures_util::stream::{BoxStream, StreamExt as _, TryStreamExt as _};
 use tonic::{Request, Response, Status, Streaming};
 
 use super::admission::Call;
-use super::batch::{Batch, ItemResult};
-use super::calls::{answer_bytes, answer_of, start};
+use super::batch::{answers, batch};
 use super::pb::batch_request::Request as Item;
 use super::pb::batch_response::Answer as ItemAnswer;
 use super::pb::maneuver_service_server::ManeuverService;
 use super::pb::solve_stream_response::Event as SolveEvent;
 use super::{pb, status};
+use crate::api::batch::ItemResult;
 use crate::api::receive::memory_full;
 use crate::api::server::Lease;
+use crate::api::submit::{Caller, Written, answer_of_item, start};
 use crate::api::{ApiState, CAUSE_IS_LOGGED};
 use crate::contract::convert::count;
 use crate::contract::{ErrorCode, Problem};
 use crate::jobs::solve::{Solve, validated};
 use crate::jobs::{Kind, limits_message};
 use crate::service::{Event, Job, Running};
+
+/// Length of a number in an answer, bytes.
+const NUMBER_BYTES: usize = size_of::<f64>();
 
 /// The calls of one server.
 pub(super) struct Handlers(pub(super) ApiState);
@@ -63,16 +67,18 @@ impl ManeuverService for Handlers {
         &self,
         request: Request<Streaming<pb::SolveBatchRequest>>,
     ) -> Result<Response<Self::SolveBatchStream>, Status> {
-        let batch = Batch::new(self.0.clone(), call_of(&request)?, request.into_inner(), answer_to);
-        Ok(Response::new(batch.into_answers().map_ok(Into::into).boxed()))
+        let call = call_of(&request)?;
+        let batch = batch(self.0.clone(), &call, request.into_inner(), answer_to);
+        Ok(Response::new(answers(batch, call.request_id).map_ok(Into::into).boxed()))
     }
 
     async fn batch(
         &self,
         request: Request<Streaming<pb::BatchRequest>>,
     ) -> Result<Response<Self::BatchStream>, Status> {
-        let batch = Batch::new(self.0.clone(), call_of(&request)?, request.into_inner(), answer_to);
-        Ok(Response::new(batch.into_answers().boxed()))
+        let call = call_of(&request)?;
+        let batch = batch(self.0.clone(), &call, request.into_inner(), answer_to);
+        Ok(Response::new(answers(batch, call.request_id).boxed()))
     }
 
     async fn simulate(&self, request: Request<pb::SimulateRequest>) -> Result<Response<pb::SimulateResponse>, Status> {
@@ -108,13 +114,13 @@ impl ManeuverService for Handlers {
 }
 
 /// The answer to one item of a batch, by its kind.
-fn answer_to<'a>(state: &'a ApiState, item: Item, call: &'a Call) -> BoxFuture<'a, ItemResult> {
+fn answer_to<'a>(state: &'a ApiState, item: Item, caller: &'a Caller) -> BoxFuture<'a, ItemResult<ItemAnswer>> {
     match item {
-        Item::Solve(request) => of_kind(&state.jobs.solve, state, request, call, ItemAnswer::Solve),
-        Item::Simulate(request) => of_kind(&state.jobs.simulate, state, request, call, ItemAnswer::Simulate),
-        Item::Present(request) => of_kind(&state.jobs.present, state, request, call, ItemAnswer::Present),
-        Item::Export(request) => of_kind(&state.jobs.export, state, request, call, ItemAnswer::Export),
-        Item::Assess(request) => of_kind(&state.jobs.assess, state, request, call, ItemAnswer::Assess),
+        Item::Solve(request) => of_kind(&state.jobs.solve, state, request, caller, ItemAnswer::Solve),
+        Item::Simulate(request) => of_kind(&state.jobs.simulate, state, request, caller, ItemAnswer::Simulate),
+        Item::Present(request) => of_kind(&state.jobs.present, state, request, caller, ItemAnswer::Present),
+        Item::Export(request) => of_kind(&state.jobs.export, state, request, caller, ItemAnswer::Export),
+        Item::Assess(request) => of_kind(&state.jobs.assess, state, request, caller, ItemAnswer::Assess),
     }
 }
 
@@ -122,11 +128,19 @@ fn of_kind<'a, K: Kind>(
     kind: &'a Arc<K>,
     state: &'a ApiState,
     request: K::Request,
-    call: &'a Call,
+    caller: &'a Caller,
     wrap: fn(K::Answer) -> ItemAnswer,
-) -> BoxFuture<'a, ItemResult> {
-    let answered = answer_of(kind, state, request, call);
-    answered.map(move |answered| answered.map(|(answer, lease)| (wrap(answer), lease))).boxed()
+) -> BoxFuture<'a, ItemResult<ItemAnswer>> {
+    Box::pin(async move {
+        let input = K::accept(request, state.jobs.limits())?;
+        let (answer, lease) = answer_of_item(kind, state, input, (caller, NUMBER_BYTES), measured).await?;
+        Ok((wrap(answer), lease))
+    })
+}
+
+/// A message with its length when it is encoded.
+fn measured<M: prost::Message>(answer: M) -> Written<M> {
+    Written { bytes: answer.encoded_len(), answer }
 }
 
 /// A job that was queued, its call, and the memory that is reserved for its answer.
@@ -137,9 +151,9 @@ impl Handlers {
         let call = call_of(&request)?;
         let started = async {
             let input = K::accept(request.into_inner(), self.0.jobs.limits())?;
-            let lease = call.connection.lease_soon(answer_bytes::<K>(&input)).await.ok_or_else(memory_full)?;
-            let lease = Arc::new(lease);
-            Ok((start(kind, call.take_permit()?, input, &call, &lease)?, lease))
+            let bytes = K::answer_numbers(&input) * NUMBER_BYTES;
+            let lease = Arc::new(call.caller.connection.lease_soon(bytes).await.ok_or_else(memory_full)?);
+            Ok((start(kind, call.take_permit()?, input, (&call.caller, &lease), measured)?, lease))
         };
         match started.await {
             Ok((running, lease)) => Ok((running, call, lease)),

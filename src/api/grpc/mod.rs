@@ -2,12 +2,11 @@
 
 mod admission;
 mod batch;
-mod calls;
+mod framed_body;
 mod handlers;
 mod health;
 mod middleware;
 pub mod pb;
-mod read_ahead;
 mod status;
 
 use std::sync::Arc;

@@ -1,12 +1,15 @@
 //! Answers that are the same for all who ask: the files of the page, and what the server says of itself.
 
 use std::fmt::Write as _;
+use std::sync::OnceLock;
 
 use axum::body::Bytes;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use flate2::Compression;
 use sha2::{Digest as _, Sha256};
 
+use super::coding::{self, Coding};
 use crate::api::server::Shared;
 
 /// Nothing is loaded or called but from this server, and nothing of it stands in the pages themselves.
@@ -23,6 +26,8 @@ pub(super) struct Document {
     bytes: Bytes,
     /// Its hash, in quotes.
     tag: String,
+    /// The same bytes in gzip, once somebody has asked for them so.
+    in_gzip: OnceLock<Bytes>,
 }
 
 impl Document {
@@ -34,21 +39,32 @@ impl Document {
             let _ = write!(tag, "{byte:02x}");
         }
         tag.push('"');
-        Self { media_type, bytes, tag }
+        Self { media_type, bytes, tag, in_gzip: OnceLock::new() }
     }
 
     /// The document, or that the caller has it already.
     pub(super) fn answer(&self, asked: &HeaderMap) -> Response {
         let headers: [(HeaderName, HeaderValue); 2] =
             [(header::CONTENT_SECURITY_POLICY, POLICY), (header::CACHE_CONTROL, CACHED)];
-        let tag = [(header::ETAG, self.tag.as_str())];
+        let (coding, is_negotiable) =
+            (Coding::accepted(asked).of_length(self.bytes.len()), coding::is_negotiable(self.bytes.len()));
+        let (bytes, tag) = match coding {
+            Coding::Identity => (&self.bytes, self.tag.clone()),
+            // Other bytes with the same meaning have a tag that is weak.
+            Coding::Gzip => (self.in_gzip.get_or_init(|| self.gzip()), format!("W/{}", self.tag)),
+        };
+        let tag = [(header::ETAG, tag)];
         if self.is_known(asked) {
-            return (StatusCode::NOT_MODIFIED, headers, tag).into_response();
+            let response = (StatusCode::NOT_MODIFIED, headers, tag).into_response();
+            return coding::with_head(response, Coding::Identity, is_negotiable);
         }
-        let mut response =
-            (headers, tag, [(header::CONTENT_TYPE, self.media_type)], self.bytes.clone()).into_response();
+        let mut response = (headers, tag, [(header::CONTENT_TYPE, self.media_type)], bytes.clone()).into_response();
         response.extensions_mut().insert(Shared);
-        response
+        coding::with_head(response, coding, is_negotiable)
+    }
+
+    fn gzip(&self) -> Bytes {
+        coding::gzip(&self.bytes, Compression::best()).into()
     }
 
     /// Whether `If-None-Match` names it (RFC 9110, section 13.1.2), also as one that is only alike.

@@ -8,9 +8,10 @@ use axum::response::Response;
 use axum::routing::{MethodRouter, get, post};
 use utoipa::ToSchema as _;
 
+use super::batch::{self, Kinds};
 use super::document::Document;
 use super::handlers::{self, Delivery};
-use super::operation::{Access, Answer, Operation, Request};
+use super::operation::{Access, Answer, Job, Operation, Request};
 use super::{openapi, page};
 use crate::api::{ApiState, Probes};
 use crate::contract::message::{GetLimitsResponse, SolveRequest, ValidateResponse};
@@ -51,12 +52,13 @@ fn undescribed(path: &str, handler: MethodRouter<ApiState>) -> Endpoint {
 
 /// All endpoints of a server, on whatever port.
 pub(super) fn endpoints(state: &ApiState) -> Vec<Endpoint> {
-    let mut of_jobs = OfJobs(Vec::new());
+    let mut of_jobs = OfJobs { endpoints: Vec::new(), jobs: Vec::new() };
     state.jobs.each(&mut of_jobs);
+    let batch = batch(Arc::new(Kinds::of(&state.jobs)), of_jobs.jobs);
     let pages = page::files()
         .iter()
         .map(|(path, file)| undescribed(path, get(move |asked: HeaderMap| async move { file.answer(&asked) })));
-    of_jobs.0.into_iter().chain(beside_jobs()).chain(pages).collect()
+    of_jobs.endpoints.into_iter().chain([batch]).chain(beside_jobs()).chain(pages).collect()
 }
 
 /// `GET /openapi.json`: this API for machines.
@@ -68,6 +70,20 @@ async fn document(State(state): State<ApiState>, asked: HeaderMap) -> Response {
         Document::new("application/json", openapi::document(&state, described))
     });
     document.answer(&asked)
+}
+
+/// Jobs of all kinds together.
+fn batch(kinds: Arc<Kinds>, jobs: Vec<Job>) -> Endpoint {
+    let operation = Operation {
+        id: "batch".to_owned(),
+        summary: "answers many jobs of any kind, each as it ends".to_owned(),
+        request: Some(Request::Lines(jobs.clone())),
+        answer: Answer::Lines(jobs),
+        has_events: false,
+        errors: Vec::new(),
+    };
+    let handler = post(move |state, context, request| batch::run(Arc::clone(&kinds), state, context, request));
+    Endpoint::post("/batch".to_owned(), handler, operation)
 }
 
 fn beside_jobs() -> [Endpoint; 6] {
@@ -110,8 +126,11 @@ fn beside_jobs() -> [Endpoint; 6] {
     ]
 }
 
-/// The endpoints of the kinds of jobs.
-struct OfJobs(Vec<Endpoint>);
+/// The endpoints of the kinds of jobs, and what lines say of them.
+struct OfJobs {
+    endpoints: Vec<Endpoint>,
+    jobs: Vec<Job>,
+}
 
 impl Visitor for OfJobs {
     fn visit<K: Kind>(&mut self, kind: &Arc<K>) {
@@ -123,22 +142,23 @@ impl Visitor for OfJobs {
             let request = Some(Request::Queued(K::Request::name()));
             Operation { id, summary, request, answer, has_events: false, errors: Vec::new() }
         };
+        self.jobs.push(Job { name: K::NAME, request: K::Request::name(), answer: K::Answer::name() });
         let answer = Answer::Json(K::Answer::name());
         let path = format!("/{}", K::NAME);
         if K::REPORTS_PROGRESS {
             let events = Answer::Events { progress: K::Report::name(), result: K::Answer::name() };
             let summary = format!("{} and reports progress as server-sent events", K::SUMMARY);
             let operation = operation(format!("{}_events", K::NAME), summary, events);
-            self.0.push(Endpoint::post(format!("{path}/events"), handler(Delivery::Events), operation));
+            self.endpoints.push(Endpoint::post(format!("{path}/events"), handler(Delivery::Events), operation));
         }
         let operation = operation(K::NAME.to_owned(), K::SUMMARY.to_owned(), answer);
         let operation = Operation { has_events: K::REPORTS_PROGRESS, ..operation };
-        self.0.push(Endpoint::post(path, handler(Delivery::AsAccepted), operation));
+        self.endpoints.push(Endpoint::post(path, handler(Delivery::AsAccepted), operation));
         for Example { name, request, .. } in K::EXAMPLES {
-            let body = move || async move { handlers::json_answer(json::write(&request())) };
+            let body = move |asked: HeaderMap| async move { handlers::json_answer(json::write(&request()), &asked) };
             let summary = format!("an example of a complete body for `/{}`", K::NAME);
             let answer = Answer::Json(K::Request::name());
-            self.0.push(Endpoint::get(&format!("/examples/{name}"), get(body), &summary, answer));
+            self.endpoints.push(Endpoint::get(&format!("/examples/{name}"), get(body), &summary, answer));
         }
     }
 }

@@ -19,8 +19,9 @@ use crate::service::{Event as JobEvent, Running};
 
 /// A comment this often keeps proxies from closing a quiet stream.
 const HEARTBEAT: Duration = Duration::from_secs(15);
-/// Makes nginx pass events on at once.
-const ACCEL_BUFFERING: HeaderName = HeaderName::from_static("x-accel-buffering");
+/// Makes nginx pass events and lines on at once.
+pub(super) const UNBUFFERED: [(HeaderName, HeaderValue); 1] =
+    [(HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"))];
 
 /// Whether the caller asks for events.
 pub(super) fn are_accepted(headers: &HeaderMap) -> bool {
@@ -30,17 +31,20 @@ pub(super) fn are_accepted(headers: &HeaderMap) -> bool {
 }
 
 /// The events of a job whose result is JSON. A caller who leaves drops the stream, which stops the job.
-pub(super) fn respond<K: Kind>(running: Running<Vec<u8>, K::Progress>, context: RequestContext) -> Response {
-    let events = running.events().map(move |event| Ok::<_, Infallible>(written::<K>(event, &context)));
+pub(super) fn respond<K: Kind, T: Into<Vec<u8>> + Send + 'static>(
+    running: Running<T, K::Progress>,
+    context: RequestContext,
+) -> Response {
+    let events = running.events().map(move |event| Ok::<_, Infallible>(written::<K, T>(event, &context)));
     let stream = Sse::new(events).keep_alive(KeepAlive::new().interval(HEARTBEAT));
-    ([(ACCEL_BUFFERING, HeaderValue::from_static("no"))], stream).into_response()
+    (UNBUFFERED, stream).into_response()
 }
 
-fn written<K: Kind>(event: JobEvent<Vec<u8>, K::Progress>, context: &RequestContext) -> Event {
+fn written<K: Kind, T: Into<Vec<u8>>>(event: JobEvent<T, K::Progress>, context: &RequestContext) -> Event {
     match event {
         JobEvent::Queued(position) => named("queued", write(&Queued { position: count(position) })),
         JobEvent::Progress(progress) => named("progress", write(&K::Report::from(progress))),
-        JobEvent::Ended(Ok(answer)) => named("result", answer),
+        JobEvent::Ended(Ok(answer)) => named("result", answer.into()),
         JobEvent::Ended(Err(error)) => {
             let problem = Problem::from(error);
             context.notes.problem(problem.code());
@@ -90,7 +94,7 @@ mod tests {
         let held = Arc::new(Held(Mutex::new(released)));
         let running = service.reserve(Class::Heavy).unwrap().submit(held, (), None, answer).unwrap();
         let context = RequestContext::open("/solve", &HeaderMap::new(), None).0;
-        let mut body = respond::<Solve>(running, context).into_body().into_data_stream();
+        let mut body = respond::<Solve, _>(running, context).into_body().into_data_stream();
         // The clock jumps to the next timer whenever nothing else is to be done.
         let begin = tokio::time::Instant::now();
         let queued = body.next().await.unwrap().unwrap();

@@ -5,18 +5,15 @@ use std::time::{Duration, Instant};
 use axum::body::Body;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName, header};
-use tokio::time::timeout;
 
+use super::batch;
 use crate::api::ApiState;
-use crate::api::receive::{connection_of, next_chunk, receive};
+use crate::api::receive::{connection_of, discard, receive};
 use crate::api::server::Lease;
 use crate::contract::{ErrorCode, Problem};
 
-/// Refused bodies are read on for this long, and up to [`MAX_DISCARDED_BYTES`]: a connection closed with unread bytes
-/// is reset, and the caller never sees the refusal.
-const DISCARD_TIMEOUT: Duration = Duration::from_secs(1);
-const MAX_DISCARDED_BYTES: usize = 16 * 1024 * 1024;
-
+/// One JSON object.
+pub(super) const JSON: &str = "application/json";
 /// How long the caller waits for the answer.
 pub(super) const REQUEST_TIMEOUT_MS: HeaderName = HeaderName::from_static("request-timeout-ms");
 
@@ -50,12 +47,38 @@ pub(super) async fn json_body(
         Ok(()) => receive(&mut body, limit, body_timeout, &connection_of(&head.extensions)).await,
         Err(problem) => Err(problem),
     };
-    // A caller who waits for `100 Continue` has sent nothing that could be left unread.
-    if received.is_err() && !head.headers.contains_key(header::EXPECT) {
-        // Whether the rest came in time or not, the refusal is the same.
-        let _ = timeout(DISCARD_TIMEOUT, discard(&mut body)).await;
+    if received.is_err() {
+        discard_unsolicited(head, body).await;
     }
     received
+}
+
+/// The body of a request of many lines, not yet read, and when the caller needs all answers.
+///
+/// # Errors
+/// `unavailable`, `unsupported_media` and `invalid_value`, in the order of the contract.
+pub(super) async fn admit_lines(
+    state: &ApiState,
+    head: &Parts,
+    body: Body,
+    arrival: Instant,
+) -> Result<(Body, Option<Instant>), Problem> {
+    let admitted = state.service.check_open().map_err(Problem::from);
+    let admitted = admitted.and_then(|()| check_media_type(&head.headers, batch::MEDIA_TYPE));
+    match admitted.and_then(|()| deadline(&head.headers, arrival)) {
+        Ok(deadline) => Ok((body, deadline)),
+        Err(problem) => {
+            discard_unsolicited(head, body).await;
+            Err(problem)
+        }
+    }
+}
+
+async fn discard_unsolicited(head: &Parts, mut body: Body) {
+    // A caller who waits for `100 Continue` has sent nothing that could be left unread.
+    if !head.headers.contains_key(header::EXPECT) {
+        discard(&mut body).await;
+    }
 }
 
 fn admit(state: &ApiState, headers: &HeaderMap, limit: usize) -> Result<(), Problem> {
@@ -64,10 +87,10 @@ fn admit(state: &ApiState, headers: &HeaderMap, limit: usize) -> Result<(), Prob
     if declared.is_some_and(|length| length > limit as u64) {
         return Err(Problem::body_too_large(limit));
     }
-    check_media_type(headers)
+    check_media_type(headers, JSON)
 }
 
-fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
+fn check_media_type(headers: &HeaderMap, expected: &str) -> Result<(), Problem> {
     let unsupported = |detail: String| Err(Problem::new(ErrorCode::UnsupportedMedia, detail));
     if let Some(encoding) = headers.get(header::CONTENT_ENCODING)
         && !encoding.as_bytes().eq_ignore_ascii_case(b"identity")
@@ -75,31 +98,21 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
         return unsupported(format!("`content-encoding` is {encoding:?}, must be identity"));
     }
     let Some(given) = headers.get(header::CONTENT_TYPE) else {
-        return unsupported("`content-type` is missing, must be application/json".to_owned());
+        return unsupported(format!("`content-type` is missing, must be {expected}"));
     };
     let text = given.to_str().unwrap_or_default();
     let mut parts = text.split(';').map(str::trim);
-    let is_json = parts.next().is_some_and(|media_type| media_type.eq_ignore_ascii_case("application/json"));
+    let is_expected = parts.next().is_some_and(|media_type| media_type.eq_ignore_ascii_case(expected));
     let is_utf8 = parts.all(|parameter| match parameter.split_once('=') {
         Some((name, value)) if name.eq_ignore_ascii_case("charset") => {
             value.trim_matches('"').eq_ignore_ascii_case("utf-8")
         }
         _ => true,
     });
-    if is_json && is_utf8 {
+    if is_expected && is_utf8 {
         Ok(())
     } else {
-        unsupported(format!("`content-type` is {given:?}, must be application/json in UTF-8"))
-    }
-}
-
-async fn discard(body: &mut Body) {
-    let mut discarded = 0;
-    while let Some(Ok(chunk)) = next_chunk(body).await {
-        discarded += chunk.len();
-        if discarded > MAX_DISCARDED_BYTES {
-            return;
-        }
+        unsupported(format!("`content-type` is {given:?}, must be {expected} in UTF-8"))
     }
 }
 
@@ -111,7 +124,7 @@ mod tests {
 
     fn is_supported(content_type: &'static str) -> bool {
         let headers = HeaderMap::from_iter([(header::CONTENT_TYPE, HeaderValue::from_static(content_type))]);
-        check_media_type(&headers).is_ok()
+        check_media_type(&headers, JSON).is_ok()
     }
 
     #[test]
@@ -130,6 +143,6 @@ mod tests {
             (header::CONTENT_TYPE, HeaderValue::from_static("application/json")),
             (header::CONTENT_ENCODING, HeaderValue::from_static("gzip")),
         ]);
-        assert_eq!(check_media_type(&headers).unwrap_err().code(), ErrorCode::UnsupportedMedia);
+        assert_eq!(check_media_type(&headers, JSON).unwrap_err().code(), ErrorCode::UnsupportedMedia);
     }
 }

@@ -5,17 +5,18 @@
 use std::sync::Arc;
 
 use axum::Extension;
-use axum::body::Bytes;
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 
+use super::coding::{Coded, Coding};
 use super::document::Document;
 use super::events;
-use super::extract::{deadline, json_body};
+use super::extract::{JSON, deadline, json_body};
 use crate::api::ApiState;
 use crate::api::access::RequestContext;
 use crate::api::receive::{connection_of, memory_full};
+use crate::api::submit::{Caller, Written, start};
 use crate::contract::{Problem, json};
 use crate::jobs::solve::{Solve, validated};
 use crate::jobs::{Kind, limits_message};
@@ -23,7 +24,7 @@ use crate::metrics::CONTENT_TYPE;
 
 /// Length of a number in a full answer with the comma after it, bytes: the mean over plans; the rest is settled when the
 /// answer is written.
-const NUMBER_BYTES: usize = 18;
+pub(super) const NUMBER_BYTES: usize = 18;
 
 /// How the outcome of a job is delivered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,19 +53,18 @@ pub(super) async fn run<K: Kind>(
     let connection = connection_of(&head.extensions);
     let lease = connection.lease_soon(K::answer_numbers(&input) * NUMBER_BYTES).await.ok_or_else(memory_full)?;
     let lease = Arc::new(lease);
-    let of_answer = Arc::clone(&lease);
     let deadline = deadline(&head.headers, context.arrival)?;
-    let notes = context.notes.clone();
-    let running = permit.submit(kind, input, deadline, move |input, done| {
-        notes.job(done.queue_wait, done.duration);
-        let answer = json::write(&K::answer(input, done));
-        of_answer.settle(answer.len());
-        answer
+    let caller = Caller { notes: context.notes.clone(), deadline, connection };
+    let has_events = delivery == Delivery::Events || K::REPORTS_PROGRESS && events::are_accepted(&head.headers);
+    let coding = if has_events { Coding::Identity } else { Coding::accepted(&head.headers) };
+    let running = start(&kind, permit, input, (&caller, &lease), move |answer| {
+        let answer = Coded::new(json::write(&answer), coding);
+        Written { bytes: answer.bytes.len(), answer }
     })?;
-    let mut response = if delivery == Delivery::Events || K::REPORTS_PROGRESS && events::are_accepted(&head.headers) {
-        events::respond::<K>(running, context)
+    let mut response = if has_events {
+        events::respond::<K, _>(running, context)
     } else {
-        json_answer(running.outcome().await?)
+        running.outcome().await?.respond(JSON)
     };
     response.extensions_mut().insert(lease);
     Ok(response)
@@ -76,7 +76,7 @@ pub(super) async fn validate(State(state): State<ApiState>, request: Request) ->
     let limit = Solve::max_body_bytes(state.jobs.limits());
     let (body, _lease) = json_body(&state, &head, body, limit).await?;
     let accepted = Solve::read(&body, state.jobs.limits())?;
-    Ok(json_answer(json::write(&validated(accepted))))
+    Ok(json_answer(json::write(&validated(accepted)), &head.headers))
 }
 
 /// `GET /limits`: what this server accepts at most.
@@ -91,20 +91,20 @@ pub(super) async fn limits(State(state): State<ApiState>, asked: HeaderMap) -> R
 /// `GET /livez`: the process answers, and a worker is there to end its job.
 pub(super) async fn livez(State(state): State<ApiState>) -> Result<Response, Problem> {
     state.service.check_alive()?;
-    Ok(json_answer(br#"{"status":"live"}"#.to_vec()))
+    Ok(json_answer(br#"{"status":"live"}"#.to_vec(), &HeaderMap::new()))
 }
 
 /// `GET /readyz`: the service takes work; a full queue is ready too.
 pub(super) async fn readyz(State(state): State<ApiState>) -> Result<Response, Problem> {
     state.service.check_ready()?;
-    Ok(json_answer(br#"{"status":"ready"}"#.to_vec()))
+    Ok(json_answer(br#"{"status":"ready"}"#.to_vec(), &HeaderMap::new()))
 }
 
 /// `GET /metrics`: counts and levels in the text format of Prometheus.
-pub(super) async fn metrics(State(state): State<ApiState>) -> Response {
-    ([(header::CONTENT_TYPE, CONTENT_TYPE)], state.service.metrics_text()).into_response()
+pub(super) async fn metrics(State(state): State<ApiState>, asked: HeaderMap) -> Response {
+    Coded::new(state.service.metrics_text(), Coding::accepted(&asked)).respond(CONTENT_TYPE)
 }
 
-pub(super) fn json_answer(body: impl Into<Bytes>) -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], body.into()).into_response()
+pub(super) fn json_answer(body: Vec<u8>, asked: &HeaderMap) -> Response {
+    Coded::new(body, Coding::accepted(asked)).respond(JSON)
 }

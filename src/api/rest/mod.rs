@@ -1,5 +1,7 @@
 //! REST: JSON in and out, strict in what it reads, `application/problem+json` for every error.
 
+mod batch;
+mod coding;
 mod cors;
 mod document;
 mod endpoints;

@@ -1,6 +1,8 @@
 //! The OpenAPI 3.1 document, made of the endpoints, the messages with the comments of `proto/`, the rules of the jobs and
 //! the error table.
 
+mod lines;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -180,22 +182,13 @@ fn written(operation: &Operation, access: Access) -> Value {
         written["description"] = json!(about);
     }
     if let Some(request) = &operation.request {
-        errors.extend(REFUSALS);
         let mut parameters = vec![request_id()];
-        let name = match request {
-            Request::Immediate(name) => name,
-            Request::Queued(name) => {
-                parameters.push(request_timeout());
-                // A stream begins with its status: what happens later is an event.
-                match operation.answer {
-                    Answer::Events { .. } => errors.extend([ErrorCode::QueueFull, ErrorCode::DeadlineUnreachable]),
-                    Answer::Json(_) | Answer::Object(_) | Answer::Text(_) => errors.extend(FAILURES),
-                }
-                name
-            }
-        };
+        if !matches!(request, Request::Immediate(_)) {
+            parameters.push(request_timeout());
+        }
+        errors.extend(errors_of(request, &operation.answer));
         written["parameters"] = json!(parameters);
-        written["requestBody"] = json!({"required": true, "content": {"application/json": schema(name)}});
+        written["requestBody"] = json!({"required": true, "content": content_of(request)});
     }
     if access != Access::WithKey {
         written["security"] = json!([]);
@@ -204,6 +197,25 @@ fn written(operation: &Operation, access: Access) -> Value {
     responses.insert("200".to_owned(), success(&operation.answer));
     written["responses"] = json!(responses);
     written
+}
+
+fn content_of(request: &Request) -> Value {
+    match request {
+        Request::Immediate(name) | Request::Queued(name) => json!({"application/json": schema(name)}),
+        Request::Lines(jobs) => lines::request(jobs),
+    }
+}
+
+fn errors_of(request: &Request, answer: &Answer) -> Vec<ErrorCode> {
+    // A stream begins with its status: what happens later is an event or a line.
+    match (request, answer) {
+        (Request::Lines(_), _) => lines::REFUSALS.to_vec(),
+        (Request::Immediate(_), _) => REFUSALS.to_vec(),
+        (Request::Queued(_), Answer::Events { .. }) => {
+            [&REFUSALS[..], &[ErrorCode::QueueFull, ErrorCode::DeadlineUnreachable]].concat()
+        }
+        (Request::Queued(_), _) => [&REFUSALS[..], &FAILURES].concat(),
+    }
 }
 
 fn success(answer: &Answer) -> Value {
@@ -225,6 +237,7 @@ fn success(answer: &Answer) -> Value {
             let content = json!({"schema": {"type": "string"}, "x-events": events});
             json!({"description": about, "content": {"text/event-stream": content}})
         }
+        Answer::Lines(jobs) => lines::answer(jobs),
     }
 }
 
@@ -242,7 +255,7 @@ fn responses_of(codes: &[ErrorCode]) -> BTreeMap<String, Value> {
     by_status.into_iter().map(response).collect()
 }
 
-fn schema(name: &str) -> Value {
+pub(super) fn schema(name: &str) -> Value {
     json!({"schema": {"$ref": format!("#/components/schemas/{name}")}})
 }
 

@@ -19,12 +19,22 @@ pub(super) struct Operation {
     pub(super) errors: Vec<ErrorCode>,
 }
 
-/// A body in JSON, and what becomes of it.
+/// A body, and what becomes of it.
 pub(super) enum Request {
     /// Answered at once.
     Immediate(Name),
     /// Waits for a worker.
     Queued(Name),
+    /// Lines that ask for one job each.
+    Lines(Vec<Job>),
+}
+
+/// A kind of job that lines ask for and that lines answer.
+#[derive(Clone)]
+pub(super) struct Job {
+    pub(super) name: &'static str,
+    pub(super) request: Name,
+    pub(super) answer: Name,
 }
 
 /// What is answered with status 200.
@@ -37,6 +47,8 @@ pub(super) enum Answer {
     Text(&'static str),
     /// Server-sent events.
     Events { progress: Name, result: Name },
+    /// Lines in answer to lines.
+    Lines(Vec<Job>),
 }
 
 /// Who may ask.

@@ -1,0 +1,123 @@
+//! The body of a batch as its messages come, read ahead.
+
+use std::ops::ControlFlow;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+use axum::Error;
+use axum::body::{Bytes, HttpBody};
+use futures_util::ready;
+use hyper::body::Frame;
+
+use super::admission::FRAME_HEAD_BYTES;
+use super::status;
+use crate::api::read_ahead::{Fault, Framing, ReadAhead};
+
+/// Whole messages with their heads.
+pub(super) struct FramedBody {
+    pub(super) messages: ReadAhead,
+    pub(super) request_id: String,
+}
+
+impl HttpBody for FramedBody {
+    type Data = Bytes;
+    type Error = Error;
+
+    fn poll_frame(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Error>>> {
+        let passed = ready!(self.messages.poll_next(context));
+        Poll::Ready(passed.map(|passed| match passed {
+            Ok(messages) => Ok(Frame::data(messages.into())),
+            Err(Fault::Broken(error)) => Err(error),
+            Err(Fault::Ended(problem)) => Err(Error::new(status::of_problem(&problem, &self.request_id))),
+        }))
+    }
+}
+
+/// Messages after heads that say how long they are.
+pub(super) struct HeadsAndMessages {
+    /// Longest message, bytes; a longer one is passed on as far as it has come, to be refused.
+    pub(super) limit: usize,
+}
+
+impl Framing for HeadsAndMessages {
+    fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<()> {
+        let mut whole = 0;
+        let flow = loop {
+            let Some(&[_, first, second, third, fourth]) = partial[whole..].first_chunk::<FRAME_HEAD_BYTES>() else {
+                break ControlFlow::Continue(());
+            };
+            let length = u32::from_be_bytes([first, second, third, fourth]) as usize;
+            if length > self.limit {
+                break ControlFlow::Break(());
+            }
+            let end = whole + FRAME_HEAD_BYTES + length;
+            let Some(message) = partial.get(whole..end) else { break ControlFlow::Continue(()) };
+            pass(message);
+            whole = end;
+        };
+        partial.drain(..whole);
+        flow
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use axum::body::Body;
+    use futures_util::{FutureExt as _, StreamExt as _, stream};
+    use http_body_util::BodyExt as _;
+
+    use super::*;
+    use crate::api::read_ahead::Pace;
+    use crate::api::receive::connection_of;
+
+    fn message(length: usize) -> Vec<u8> {
+        let mut message = vec![0];
+        message.extend(u32::try_from(length).unwrap().to_be_bytes());
+        message.resize(FRAME_HEAD_BYTES + length, 7);
+        message
+    }
+
+    fn read_ahead(chunks: Vec<Vec<u8>>) -> FramedBody {
+        let chunks = stream::iter(chunks).map(Ok::<_, std::io::Error>).chain(stream::pending());
+        let connection = connection_of(&axum::http::Extensions::new());
+        let pace = Pace { pause_bytes: None, message_timeout: Duration::MAX };
+        let messages =
+            ReadAhead::of(Body::from_stream(chunks), HeadsAndMessages { limit: 1000 }, pace, &connection);
+        FramedBody { messages, request_id: "id".to_owned() }
+    }
+
+    #[tokio::test]
+    async fn whole_messages_are_passed_on_and_no_more() {
+        let sent: Vec<u8> = [message(3), message(0), message(900), message(5)].concat();
+        let (most, last_byte) = sent.split_at(sent.len() - 1);
+        for chunk_bytes in [1, 7, 5000] {
+            let mut body = read_ahead(most.chunks(chunk_bytes).map(<[u8]>::to_vec).collect());
+            let mut passed = Vec::new();
+            while passed.len() < sent.len() - message(5).len() {
+                passed.extend(body.frame().await.unwrap().unwrap().into_data().unwrap());
+            }
+            assert_eq!(passed, sent[..passed.len()]);
+            assert!(body.frame().now_or_never().is_none(), "{last_byte:?} is missing");
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn batch_beyond_its_share_ends() {
+        // Of 64 MiB a quarter is for reading ahead, and one connection has a quarter of that.
+        let share = 4 << 20;
+        let mut body = read_ahead(vec![message(1000); share / 1000 + 1]);
+        // Nothing is asked for until all is read.
+        tokio::time::sleep(Duration::from_secs(1)).await;
+        let mut passed = 0;
+        let error = loop {
+            match body.frame().await.unwrap() {
+                Ok(frame) => passed += frame.into_data().unwrap().len(),
+                Err(error) => break error,
+            }
+        };
+        assert!((share - 2000..=share).contains(&passed), "{passed}");
+        assert_eq!(tonic::Status::from_error(error.into()).code(), tonic::Code::ResourceExhausted);
+    }
+}
