@@ -16,9 +16,9 @@ pb, services = grpc.protos_and_services("slipdrive/v1/maneuver_service.proto")
 maneuvers = grpc.protos("slipdrive/v1/maneuver.proto")
 
 
-def ask(url: str, body: object = None) -> tuple[int, str]:
+def ask(url: str, body: object = None, media_type: str = "application/json") -> tuple[int, str]:
     data = None if body is None else json.dumps(body).encode()
-    request = urllib.request.Request(url, data, {"content-type": "application/json"})
+    request = urllib.request.Request(url, data, {"content-type": media_type})
     try:
         with urllib.request.urlopen(request, timeout=60) as answer:
             return answer.status, answer.read().decode()
@@ -32,6 +32,11 @@ def try_rest(url: str) -> None:
     status, answer = ask(f"{url}/envelope", {"robot": {"wheel_radius_m": 0}})
     error = json.loads(answer)["errors"][0]
     assert (status, error["pointer"], error["code"]) == (422, "#/robot/wheel_radius_m", "invalid_value"), answer
+    robot = {"wheel_friction_coefficient": 0.5, "gravity_m_s2": 10}
+    status, answer = ask(f"{url}/batch", {"request_id": "one", "envelope": {"robot": robot}}, "application/x-ndjson")
+    [line, end] = map(json.loads, answer.splitlines())
+    assert (status, line) == (200, {"request_id": "one", "envelope": {"acceleration_m_s2": 5.0}}), answer
+    assert end == {"end": {"answered": 1, "problems": 0}}, answer
     status, answer = ask(f"{url}/envelope", {"rabot": {}})
     assert (status, json.loads(answer)["code"]) == (422, "invalid_field"), answer
 
@@ -63,7 +68,7 @@ def try_descriptions(url: str) -> None:
     radius = [rule for rule in rules if (rule["job"], rule["field"]) == ("envelope", "robot.wheel_radius_m")]
     assert [(rule["minimum"], rule["maximum"]) for rule in radius] == [(0.001, 10)], radius
     metrics = ask(f"{url}/metrics")[1].splitlines()
-    assert 'slipdrive_jobs_total{job="envelope",outcome="finished"} 3' in metrics, metrics
+    assert 'slipdrive_jobs_total{job="envelope",outcome="finished"} 4' in metrics, metrics
     assert any(line.startswith('slipdrive_http_request_duration_seconds_count{code="200",route="/envelope"}') for line in metrics)
     assert any(line.startswith('slipdrive_grpc_request_duration_seconds_count{code="OK",method="Envelope"}') for line in metrics)
 

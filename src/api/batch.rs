@@ -170,6 +170,10 @@ impl<F: Format> Batch<F> {
 
     fn end_with(&mut self, problem: Problem) {
         self.is_reading = false;
+        // One who left reads no answers.
+        if problem.code() == ErrorCode::Cancelled {
+            self.running.clear();
+        }
         self.end = Some(problem);
     }
 

@@ -226,3 +226,65 @@ impl Unread {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::future::poll_fn;
+
+    use axum::body::Bytes;
+    use futures_util::stream::{self, StreamExt as _};
+
+    use super::*;
+    use crate::api::receive::connection_of;
+    use crate::contract::ErrorCode;
+
+    const TIMEOUT: Duration = Duration::from_secs(10);
+
+    /// Messages of four bytes.
+    struct Fours;
+
+    impl Framing for Fours {
+        fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<()> {
+            let rest = partial.split_off(partial.len() / 4 * 4);
+            std::mem::replace(partial, rest).chunks(4).for_each(&mut pass);
+            ControlFlow::Continue(())
+        }
+    }
+
+    /// These bytes, each after so long, and then nothing for ever.
+    fn read_ahead(chunks: &[(u64, &'static str)]) -> ReadAhead {
+        let later = stream::iter(chunks.to_vec()).then(async |(wait_s, text)| {
+            tokio::time::sleep(Duration::from_secs(wait_s)).await;
+            Ok::<_, std::io::Error>(Bytes::from_static(text.as_bytes()))
+        });
+        let pace = Pace { pause_bytes: Some(8), message_timeout: TIMEOUT };
+        let body = Body::from_stream(later.chain(stream::pending()));
+        ReadAhead::of(body, Fours, pace, &connection_of(&axum::http::Extensions::new()))
+    }
+
+    async fn next(read_ahead: &mut ReadAhead) -> Result<Vec<u8>, Fault> {
+        poll_fn(|context| read_ahead.poll_next(context)).await.unwrap()
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn time_of_a_message_rests_while_nothing_is_read() {
+        let mut read_ahead = read_ahead(&[(0, "aaaabbbbcc"), (0, "cc")]);
+        tokio::time::sleep(100 * TIMEOUT).await;
+        assert_eq!(read_ahead.shared.unread().partial, b"cc", "no more is read until some is taken");
+        assert_eq!(next(&mut read_ahead).await.unwrap(), b"aaaabbbb");
+        assert_eq!(next(&mut read_ahead).await.unwrap(), b"cccc");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn message_has_its_time_from_its_first_byte() {
+        let mut slow = read_ahead(&[(100, "aa"), (9, "aa"), (100, "b"), (4, "b"), (4, "b"), (4, "b")]);
+        assert_eq!(next(&mut slow).await.unwrap(), b"aaaa");
+        let fault = loop {
+            match next(&mut slow).await {
+                Ok(rest) => assert_eq!(rest, b"bbb"),
+                Err(fault) => break fault,
+            }
+        };
+        assert!(matches!(&fault, Fault::Ended(problem) if problem.code() == ErrorCode::BodyTimeout), "{fault:?}");
+    }
+}

@@ -70,7 +70,7 @@ settings! {
         queue_length: usize = "64",
         /// Seconds of expected work per worker that may be in flight; more is refused with 429.
         queue_work_s: Duration = "60",
-        /// Items of one gRPC batch that may be unanswered at once; what is sent meanwhile waits, up to 4 MiB per connection.
+        /// Items of one batch that may be unanswered at once; what is sent meanwhile waits, up to 4 MiB per connection.
         batch_window: NonZeroUsize = "16",
         /// Seconds that work is still taken after a stop signal, while probes already say that the server is not ready.
         drain_delay_s: Duration = "0",

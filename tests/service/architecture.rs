@@ -99,10 +99,13 @@ const TABLE: &[Module] = &[
     },
 ];
 
-/// Folders inside a module that know less than the module does. Paths are below `src`.
+/// Folders and files inside a module that know less than the module does. Paths are below `src`.
 const FOLDERS: &[(&str, &[&str])] = &[
     ("api/rest", &["tonic", "prost", "api::grpc"]),
     ("api/grpc", &["serde", "serde_json", "api::rest"]),
+    ("api/batch.rs", &["tonic", "prost", "serde", "serde_json", "api::rest", "api::grpc"]),
+    ("api/read_ahead.rs", &["tonic", "prost", "serde", "serde_json", "api::rest", "api::grpc"]),
+    ("api/submit.rs", &["tonic", "prost", "serde", "serde_json", "api::rest", "api::grpc"]),
     ("api/server", &["tonic", "prost", "serde", "crate::service", "api::rest", "api::grpc"]),
     ("jobs/solve", &["jobs::simulate"]),
 ];
@@ -145,7 +148,10 @@ fn folders_do_not_mention_what_is_foreign_to_them() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     for (folder, words) in FOLDERS {
         let mut files = Vec::new();
-        collect(&root.join(folder), &mut files);
+        match root.join(folder) {
+            file if file.is_file() => files.push(file),
+            folder => collect(&folder, &mut files),
+        }
         assert!(!files.is_empty(), "{folder} has no files");
         for file in files {
             let code = code_of(&file);

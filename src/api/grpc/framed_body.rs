@@ -83,8 +83,7 @@ mod tests {
         let chunks = stream::iter(chunks).map(Ok::<_, std::io::Error>).chain(stream::pending());
         let connection = connection_of(&axum::http::Extensions::new());
         let pace = Pace { pause_bytes: None, message_timeout: Duration::MAX };
-        let messages =
-            ReadAhead::of(Body::from_stream(chunks), HeadsAndMessages { limit: 1000 }, pace, &connection);
+        let messages = ReadAhead::of(Body::from_stream(chunks), HeadsAndMessages { limit: 1000 }, pace, &connection);
         FramedBody { messages, request_id: "id".to_owned() }
     }
 

@@ -61,11 +61,8 @@ pub(super) async fn run<K: Kind>(
         let answer = Coded::new(json::write(&answer), coding);
         Written { bytes: answer.bytes.len(), answer }
     })?;
-    let mut response = if has_events {
-        events::respond::<K, _>(running, context)
-    } else {
-        running.outcome().await?.respond(JSON)
-    };
+    let mut response =
+        if has_events { events::respond::<K, _>(running, context) } else { running.outcome().await?.respond(JSON) };
     response.extensions_mut().insert(lease);
     Ok(response)
 }

@@ -9,5 +9,5 @@ export PATH="$work/venv/bin:$PATH"
 
 # A warning is a part of the document that it could not use.
 openapi-python-client generate --url "$url/openapi.json" --meta none --output-path "$work/openapi_python/slipdrive_client" \
-  --fail-on-warning
+  --config "$here/openapi_python.yml" --fail-on-warning
 PYTHONPATH="$work/openapi_python" python "$here/openapi_python.py" "$url"

@@ -65,16 +65,27 @@ impl Document {
         }
     }
 
+    /// A line of the answer to a batch, which must have the schema of lines.
+    pub(crate) fn line(&self, line: &[u8]) -> Value {
+        let value = serde_json::from_slice(line).unwrap();
+        let described = &self.value["paths"]["/batch"]["post"]["responses"]["200"]["content"];
+        let schema = &described["application/x-ndjson"]["x-line"];
+        assert!(schema.is_object(), "{described}");
+        self.validate_by("a line of a batch", schema, &value, "a line");
+        value
+    }
+
     /// Requires a value to be valid under a schema.
     pub(crate) fn validate(&self, schema: &str, value: &Value, about: &str) {
+        self.validate_by(schema, &json!({"$ref": format!("#/components/schemas/{schema}")}), value, about);
+    }
+
+    fn validate_by(&self, schema: &str, by: &Value, value: &Value, about: &str) {
         let mut validators = self.validators.lock().unwrap();
         let validator = validators.entry(schema.to_owned()).or_insert_with(|| {
-            let reference = format!("#/components/schemas/{schema}");
-            let whole = json!({
-                "$schema": "https://json-schema.org/draft/2020-12/schema",
-                "$ref": reference,
-                "components": self.value["components"],
-            });
+            let mut whole = by.clone();
+            whole["$schema"] = json!("https://json-schema.org/draft/2020-12/schema");
+            whole["components"] = self.value["components"].clone();
             jsonschema::validator_for(&whole).unwrap()
         });
         let faults: Vec<_> =

@@ -60,7 +60,11 @@ pub(crate) fn frame(kind: u8, flags: u8, stream: u32, payload: &[u8]) -> Vec<u8>
 
 /// The fields of a request of JSON, or of protobuf where the path is that of a call.
 pub(crate) fn request_block(path: &str) -> Vec<u8> {
-    let content_type = if is_call(path) { "application/grpc" } else { "application/json" };
+    let content_type = match path {
+        _ if is_call(path) => "application/grpc",
+        "/batch" => "application/x-ndjson",
+        _ => "application/json",
+    };
     // POST and http from the static table, then literals with names from there: :path, :authority, content-type.
     let mut block = vec![0x83, 0x86];
     for (name, value) in [(vec![0x04], path), (vec![0x01], "h"), (vec![0x0f, 0x10], content_type)] {

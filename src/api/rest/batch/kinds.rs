@@ -88,7 +88,8 @@ impl<K: Kind> AnyKind for OfKind<K> {
         Box::pin(async move {
             let input = K::read(&body, state.jobs.limits())?;
             drop(body);
-            let begin = format!("{{\"request_id\":{},\"{}\":", String::from_utf8_lossy(&json::write(&request_id)), K::NAME);
+            let begin =
+                format!("{{\"request_id\":{},\"{}\":", String::from_utf8_lossy(&json::write(&request_id)), K::NAME);
             let write = move |answer: K::Answer| {
                 let bytes = [begin.as_bytes(), &json::write(&answer), b"}\n"].concat();
                 Written { bytes: bytes.len(), answer: Line { bytes, is_problem: false } }

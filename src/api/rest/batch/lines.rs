@@ -92,9 +92,10 @@ impl Reader {
                 match poll_fn(|context| self.read_ahead.poll_next(context)).await? {
                     Ok(passed) => self.passed = passed,
                     Err(Fault::Ended(problem)) => return Some(Err(problem)),
+                    // Over HTTP/1 nothing else tells that the caller is gone.
                     Err(Fault::Broken(error)) => {
                         let detail = format!("the body ended before it was complete: {error}");
-                        return Some(Err(Problem::new(ErrorCode::MalformedBody, detail)));
+                        return Some(Err(Problem::new(ErrorCode::Cancelled, detail)));
                     }
                 }
             }
@@ -104,7 +105,8 @@ impl Reader {
             self.number += 1;
             if !line.iter().all(u8::is_ascii_whitespace) {
                 let is_whole = line.len() <= self.limit;
-                let item = if is_whole { line::read(line, &self.kinds) } else { Err(Problem::body_too_large(self.limit)) };
+                let item =
+                    if is_whole { line::read(line, &self.kinds) } else { Err(Problem::body_too_large(self.limit)) };
                 return Some(Ok(Message { number: self.number, item }));
             }
         }

@@ -27,7 +27,7 @@ use crate::api::batch::{Batch, Format, ItemResult, Subject};
 use crate::api::read_ahead::{Pace, ReadAhead};
 use crate::api::receive::{DISCARD_TIMEOUT, connection_of};
 use crate::api::submit::Caller;
-use crate::contract::{Problem, json};
+use crate::contract::{ErrorCode, Problem, json};
 
 /// A line of JSON after the other.
 pub(super) const MEDIA_TYPE: &str = "application/x-ndjson";
@@ -49,7 +49,8 @@ pub(super) async fn run(
     let inbound = lines::messages(read_ahead, kinds);
     let caller = Caller { notes: context.notes.clone(), deadline, connection };
     let format = AsLines(Arc::new(context));
-    let answers = Answers { batch: Batch::new(state, caller, inbound, format.clone()), format, count: Count::default() };
+    let answers =
+        Answers { batch: Batch::new(state, caller, inbound, format.clone()), format, count: Count::default() };
     let lines = unfold(Stage::Answers(answers), Stage::next);
     let headers = [(header::CONTENT_TYPE, MEDIA_TYPE)];
     Ok((headers, UNBUFFERED, Body::from_stream(lines)).into_response())
@@ -133,18 +134,15 @@ enum Stage {
 }
 
 impl Stage {
-    async fn next(self) -> Option<(Result<Bytes, std::convert::Infallible>, Self)> {
+    async fn next(self) -> Option<(Result<Bytes, Problem>, Self)> {
         match self {
             Self::Answers(mut answers) => {
-                let (line, next) = match answers.batch.next_answer().await {
-                    Some(Line { bytes, is_problem }) => {
-                        answers.count.problems += usize::from(is_problem);
-                        answers.count.answered += usize::from(!is_problem);
-                        (bytes.into(), Self::Answers(answers))
-                    }
-                    None => answers.ended(),
+                let Some(Line { bytes, is_problem }) = answers.batch.next_answer().await else {
+                    return Some(answers.ended());
                 };
-                Some((Ok(line), next))
+                answers.count.problems += usize::from(is_problem);
+                answers.count.answered += usize::from(!is_problem);
+                Some((Ok(bytes.into()), Self::Answers(answers)))
             }
             Self::End(count, unread) => Some((Ok(count.last_line()), Self::Over(unread))),
             Self::Over(unread) => {
@@ -160,10 +158,13 @@ impl Stage {
 
 impl Answers {
     /// The line after the last answer.
-    fn ended(mut self) -> (Bytes, Stage) {
-        let Some(problem) = self.batch.take_end() else { return (self.count.last_line(), Stage::Over(None)) };
+    fn ended(mut self) -> (Result<Bytes, Problem>, Stage) {
+        let Some(problem) = self.batch.take_end() else { return (Ok(self.count.last_line()), Stage::Over(None)) };
+        if problem.code() == ErrorCode::Cancelled {
+            return (Err(problem), Stage::Over(None));
+        }
         self.format.0.notes.problem(problem.code());
         self.count.problems += 1;
-        (self.format.problem(None, None, &problem).into(), Stage::End(self.count, Some(self.batch)))
+        (Ok(self.format.problem(None, None, &problem).into()), Stage::End(self.count, Some(self.batch)))
     }
 }

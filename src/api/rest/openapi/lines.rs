@@ -15,14 +15,20 @@ pub(super) const REFUSALS: [ErrorCode; 4] =
 /// The body of a request.
 pub(super) fn request(jobs: &[Job]) -> Value {
     let mut properties = Map::from_iter([
-        ("request_id".to_owned(), json!({
-            "description": "Names the item in its answer: unique among the unanswered items.",
-            "type": "string", "minLength": 1, "maxLength": 128,
-        })),
-        ("timeout_ms".to_owned(), json!({
-            "description": "When the answer is needed, ms after the line was read, waiting included.",
-            "type": "integer", "minimum": 1,
-        })),
+        (
+            "request_id".to_owned(),
+            json!({
+                "description": "Names the item in its answer: unique among the unanswered items.",
+                "type": "string", "minLength": 1, "maxLength": 128,
+            }),
+        ),
+        (
+            "timeout_ms".to_owned(),
+            json!({
+                "description": "When the answer is needed, ms after the line was read, waiting included.",
+                "type": "integer", "minimum": 1,
+            }),
+        ),
     ]);
     properties.extend(jobs.iter().map(|job| (job.name.to_owned(), reference(&job.request))));
     let one_of: Vec<_> = jobs.iter().map(|job| json!({"required": [job.name]})).collect();
