@@ -17,5 +17,10 @@ echo "the same with progress:"
 curl -fsSN "${auth[@]}" "$base/solve" -H 'content-type: application/json' -H 'accept: text/event-stream' \
   -H 'request-timeout-ms: 5000' -d '{"maneuver": {"goal": {"y_m": 5}}, "view": "plan"}'
 
+echo "many at once, each answered as it ends:"
+for y_m in 1 2 3; do
+  echo "{\"request_id\": \"$y_m m\", \"solve\": {\"maneuver\": {\"goal\": {\"y_m\": $y_m}}, \"solver\": {\"starts\": 1}, \"view\": \"plan\"}}"
+done | curl -fsSN "${auth[@]}" "$base/batch" -H 'content-type: application/x-ndjson' --data-binary @-
+
 echo "what a refusal says:"
 curl -sS "${auth[@]}" "$base/validate" -H 'content-type: application/json' -d '{"robot": {"wheel_radius_m": 0}}'; echo

@@ -47,7 +47,8 @@ fn held_bytes(server: &TestServer) -> usize {
 #[tokio::test]
 async fn who_sends_all_before_reading_gets_all_answers() {
     let server = TestServer::start(16, wordy_solver()).await;
-    let lines: String = (0..300).map(|number| format!("{{\"request_id\": \"{number}\", \"solve\": {{}}}}\n")).collect();
+    let lines: Vec<_> = (0..300).map(|number| format!("{{\"request_id\": \"{number}\", \"solve\": {{}}}}\n")).collect();
+    let lines = lines.concat();
     // As long as it may be, by white space before the line feeds.
     let padded = lines.replace('\n', &format!("{}\n", " ".repeat((LIMIT - lines.len()) / 300 - 8)));
     let (mut sender, mut receiver) = batch(server.address, "").await;
