@@ -9,14 +9,14 @@ use std::mem;
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use axum::Error;
 use axum::body::Body;
 use futures_util::task::AtomicWaker;
 use tokio::sync::Notify;
 use tokio::task::JoinHandle;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout};
 
 use super::receive::{body_timed_out, discard, memory_full, next_chunk};
 use super::server::{Connection, Lease, Purpose, STREAM_WINDOW_BYTES};
