@@ -183,7 +183,11 @@ async fn what_makes_no_sense_is_refused_by_name() {
         (of(json!([{"parameter": "payload_mass", "low": 0, "high": 0}])), "#/uncertain/0/parameter", "payload"),
         (of(json!([{"parameter": "delay_left", "low": -0.1, "high": 0}])), "#/uncertain/0/low", "between 0 and 10 s"),
         (
-            body(&long, &of(json!([{"parameter": "delay_left", "mean": 0, "standard_deviation": 0.1}]))),
+            body(
+                &long,
+                &json!({"uncertain": [{"parameter": "delay_left", "mean": 0, "standard_deviation": 0.1}],
+                        "tolerances": tolerances}),
+            ),
             "#/uncertain/0/standard_deviation",
             "four standard deviations",
         ),

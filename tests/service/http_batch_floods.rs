@@ -44,6 +44,17 @@ fn held_bytes(server: &TestServer) -> usize {
     line.rsplit_once(' ').unwrap().1.parse().unwrap()
 }
 
+/// Waits until the same bytes are held over many turns of the server, far longer than others have to release theirs.
+async fn nothing_more_is_taken(server: &TestServer) {
+    let (mut held, mut unchanged) = (0, 0);
+    while unchanged < 20 {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        let now = held_bytes(server);
+        unchanged = if now == held { unchanged + 1 } else { 0 };
+        held = now;
+    }
+}
+
 #[tokio::test]
 async fn who_sends_all_before_reading_gets_all_answers() {
     let server = TestServer::start(16, wordy_solver()).await;
@@ -130,15 +141,15 @@ async fn batch_beyond_the_memory_ends_with_a_problem() {
     for number in 0..60 {
         sender.send(&long_line(number, "plan")).await;
     }
-    // Longer than others have to release theirs.
-    tokio::time::sleep(Duration::from_millis(500)).await;
+    timeout(HANG_BOUND, nothing_more_is_taken(&server)).await.expect("the memory is full");
     gate.open();
     let _open = sender.end().await;
     let lines = receiver.rest().await;
     let [.., problem, end] = &lines[..] else { panic!("{lines:?}") };
     assert_eq!((&problem["problem"]["code"], problem.get("line")), (&json!("memory_full"), None));
-    let answered = end["end"]["answered"].as_u64().unwrap();
-    assert!((1..60).contains(&answered) && lines.len() as u64 == answered + 2, "{end}");
+    // An item that was read may find no room for its answer.
+    let [answered, problems] = ["answered", "problems"].map(|name| end["end"][name].as_u64().unwrap());
+    assert!((1..60).contains(&answered) && problems >= 1 && lines.len() as u64 == answered + problems + 1, "{end}");
 }
 
 #[tokio::test]
