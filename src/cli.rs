@@ -1,7 +1,9 @@
 //! One command per kind of job (`slipdrive solve`): the REST bodies, run in process through the same service.
 
 mod progress;
+mod progress_of_rows;
 mod shown;
+mod sweep;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
@@ -17,6 +19,7 @@ use slipdrive::jobs::{Flag, InProcessSolver, Jobs, Kind, Limits, Visitor};
 use slipdrive::metrics::Metrics;
 use slipdrive::service::{Done, Service, ServiceSettings};
 
+pub(crate) use self::sweep::sweep;
 use crate::EXIT_BAD_INPUT;
 use crate::config::{JobArguments, cores};
 
