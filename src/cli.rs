@@ -46,13 +46,14 @@ pub(crate) fn run(name: &str, matches: &ArgMatches) -> anyhow::Result<ExitCode> 
     run.outcome.unwrap_or_else(|| anyhow::bail!("there is no command `{name}`"))
 }
 
-/// Prints an example of a request.
+/// Prints an example of a request or of a sweep.
 ///
 /// # Errors
 /// When there is nobody to read it.
 pub(crate) fn example(name: Option<&str>) -> anyhow::Result<ExitCode> {
     let mut examples = Examples(Vec::new());
     jobs(&Metrics::new()).each(&mut examples);
+    examples.0.extend(slipdrive::sweep::EXAMPLES.iter().map(|(name, file)| (*name, file.as_bytes().to_vec())));
     let found = examples.0.iter().find(|(known, _)| name.is_none_or(|name| name == *known));
     let Some((_, body)) = found else {
         let known: Vec<_> = examples.0.iter().map(|(name, _)| *name).collect();

@@ -21,7 +21,7 @@ use slipdrive::api::auth::ApiKeys;
 use slipdrive::api::server::ServerSettings;
 use slipdrive::api::{ApiSettings, Probes};
 use slipdrive::service::ServiceSettings;
-use slipdrive::sweep::Shard;
+use slipdrive::sweep::{MapOf, Shard};
 
 pub(crate) use faults::Faults;
 pub(crate) use settings::{LogSettings, ServeSettings};
@@ -55,7 +55,7 @@ pub(crate) enum Command {
     Serve(ServeArguments),
     /// Run many jobs of one kind from a file; what is done once is not done again.
     Sweep(SweepArguments),
-    /// Print an example of a request, by its name; without a name the first.
+    /// Print an example of a request or of a sweep, by its name; without a name the first.
     Example(ExampleArguments),
     /// Print what completes commands and flags in a shell.
     Completions(CompletionsArguments),
@@ -110,7 +110,8 @@ pub(crate) struct CompletionsArguments {
 /// A sweep to run, to count or to show.
 #[derive(Debug, Args)]
 pub(crate) struct SweepArguments {
-    /// The sweep: an object in JSON, or JSON Lines; `-` is standard input. Without it nothing runs: the results are shown.
+    /// The sweep: an object in JSON, or JSON Lines; `-` is standard input, `final-time-map` an example. Without it nothing runs:
+    /// the results are shown.
     pub(crate) file: Option<PathBuf>,
     /// The folder of the results; to show those of several shards, all of their folders.
     #[arg(long, value_name = "DIR")]
@@ -121,6 +122,10 @@ pub(crate) struct SweepArguments {
     /// Threads that work; the results do not depend on their number [default: cores].
     #[arg(long)]
     pub(crate) threads: Option<NonZeroUsize>,
+    /// Draws a map into the folder (`map.svg`): what the value is over the two fields. Fields that differ beside them are
+    /// given one value each.
+    #[arg(long, value_name = "X,Y,VALUE[,FIELD=VALUE]...")]
+    pub(crate) figure: Option<MapOf>,
     /// Judges all rows, prints how many rows and chunks there are, and ends.
     #[arg(long)]
     pub(crate) count: bool,

@@ -2,6 +2,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Cursor, Read as _, Write as _};
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -11,7 +12,7 @@ use slipdrive::contract::Problem;
 use slipdrive::jobs::Jobs;
 use slipdrive::metrics::Metrics;
 use slipdrive::service::Service;
-use slipdrive::sweep::{self, Ended, Index, Results, ResultsError, RowFaults, Sweep};
+use slipdrive::sweep::{self, Ended, Index, MapError, Results, ResultsError, RowFaults, Sweep};
 
 use super::progress_of_rows::ProgressOfRows;
 use crate::EXIT_BAD_INPUT;
@@ -21,6 +22,7 @@ use crate::shutdown::Signals;
 /// For a sweep that ended before its end and can be run again (`EX_TEMPFAIL` of sysexits).
 const EXIT_TO_BE_CONTINUED: u8 = 75;
 const CSV_FILE: &str = "rows.csv";
+const MAP_FILE: &str = "map.svg";
 
 /// Runs the command.
 ///
@@ -53,6 +55,9 @@ fn refused(fault: &str) -> ExitCode {
 }
 
 fn read(file: &Path, jobs: &Jobs) -> anyhow::Result<Result<Sweep, Problem>> {
+    if let Some((_, text)) = sweep::EXAMPLES.iter().find(|(name, _)| file == Path::new(name)) {
+        return Ok(Sweep::read(Cursor::new(*text), jobs));
+    }
     if file == Path::new("-") {
         let mut text = Vec::new();
         io::stdin().read_to_end(&mut text).context("standard input cannot be read")?;
@@ -65,7 +70,7 @@ fn read(file: &Path, jobs: &Jobs) -> anyhow::Result<Result<Sweep, Problem>> {
 /// Says how much there is, and judges all of it.
 fn counted(sweep: &Sweep, arguments: &SweepArguments) -> ExitCode {
     println!("rows    {}\nchunks  {}\nhash    {}", sweep.row_count(), sweep.chunk_count(), sweep.hash());
-    match sweep.check(arguments.shard) {
+    match sweep.check(arguments.shard, workers(arguments)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(faults) => refused_rows(&faults),
     }
@@ -89,7 +94,7 @@ fn refused_rows(faults: &RowFaults) -> ExitCode {
 fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
     // The folder of the same sweep says that its rows were judged.
     if let Ok(None) = Results::header_of(folder)
-        && let Err(faults) = sweep.check(arguments.shard)
+        && let Err(faults) = sweep.check(arguments.shard, workers(arguments))
     {
         return Ok(refused_rows(&faults));
     }
@@ -97,8 +102,7 @@ fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::R
         Ok(results) => results,
         Err(error) => return refused_folder(error),
     };
-    let workers = arguments.threads.unwrap_or_else(cores);
-    let service = Arc::new(Service::start(sweep::service_settings(workers))?);
+    let service = Arc::new(Service::start(sweep::service_settings(workers(arguments)))?);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let mut shown = ProgressOfRows::of(results.progress());
     let ended = runtime.block_on(async {
@@ -115,10 +119,16 @@ fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::R
         Ok(Ended::Stopped) => return Ok(to_be_continued("stopped")),
         Err(error) => return Ok(to_be_continued(&error.to_string())),
     }
-    if let Err(error) = write_extras(std::slice::from_ref(folder), arguments) {
-        return Ok(to_be_continued(&format!("{error:#}")));
+    let index = Index::of(std::slice::from_ref(folder))?;
+    let shown = write_shown(&index, folder, arguments)?;
+    if shown != ExitCode::SUCCESS {
+        return Ok(shown);
     }
     Ok(if progress.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn workers(arguments: &SweepArguments) -> NonZeroUsize {
+    arguments.threads.unwrap_or_else(cores)
 }
 
 fn to_be_continued(why: &str) -> ExitCode {
@@ -149,22 +159,22 @@ fn shown(arguments: &SweepArguments, folders: &[PathBuf]) -> anyhow::Result<Exit
     for folder in &status.in_use {
         println!("{} is written to by another process", folder.display());
     }
-    write_tables(&status.index, &folders[0], arguments)?;
-    Ok(ExitCode::SUCCESS)
+    write_shown(&status.index, &folders[0], arguments)
 }
 
-fn write_extras(folders: &[PathBuf], arguments: &SweepArguments) -> anyhow::Result<()> {
-    let index = Index::of(folders)?;
-    write_tables(&index, &folders[0], arguments)
-}
-
-/// The table where columns were chosen, beside the results of the first folder.
-fn write_tables(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<()> {
-    let _ = arguments;
-    if index.header.columns.is_empty() {
-        return Ok(());
+/// The table where columns were chosen and the map that is asked for, beside the results of the first folder.
+fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    if !index.header.columns.is_empty() {
+        write_beside(&folder.join(CSV_FILE), |output| Ok(sweep::write_csv(index, output)?))?;
     }
-    write_beside(&folder.join(CSV_FILE), |output| Ok(sweep::write_csv(index, output)?))
+    let Some(of) = &arguments.figure else { return Ok(ExitCode::SUCCESS) };
+    let svg = match sweep::map(index, of) {
+        Ok(svg) => svg,
+        Err(unfit @ MapError::Unfit(_)) => return Ok(refused(&unfit.to_string())),
+        Err(error @ MapError::Results(_)) => return Err(error.into()),
+    };
+    write_beside(&folder.join(MAP_FILE), |output| Ok(output.write_all(svg.as_bytes())?))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Writes a file that another one may read meanwhile: whole or not at all.

@@ -102,13 +102,8 @@ fn checked_axes(forms: Vec<AxisForm>, base: &Value, checks: &mut Checks) -> Vec<
                 let rule = other.map_or(String::new(), |(other, _)| format!("apart from `{other}`, which is set too"));
                 checks.require("field", format!("`{name}`"), other.is_none(), &rule, None);
                 if let Err(fault) = path.put(&mut base.clone(), Value::Null) {
-                    checks.require(
-                        "field",
-                        format!("`{name}`, but in `request` {fault}"),
-                        false,
-                        "a field of it",
-                        None,
-                    );
+                    let rule = format!("a field of `request`, where {fault}");
+                    checks.require("field", format!("`{name}`"), false, &rule, None);
                 }
                 before.push((name, path));
             }

@@ -11,6 +11,7 @@
 mod axis;
 mod check;
 mod definition;
+mod figure;
 mod path;
 mod results;
 mod row_job;
@@ -27,6 +28,7 @@ use std::sync::Arc;
 
 pub use check::{MOST_FAULTS, RowFaults};
 use definition::{Definition, Followed};
+pub use figure::{MapError, MapOf, map};
 pub use results::{Header, Index, Progress, Results, ResultsError, Status, StoredRow, status};
 use row_job::RowJob;
 pub use rows::Row;
@@ -39,6 +41,8 @@ pub use table::{TableError, write_csv};
 use crate::contract::{ErrorCode, Problem};
 use crate::jobs::Jobs;
 
+/// Sweeps to begin with: names, and the files.
+pub const EXAMPLES: &[(&str, &str)] = &[("final-time-map", include_str!("final_time_map.json"))];
 /// Most rows of a sweep: what is kept of each in memory, a bit or a place, fits any machine.
 pub const MOST_ROWS: u64 = 1_000_000_000;
 /// Largest object of a file, bytes; lines that follow it are not held in memory.

@@ -57,15 +57,15 @@ impl FieldPath {
                     }
                     let kind = kind_of(at);
                     let object = at.as_object_mut();
-                    let object = object.ok_or_else(|| format!("`{}` is {kind}, must be an object", here()))?;
+                    let object = object.ok_or_else(|| format!("`{}` is {kind}", here()))?;
                     object.entry(name).or_insert(Value::Null)
                 }
                 Segment::Index(index) => {
                     let length = at.as_array().map(Vec::len);
                     let found = at.get_mut(index);
                     found.ok_or_else(|| match length {
-                        Some(length) => format!("`{}` has {length} items, must have more than {index}", here()),
-                        None => format!("`{}` is no array, must have more than {index} items", here()),
+                        Some(length) => format!("`{}` has {length} items", here()),
+                        None => format!("`{}` is no array", here()),
                     })?
                 }
             };
@@ -130,9 +130,9 @@ mod tests {
         assert_eq!(FieldPath::parse("list[0].c").unwrap().of(&root), Some(&json!(4)));
         assert_eq!(FieldPath::parse("list[1].c").unwrap().of(&root), None);
         let fault = |root: &mut Value, path: &str| put(root, path, json!(5)).unwrap_err();
-        assert_eq!(fault(&mut root, "a.b.c"), "`a.b` is a number, must be an object");
-        assert_eq!(fault(&mut root, "list[1].c"), "`list` has 1 items, must have more than 1");
-        assert_eq!(fault(&mut root, "a[0]"), "`a` is no array, must have more than 0 items");
+        assert_eq!(fault(&mut root, "a.b.c"), "`a.b` is a number");
+        assert_eq!(fault(&mut root, "list[1].c"), "`list` has 1 items");
+        assert_eq!(fault(&mut root, "a[0]"), "`a` is no array");
     }
 
     #[test]

@@ -72,8 +72,7 @@ pub async fn run(
     Ok(ended)
 }
 
-/// Runs the rows of a chunk from `first` on, in any order unless they begin with each other's plans; `before` is that of the row
-/// before `first`.
+/// Runs all rows of a chunk and gives them as they end: in order where they begin with each other's plans, else in any order.
 pub fn chunk_rows<'a>(
     sweep: &'a Sweep,
     chunk: u64,
