@@ -75,17 +75,28 @@ impl Values {
     }
 }
 
+/// Whole numbers beyond this have neighbours that a double does not tell apart.
+const LARGEST_WHOLE: f64 = 9_007_199_254_740_992.0;
+
 /// The number at `place` of `steps` from one end to the other; both ends exactly.
 fn between(from: f64, to: f64, place: u64, steps: u64) -> f64 {
     let (place, steps) = (place as f64, steps as f64);
-    // Decimal ends mostly give decimal values this way; a difference of rounded ends would not.
+    let sum = |from: f64, to: f64| from * (steps - place) + to * place;
     if place == 0.0 {
-        from
-    } else if place == steps {
-        to
-    } else {
-        (from * (steps - place) + to * place) / steps
+        return from;
     }
+    if place == steps {
+        return to;
+    }
+    // Ends that are decimals have decimals between them, as one would write them: one division of whole numbers.
+    let of_decimals = (0..=12).map(|digits| 10_f64.powi(digits)).find_map(|scale| {
+        let [whole_from, whole_to] = [from, to].map(|end| (end * scale).round());
+        let (sum, divisor) = (sum(whole_from, whole_to), steps * scale);
+        let is_exact = whole_from / scale == from && whole_to / scale == to;
+        let fits = (whole_from.abs().max(whole_to.abs()) * steps).max(divisor) < LARGEST_WHOLE;
+        (is_exact && fits).then_some(sum / divisor)
+    });
+    of_decimals.unwrap_or_else(|| sum(from, to) / steps)
 }
 
 fn number(value: f64, whole: bool) -> Value {
@@ -162,9 +173,6 @@ impl Axis {
     }
 }
 
-/// Whole numbers beyond this have neighbours that a double does not tell apart.
-const LARGEST_WHOLE: f64 = 9_007_199_254_740_992.0;
-
 fn range(from: &Number, to: &Number, count: u64, checks: &mut Checks) -> Option<Values> {
     checks.bounds("count", count as f64, &COUNT_RULE);
     let ends = [from, to];
@@ -175,4 +183,25 @@ fn range(from: &Number, to: &Number, count: u64, checks: &mut Checks) -> Option<
     checks.bounds("to", to, &rule);
     let is_valid = rule.admits(from) && rule.admits(to) && COUNT_RULE.admits(count as f64);
     is_valid.then(|| Values::Range { from, to, count, whole: ends.iter().all(|end| !end.is_f64()) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_between_are_what_one_would_write() {
+        let values = |from, to, steps| (0..=steps).map(|place| between(from, to, place, steps)).collect::<Vec<_>>();
+        assert_eq!(values(0.2, 0.7, 5), [0.2, 0.3, 0.4, 0.5, 0.6, 0.7]);
+        assert_eq!(values(-0.1, 0.3, 4), [-0.1, 0.0, 0.1, 0.2, 0.3]);
+        assert_eq!(values(1.0, 2.0, 3), [1.0, 4.0 / 3.0, 5.0 / 3.0, 2.0]);
+        assert_eq!(values(1e150, 3e150, 2), [1e150, 2e150, 3e150]);
+    }
+
+    #[test]
+    fn whole_ends_have_whole_values_between() {
+        let range = Values::Range { from: 0.0, to: 6.0, count: 5, whole: true };
+        let values: Vec<_> = (0..5).map(|place| range.at(place).to_string()).collect();
+        assert_eq!(values, ["0", "1.5", "3", "4.5", "6"]);
+    }
 }

@@ -117,7 +117,7 @@ pub fn map(index: &Index, of: &MapOf) -> Result<String, MapError> {
         up: MapAxis { label: up_label, values: up_values },
         value: value_label,
         cells,
-        missing: if index.progress.is_complete() { "no row" } else { "not run yet" },
+        missing: if index.progress.done == index.header.rows { "no row" } else { "not run yet" },
     }
     .svg())
 }

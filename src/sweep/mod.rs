@@ -12,6 +12,7 @@ mod axis;
 mod check;
 mod definition;
 mod figure;
+mod outcome;
 mod path;
 mod results;
 mod row_job;

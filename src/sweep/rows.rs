@@ -209,15 +209,13 @@ fn merge(target: &mut Value, patch: Value) {
 
 /// The fields of an object that are no objects themselves, by their paths.
 fn leaves(value: &Value, path: &str, fields: &mut Vec<(String, Value)>) {
-    match value {
-        Value::Object(object) if !object.is_empty() => {
-            for (name, value) in object {
-                let below = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
-                leaves(value, &below, fields);
-            }
+    if let Some(object) = value.as_object().filter(|object| !object.is_empty()) {
+        for (name, value) in object {
+            let below = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+            leaves(value, &below, fields);
         }
-        _ if path.is_empty() => {}
-        leaf => fields.push((path.to_owned(), leaf.clone())),
+    } else if !path.is_empty() {
+        fields.push((path.to_owned(), value.clone()));
     }
 }
 

@@ -7,8 +7,9 @@ use std::time::Duration;
 use futures_util::stream::{self, BoxStream, Stream, StreamExt as _};
 use tokio::time::{MissedTickBehavior, interval};
 
+use super::outcome::Outcome;
 use super::results::{Progress, Results};
-use super::warm::{self, Guess};
+use super::warm::Guess;
 use super::{Row, Sweep};
 use crate::contract::Problem;
 use crate::service::{Service, ServiceSettings};
@@ -78,7 +79,7 @@ pub fn chunk_rows<'a>(
     chunk: u64,
     service: &'a Service,
 ) -> impl Stream<Item = io::Result<Finished>> + 'a {
-    let units: Vec<_> = units_of(sweep, sweep.chunk(chunk).collect()).collect();
+    let units: Vec<_> = units_of(sweep, &sweep.chunk(chunk).collect::<Vec<_>>()).collect();
     stream::iter(units).map(|unit| unit.rows(sweep, service)).flatten_unordered(in_flight(service))
 }
 
@@ -108,12 +109,12 @@ fn pending<'a>(sweep: &'a Sweep, results: &Results) -> io::Result<impl Iterator<
     Ok(chunks.flat_map(move |chunk| {
         let rows: Vec<_> = sweep.chunk(chunk).filter(|&row| !done.contains(row)).collect();
         let before = rows.first().and_then(|first| before.get(first)).cloned();
-        units_of(sweep, rows).map(move |unit| Unit { before: before.clone(), ..unit })
+        units_of(sweep, &rows).map(move |unit| Unit { before: before.clone(), ..unit })
     }))
 }
 
 /// Rows of one chunk as units.
-fn units_of(sweep: &Sweep, rows: Vec<u64>) -> impl Iterator<Item = Unit> + use<> {
+fn units_of(sweep: &Sweep, rows: &[u64]) -> impl Iterator<Item = Unit> + use<> {
     let size = if sweep.is_warm() { rows.len().max(1) } else { 1 };
     let units: Vec<_> = rows.chunks(size).map(|rows| Unit { rows: rows.to_vec(), before: None }).collect();
     units.into_iter()
@@ -141,7 +142,7 @@ async fn run_row(sweep: &Sweep, number: u64, before: Option<Guess>, service: &Se
     if let Some(before) = before
         && let Some(descent) = before.descent(&row.request)
         && let Ok(answer) = sweep.job().run(&descent, service).await
-        && warm::is_converged(&answer)
+        && Outcome::of(&answer).status() == Some("converged")
     {
         return Ok(Finished { row, warm_start_from: Some(before.key), answer: Ok(answer) });
     }

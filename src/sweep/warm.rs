@@ -69,12 +69,3 @@ impl Guess {
         Some(request)
     }
 }
-
-/// Whether a descent came to a plan that stands for the row.
-pub(super) fn is_converged(answer: &[u8]) -> bool {
-    #[derive(serde::Deserialize)]
-    struct Outcome {
-        status: Option<String>,
-    }
-    serde_json::from_slice::<Outcome>(answer).is_ok_and(|outcome| outcome.status.as_deref() == Some("converged"))
-}

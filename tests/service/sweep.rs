@@ -8,6 +8,7 @@ use std::process::{Child, Output, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use futures_util::StreamExt as _;
 use serde_json::{Value, json};
 use slipdrive::jobs::{Jobs, Limits};
 use slipdrive::metrics::Metrics;
@@ -133,7 +134,7 @@ fn warm_chains_do_not_depend_on_threads_or_on_where_they_were_cut() {
         let (hash, number) = key.rsplit_once('-').unwrap();
         let number: u64 = number.parse().unwrap();
         let from = row.get("warm_start_from").and_then(Value::as_str);
-        if number % 6 == 0 {
+        if number.is_multiple_of(6) {
             assert_eq!(from, None, "a chunk begins with a search");
         } else if let Some(from) = from {
             assert_eq!(from, format!("{hash}-{}", number - 1));
@@ -260,6 +261,11 @@ async fn a_panic_of_a_solve_is_a_failed_row() {
         let progress = results.progress();
         assert_eq!((progress.done, progress.failed, progress.statuses["converged"]), (5, 1, 4));
     }
+    // A transport would run the first chunk so.
+    let chunk: Vec<_> = sweep::chunk_rows(&sweep, 0, &service).map(Result::unwrap).collect().await;
+    let mut of_chunk: Vec<_> = chunk.iter().map(|finished| (finished.row.number, finished.answer.is_ok())).collect();
+    of_chunk.sort_unstable();
+    assert_eq!(of_chunk, [(0, true), (1, true), (2, false), (3, true)]);
     let rows = lines(&folder.file("out"));
     let failed: Vec<Value> = rows.iter().map(|row| serde_json::from_str(row).unwrap()).collect();
     let failed: Vec<_> = failed.iter().filter(|row| row.get("problem").is_some()).collect();

@@ -3,12 +3,10 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use serde::Deserialize;
-use serde_json::Value;
-
 use super::Header;
 use super::stored::Head;
 use crate::contract::Problem;
+use crate::sweep::outcome::Outcome;
 
 /// How far a sweep, or a shard of it, is.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -34,29 +32,23 @@ impl Progress {
     }
 
     pub(super) fn count(&mut self, answer: &Result<Vec<u8>, Problem>) {
-        #[derive(Deserialize)]
-        struct Outcome {
-            #[serde(default)]
-            status: Option<Value>,
-        }
-        let read = |answer: &Vec<u8>| serde_json::from_slice::<Outcome>(answer).ok().and_then(|outcome| outcome.status);
-        let status = answer.as_ref().ok().map(|answer| match read(answer) {
-            Some(Value::String(status)) => status,
-            _ => String::new(),
-        });
-        self.add(status.as_deref());
+        self.add(answer.as_ref().ok().map(|answer| Outcome::of(answer)).as_ref());
     }
 
     pub(super) fn count_stored(&mut self, head: &Head<'_>) {
-        self.add(head.status());
+        self.add(head.answer.as_ref());
     }
 
-    fn add(&mut self, status: Option<&str>) {
+    /// Adds a row; without an outcome it failed.
+    fn add(&mut self, outcome: Option<&Outcome>) {
         self.done += 1;
-        match status {
+        match outcome {
             None => self.failed += 1,
-            Some("") => {}
-            Some(status) => *self.statuses.entry(status.to_owned()).or_default() += 1,
+            Some(outcome) => {
+                if let Some(status) = outcome.status() {
+                    *self.statuses.entry(status.to_owned()).or_default() += 1;
+                }
+            }
         }
     }
 }

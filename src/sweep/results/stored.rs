@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 use super::Header;
 use crate::contract::{Problem, json};
 use crate::sweep::Finished;
+use crate::sweep::outcome::Outcome;
 
 /// A row that was read back.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -43,17 +44,11 @@ pub(super) struct Head<'a> {
     #[serde(borrow)]
     key: Cow<'a, str>,
     pub(super) row: u64,
+    /// None of a failed row.
     #[serde(default)]
-    answer: Option<Outcome>,
+    pub(super) answer: Option<Outcome>,
     #[serde(default)]
     problem: Option<IgnoredAny>,
-}
-
-/// What an answer says of itself.
-#[derive(Debug, Deserialize)]
-pub(super) struct Outcome {
-    #[serde(default)]
-    pub(super) status: Option<Value>,
 }
 
 impl<'a> Head<'a> {
@@ -63,12 +58,6 @@ impl<'a> Head<'a> {
         let (sweep, number) = head.key.rsplit_once('-')?;
         let is_of_sweep = sweep == header.sweep && number.parse() == Ok(head.row) && head.row < header.rows;
         (is_of_sweep && head.answer.is_some() != head.problem.is_some()).then_some(head)
-    }
-
-    /// The status of its answer, the empty text where there is none; none for a failed row.
-    pub(super) fn status(&self) -> Option<&str> {
-        let answer = self.answer.as_ref()?;
-        Some(answer.status.as_ref().and_then(Value::as_str).unwrap_or_default())
     }
 }
 
