@@ -110,8 +110,8 @@ pub(crate) struct CompletionsArguments {
 /// A sweep to run, to count or to show.
 #[derive(Debug, Args)]
 pub(crate) struct SweepArguments {
-    /// The sweep: an object in JSON, or JSON Lines; `-` is standard input, `final-time-map` an example. Without it nothing runs:
-    /// the results are shown.
+    /// The sweep: an object in JSON, or JSON Lines; `-` is standard input, `final-time-map` an example. Without it
+    /// nothing runs: the results are shown.
     pub(crate) file: Option<PathBuf>,
     /// The folder of the results; to show those of several shards, all of their folders.
     #[arg(long, value_name = "DIR")]

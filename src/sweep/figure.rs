@@ -32,7 +32,8 @@ const UNITS: [(&str, &str); 16] = [
     ("_hz", "Hz"),
 ];
 
-/// What a map shows: `X,Y,VALUE`, and `FIELD=VALUE` for what else differs. Fields and value may be named by the ends of their paths.
+/// What a map shows: `X,Y,VALUE`, and `FIELD=VALUE` for what else differs. Fields and value may be named by the ends of
+/// their paths.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapOf {
     across: String,

@@ -1,12 +1,15 @@
 //! Sweeps: many jobs of one kind, described by a file, whose results outlast the process.
 //!
-//! - A [`Sweep`] is a file: a base request and axes, or lines that are merged over it. Its rows are numbered from 0 and made when
-//!   they are needed ([`Sweep::row`]); rows that follow each other are a chunk. Its hash is that of all that decides the rows.
+//! - A [`Sweep`] is a file: a base request and axes, or lines that are merged over it. Its rows are numbered from 0 and
+//!   made when they are needed ([`Sweep::row`]); rows that follow each other are a chunk. Its hash is that of all that
+//!   decides the rows.
 //! - No clock ends a job of a sweep, so a row's answer is a function of the file (and of the version of the solver).
-//! - [`Results`] is a folder with one line per row that is done. It survives the process: what is written is never done again.
+//! - [`Results`] is a folder with one line per row that is done. It survives the process: what is written is never done
+//!   again.
 //! - [`run`] runs what is missing on the workers of a service.
 //!
-//! A transport takes the place of the last two: it gives a chunk to [`chunk_rows`] of a worker and stores the lines that come.
+//! A transport takes the place of the last two: it gives a chunk to [`chunk_rows`] of a worker and stores the lines that
+//! come.
 
 mod axis;
 mod check;

@@ -73,7 +73,8 @@ pub async fn run(
     Ok(ended)
 }
 
-/// Runs all rows of a chunk and gives them as they end: in order where they begin with each other's plans, else in any order.
+/// Runs all rows of a chunk and gives them as they end: in order where they begin with each other's plans, else in any
+/// order.
 pub fn chunk_rows<'a>(
     sweep: &'a Sweep,
     chunk: u64,

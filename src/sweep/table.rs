@@ -19,8 +19,8 @@ pub enum TableError {
     Io(#[from] io::Error),
 }
 
-/// Writes the table: a row per result in order, with its number, the fields of the axes, the columns of the answer, and why there is
-/// no answer. What an answer does not have is empty; arrays and objects are JSON.
+/// Writes the table: a row per result in order, with its number, the fields of the axes, the columns of the answer, and
+/// why there is no answer. What an answer does not have is empty; arrays and objects are JSON.
 ///
 /// # Errors
 /// When the results cannot be read, or the table cannot be written.

@@ -1,7 +1,8 @@
 //! Results of a sweep in a folder: what it is (`sweep.json`), a lock, and parts with one line per row that is done.
 //!
-//! Parts are only ever appended to. A line is written with one call, so a process that is killed leaves whole lines; what a machine
-//! leaves that loses its power is cut at the last line that is one. Rows are named by their keys, so no row is ever done twice.
+//! Parts are only ever appended to. A line is written with one call, so a process that is killed leaves whole lines; what
+//! a machine leaves that loses its power is cut at the last line that is one. Rows are named by their keys, so no row is
+//! ever done twice.
 
 mod error;
 mod header;
