@@ -1,7 +1,9 @@
 //! One command per kind of job (`slipdrive solve`): the REST bodies, run in process through the same service.
 
 mod progress;
+mod progress_of_rows;
 mod shown;
+mod sweep;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
@@ -17,6 +19,7 @@ use slipdrive::jobs::{Flag, InProcessSolver, Jobs, Kind, Limits, Visitor};
 use slipdrive::metrics::Metrics;
 use slipdrive::service::{Done, Service, ServiceSettings};
 
+pub(crate) use self::sweep::sweep;
 use crate::EXIT_BAD_INPUT;
 use crate::config::{JobArguments, cores};
 
@@ -43,13 +46,14 @@ pub(crate) fn run(name: &str, matches: &ArgMatches) -> anyhow::Result<ExitCode> 
     run.outcome.unwrap_or_else(|| anyhow::bail!("there is no command `{name}`"))
 }
 
-/// Prints an example of a request.
+/// Prints an example of a request or of a sweep.
 ///
 /// # Errors
 /// When there is nobody to read it.
 pub(crate) fn example(name: Option<&str>) -> anyhow::Result<ExitCode> {
     let mut examples = Examples(Vec::new());
     jobs(&Metrics::new()).each(&mut examples);
+    examples.0.extend(slipdrive::sweep::EXAMPLES.iter().map(|(name, file)| (*name, file.as_bytes().to_vec())));
     let found = examples.0.iter().find(|(known, _)| name.is_none_or(|name| name == *known));
     let Some((_, body)) = found else {
         let known: Vec<_> = examples.0.iter().map(|(name, _)| *name).collect();

@@ -21,6 +21,7 @@ use slipdrive::api::auth::ApiKeys;
 use slipdrive::api::server::ServerSettings;
 use slipdrive::api::{ApiSettings, Probes};
 use slipdrive::service::ServiceSettings;
+use slipdrive::sweep::{MapOf, Shard};
 
 pub(crate) use faults::Faults;
 pub(crate) use settings::{LogSettings, ServeSettings};
@@ -34,6 +35,7 @@ Exit codes:
   0   there is what was asked for
   1   a job without an answer, or a file that cannot be read or written
   2   an answer that is not what was asked for: the goal is missed or impossible
+  75  a sweep that ended before its end: the same command goes on
   64  input that cannot be used: the command line, a request, or a setting";
 
 /// Time-optimal maneuvers of a differential-drive robot whose wheels may slip.
@@ -51,7 +53,9 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Serve REST and gRPC until a signal comes.
     Serve(ServeArguments),
-    /// Print an example of a request, by its name; without a name the first.
+    /// Run many jobs of one kind from a file; what is done once is not done again.
+    Sweep(SweepArguments),
+    /// Print an example of a request or of a sweep, by its name; without a name the first.
     Example(ExampleArguments),
     /// Print what completes commands and flags in a shell.
     Completions(CompletionsArguments),
@@ -101,6 +105,33 @@ pub(crate) struct ExampleArguments {
 pub(crate) struct CompletionsArguments {
     /// The shell.
     pub(crate) shell: clap_complete::Shell,
+}
+
+/// A sweep to run, to count or to show.
+#[derive(Debug, Args)]
+pub(crate) struct SweepArguments {
+    /// The sweep: an object in JSON, or JSON Lines; `-` is standard input, `final-time-map` an example. Without it
+    /// nothing runs: the results are shown.
+    pub(crate) file: Option<PathBuf>,
+    /// The folder of the results; to show those of several shards, all of their folders.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Vec<PathBuf>,
+    /// Runs the chunks whose number leaves I when divided by N, from 0.
+    #[arg(long, value_name = "I/N", default_value_t = Shard::WHOLE)]
+    pub(crate) shard: Shard,
+    /// Threads that work; the results do not depend on their number [default: cores].
+    #[arg(long)]
+    pub(crate) threads: Option<NonZeroUsize>,
+    /// Draws a map into the folder (`map.svg`): what the value is over the two fields. Fields that differ beside them are
+    /// given one value each.
+    #[arg(long, value_name = "X,Y,VALUE[,FIELD=VALUE]...")]
+    pub(crate) figure: Option<MapOf>,
+    /// Judges all rows, prints how many rows and chunks there are, and ends.
+    #[arg(long)]
+    pub(crate) count: bool,
+    /// Prints how far it is, also while another process runs it, and ends.
+    #[arg(long)]
+    pub(crate) status: bool,
 }
 
 /// A job to run; the same arguments for every kind.

@@ -53,6 +53,7 @@
 //! - `jobs`: the kinds of jobs, and how each is accepted, run and answered.
 //! - `service`: jobs behind a bounded queue (`queue`), counted (`metrics`).
 //! - `api`: the jobs over REST and gRPC.
+//! - `sweep`: files that describe many jobs of one kind, run on one machine, with results that outlast it.
 //!
 //! # Features
 //! `server` is on by default. Without it, numerics and figures alone are built: no runtime, no generated code, no
@@ -86,3 +87,5 @@ pub mod shooting;
 pub mod simulation;
 pub mod solver;
 pub mod stop;
+#[cfg(feature = "server")]
+pub mod sweep;

@@ -50,6 +50,7 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
             }
             Err(faults) => Ok(refuse(&faults)),
         },
+        Command::Sweep(sweep) => logged(matches, || cli::sweep(sweep)),
         Command::Example(example) => cli::example(example.name.as_deref()),
         Command::Completions(completions) => cli::completions(completions.shell, cli::with_jobs(Arguments::command())),
         Command::Health(health) => Ok(match health.address() {
@@ -59,7 +60,7 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// Runs the command of a job.
+/// Runs a command that runs jobs.
 fn logged(matches: &ArgMatches, command: impl FnOnce() -> anyhow::Result<ExitCode>) -> anyhow::Result<ExitCode> {
     match log_settings(matches)? {
         Ok(log) => {

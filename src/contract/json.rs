@@ -204,8 +204,15 @@ pub(super) fn objects<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializ
     Ok(objects.into_iter().map(|Object(object)| object).collect())
 }
 
+/// Reads an array of objects of an optional field that is present.
+pub(crate) fn some_objects<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    deserializer: D,
+) -> Result<Option<Vec<T>>, D::Error> {
+    objects(deserializer).map(Some)
+}
+
 /// Reads the value of an optional field that is present; `null` is no value.
-pub(super) fn some_value<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+pub(crate) fn some_value<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     deserializer: D,
 ) -> Result<Option<T>, D::Error> {
     T::deserialize(deserializer).map(Some)

@@ -10,7 +10,9 @@ pub mod json;
 pub mod message;
 mod problem;
 mod state;
+mod strict_value;
 
 pub use error_table::{ErrorCode, ErrorEntry, GrpcCode};
 pub use indented::indented;
 pub use problem::{FieldError, Problem};
+pub(crate) use strict_value::StrictValue;

@@ -1,6 +1,7 @@
 //! What this server accepts at most. A request above a limit is refused with the limit, never cut down silently.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::{Jobs, Kind, Visitor};
 use crate::contract::convert::count;
@@ -27,6 +28,15 @@ const NUMBER_BYTES: usize = 25;
 /// the rest of the request, rounded up to a power of two.
 pub(super) const MAX_BODY_BYTES: usize = (2 * 2 * MAX_CONTROL_INTERVALS * NUMBER_BYTES + 32 * 1024).next_power_of_two();
 
+/// Whether a clock may end jobs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Clock {
+    /// Each job has a time limit.
+    Limits,
+    /// None ever does, and one that is asked for is refused: answers are functions of their requests.
+    Rests,
+}
+
 /// The limits of one server.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
@@ -42,6 +52,8 @@ pub struct Limits {
     pub max_rollout_limit: u64,
     /// Largest request body, bytes.
     pub max_body_bytes: usize,
+    /// Whether a clock may end jobs.
+    pub clock: Clock,
 }
 
 impl Default for Limits {
@@ -53,11 +65,26 @@ impl Default for Limits {
             max_time_limit_s: MAX_TIME_LIMIT_S,
             max_rollout_limit: MAX_ROLLOUT_LIMIT,
             max_body_bytes: MAX_BODY_BYTES,
+            clock: Clock::Limits,
         }
     }
 }
 
 impl Limits {
+    /// The same, where no clock ends a job.
+    #[must_use]
+    pub fn without_clock(self) -> Self {
+        Self { clock: Clock::Rests, ..self }
+    }
+
+    /// How long the server itself lets a job run.
+    pub(super) fn time_limit(&self) -> Option<Duration> {
+        match self.clock {
+            Clock::Limits => Some(Duration::from_secs_f64(self.max_time_limit_s)),
+            Clock::Rests => None,
+        }
+    }
+
     /// Rules of a request, with the limits on two arrays of torques.
     pub(super) fn on_arrays(&self, rules: RuleSet, arrays: [&str; 2]) -> RuleSet {
         arrays.into_iter().fold(rules, |rules, array| rules.at_most(array, self.max_control_intervals as f64))
@@ -78,8 +105,15 @@ impl Limits {
 pub fn limits_message(jobs: &Jobs, settings: &ServiceSettings, batch_window: usize) -> GetLimitsResponse {
     // How long a worker may take to stop is no matter of callers.
     let ServiceSettings { workers, queue_length, queue_work, stuck_after: _ } = settings;
-    let Limits { max_steps, max_control_intervals, max_starts, max_time_limit_s, max_rollout_limit, max_body_bytes } =
-        *jobs.limits();
+    let Limits {
+        max_steps,
+        max_control_intervals,
+        max_starts,
+        max_time_limit_s,
+        max_rollout_limit,
+        max_body_bytes,
+        clock: _,
+    } = *jobs.limits();
     let mut listed =
         Listed { limits: *jobs.limits(), rules: Vec::new(), cross_field_rules: Vec::new(), kinds: Vec::new() };
     jobs.each(&mut listed);

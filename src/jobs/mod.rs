@@ -18,7 +18,7 @@ mod table;
 use std::sync::Arc;
 
 pub use kind::{Example, File, Flag, Kind, ProgressLine};
-pub use limits::{DEFAULT_TIME_LIMIT_S, Limits, limits_message};
+pub use limits::{Clock, DEFAULT_TIME_LIMIT_S, Limits, limits_message};
 pub use solver::{InProcessSolver, ManeuverSolver};
 
 use crate::metrics::Metrics;

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::simulate::Simulate;
 use super::solve::Solve;
-use super::{Kind, Limits, ManeuverSolver};
+use super::{Clock, Kind, Limits, ManeuverSolver};
 use crate::contract::convert::{aisle_corners, required, schedule};
 use crate::contract::message::{SimulateResponse, SimulatedPlan, Solution, SolvedPlan};
 use crate::contract::{ErrorCode, Problem, json};
@@ -106,6 +106,8 @@ fn accept_simulated(plan: SimulatedPlan, limits: &Limits) -> Result<AcceptedPlan
 fn accept_solved(plan: SolvedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {
     let SolvedPlan { request, answer } = plan;
     let (request, answer) = (required(request, "request")?, required(answer, "answer")?);
+    // The plan was found already: its time limit is over.
+    let limits = &Limits { clock: Clock::Limits, ..*limits };
     let accepted = Solve::accept(request, limits).map_err(|fault| fault.below("request"))?;
     let (given_robot, maneuver) = (accepted.completed.robot, accepted.completed.maneuver);
     let given_robot = given_robot.unwrap_or_default();

@@ -37,8 +37,8 @@ impl Simulate {
 pub struct AcceptedSimulation {
     /// What is simulated.
     pub input: SimulateInput,
-    /// How long it may run.
-    time_limit: Duration,
+    /// How long it may run; none where no clock ends it.
+    time_limit: Option<Duration>,
 }
 
 impl Job for Simulate {
@@ -57,7 +57,7 @@ impl Job for Simulate {
 
     /// Where friction is hard to resolve a step takes a hundred times as long as usual.
     fn time_limit(&self, accepted: &AcceptedSimulation) -> Option<Duration> {
-        Some(accepted.time_limit)
+        accepted.time_limit
     }
 
     fn run(&self, accepted: &AcceptedSimulation, control: &JobControl<'_, ()>) -> Result<Simulation, Stopped> {
@@ -115,7 +115,7 @@ impl Kind for Simulate {
             aisle: aisle_corners(&keep_in, &given_robot.footprint),
         };
         let input = checks.and(SimulateInput::new(parameters))?;
-        Ok(AcceptedSimulation { input, time_limit: Duration::from_secs_f64(limits.max_time_limit_s) })
+        Ok(AcceptedSimulation { input, time_limit: limits.time_limit() })
     }
 
     fn answer_numbers(accepted: &AcceptedSimulation) -> usize {

@@ -3,6 +3,8 @@
 //! Up to four plans lie over each other: a colour and a dash per plan, the same in all figures. The colours are those of Okabe
 //! and Ito, which the colour-blind tell apart. Each figure says where the data of its axes lie, for cursors.
 
+mod contours;
+mod heat_map;
 mod panel;
 mod path;
 mod sheet;
@@ -17,6 +19,7 @@ use crate::robot::{PerWheel, Robot, State};
 use crate::shooting::{Goal, ManeuverLimits, ReferencePoint};
 use crate::simulation::{ContactSample, TorqueSchedule, Trajectory};
 
+pub use heat_map::{HeatMap, MapAxis, MapCell};
 pub use svg::escaped;
 
 /// How far a curve in a figure may be from its data, px.

@@ -199,13 +199,13 @@ pub(super) fn padded(range: Range, with_zero: bool) -> [f64; 2] {
 }
 
 /// Ticks at round values.
-struct Ticks {
-    values: Vec<f64>,
+pub(super) struct Ticks {
+    pub(super) values: Vec<f64>,
     step: f64,
 }
 
 /// About `count` of them.
-fn ticks([low, high]: [f64; 2], count: f64) -> Ticks {
+pub(super) fn ticks([low, high]: [f64; 2], count: f64) -> Ticks {
     let rough = (high - low) / count.max(1.5);
     let unit = 10_f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|of| of * unit).find(|step| *step >= 0.8 * rough).unwrap_or(unit);
@@ -215,7 +215,8 @@ fn ticks([low, high]: [f64; 2], count: f64) -> Ticks {
 }
 
 impl Ticks {
-    fn label(&self, value: f64) -> String {
+    /// What stands beside a tick.
+    pub(super) fn label(&self, value: f64) -> String {
         let magnitude = self.step.abs().log10().floor();
         if !(-5.0..5.0).contains(&magnitude) {
             return format!("{value:.1e}").replace('-', "\u{2212}");

@@ -14,7 +14,7 @@ const RIGHT: f64 = 12.0;
 const ABOVE: f64 = 26.0;
 const BELOW: f64 = 38.0;
 /// Height of a line of text, px.
-const LINE: f64 = 17.0;
+pub(super) const LINE: f64 = 17.0;
 /// Coarser where a figure would be too large.
 const COARSER: [f64; 4] = [0.5, 1.0, 2.0, 4.0];
 
@@ -207,7 +207,7 @@ fn draw_keys(keys: &[Key], top: f64, svg: &mut Svg) -> f64 {
 }
 
 /// The words in lines of about so many letters.
-fn wrapped(words: &str, letters: usize) -> Vec<String> {
+pub(super) fn wrapped(words: &str, letters: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in words.split_whitespace() {
         let line =

@@ -93,6 +93,11 @@ const TABLE: &[Module] = &[
         must_not_mention: &["axum", "tonic", "hyper", "tower", "tokio", "std::thread"],
     },
     Module {
+        name: "sweep",
+        may_use: &["jobs", "contract", "service", "rules", "plot"],
+        must_not_mention: &["axum", "tonic", "hyper", "tower", "prost", "nalgebra"],
+    },
+    Module {
         name: "api",
         may_use: &["jobs", "contract", "service", "metrics", "rules"],
         must_not_mention: &["std::thread", "spawn_blocking"],

@@ -45,6 +45,8 @@ mod request_log;
 mod sensitivity;
 mod stopping;
 mod support;
+mod sweep;
+mod sweep_files;
 mod time_limits;
 #[cfg(feature = "tls")]
 mod tls;

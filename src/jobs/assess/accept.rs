@@ -35,7 +35,8 @@ const LONGEST_DELAY_FITS: &str = "such that the longest delay (`high`, or `mean`
 #[derive(Debug)]
 pub struct AcceptedAssess {
     pub(super) input: AssessInput,
-    pub(super) time_limit: Duration,
+    /// How long it may run; none where no clock ends it.
+    pub(super) time_limit: Option<Duration>,
     /// Whether limits are at the root of the request, as a simulation has them.
     pub(super) is_simulation: bool,
 }
@@ -106,8 +107,7 @@ pub(super) fn accept(request: AssessRequest, limits: &Limits) -> Result<Accepted
     };
     match (input, checks.finish().map_err(Problem::from)) {
         (Ok((input, is_simulation)), Ok(())) => {
-            let time_limit = Duration::from_secs_f64(limits.max_time_limit_s);
-            Ok(AcceptedAssess { input, time_limit, is_simulation })
+            Ok(AcceptedAssess { input, time_limit: limits.time_limit(), is_simulation })
         }
         (Err(problem), Ok(())) | (Ok(_), Err(problem)) => Err(problem),
         (Err(of_plan), Err(problem)) => Err(problem.and(of_plan)),

@@ -65,7 +65,7 @@ impl Job for Assess {
     }
 
     fn time_limit(&self, accepted: &AcceptedAssess) -> Option<Duration> {
-        Some(accepted.time_limit)
+        accepted.time_limit
     }
 
     fn run(&self, accepted: &AcceptedAssess, control: &JobControl<'_, ()>) -> Result<Assessment, Stopped> {

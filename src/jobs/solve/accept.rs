@@ -9,21 +9,23 @@ use sha2::{Digest, Sha256};
 use crate::contract::convert::{aisle_corners, count, maneuver, named, payload, required, robot};
 use crate::contract::message::{InitialGuess, SolveGrid, SolveRequest, Solver, ValidateResponse, View};
 use crate::contract::{Problem, json, message};
-use crate::jobs::limits::{DEFAULT_TIME_LIMIT_S, Limits};
+use crate::jobs::limits::{Clock, DEFAULT_TIME_LIMIT_S, Limits};
 use crate::rules::{Checks, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
 use crate::solver::{Choice, Refinement, SolveInput, SolveParameters, SolverSettings};
 
 /// The bounds of the time limit, which belongs to the service.
 const TIME_LIMIT_RULE: Rule = Rule::positive("s");
+/// What it must be where no clock ends a solve.
+const WITHOUT_CLOCK: &str = "absent: solves are ended by their rollout limit alone here";
 
 /// A solve request that passed all checks.
 #[derive(Debug, Clone)]
 pub struct AcceptedSolve {
     /// What to solve.
     pub input: SolveInput,
-    /// How long the solve may run.
-    pub time_limit: Duration,
+    /// How long the solve may run; none where no clock ends it.
+    pub time_limit: Option<Duration>,
     /// How much of the answer is asked for.
     pub view: View,
     /// SHA-256 of the completed request, in hexadecimal.
@@ -89,14 +91,14 @@ pub(super) fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedS
     };
     let input_hash = hash(&json::write(&completed));
     // Positive and below the server's limit, as checked.
-    let time_limit = Duration::from_secs_f64(time_limit_s);
+    let time_limit = time_limit_s.map(Duration::from_secs_f64);
     Ok(AcceptedSolve { input, time_limit, view, input_hash, completed })
 }
 
 /// Adds what is above the server's limits to `checks`; a guess that is too long goes no further.
 fn within_limits(
     mut parameters: SolveParameters,
-    time_limit_s: f64,
+    time_limit_s: Option<f64>,
     limits: &Limits,
     checks: &mut Checks,
 ) -> SolveParameters {
@@ -105,13 +107,25 @@ fn within_limits(
     checks.server_limit("grid.control_intervals", control_count as f64, limits.max_control_intervals as f64);
     checks.server_limit("solver.starts", start_count as f64, limits.max_starts as f64);
     checks.server_limit("solver.rollout_limit", rollout_limit as f64, limits.max_rollout_limit as f64);
-    checks.bounds("solver.time_limit_s", time_limit_s, &TIME_LIMIT_RULE);
-    checks.server_limit("solver.time_limit_s", time_limit_s, limits.max_time_limit_s);
+    if let Some(time_limit_s) = time_limit_s {
+        check_time_limit(time_limit_s, limits, checks);
+    }
     parameters.initial_guess = parameters.initial_guess.filter(|TorqueSchedule { left, right, .. }| {
         let arrays = [("initial_guess.torque_left_n_m", &left[..]), ("initial_guess.torque_right_n_m", &right[..])];
         limits.check_arrays(checks, arrays)
     });
     parameters
+}
+
+fn check_time_limit(time_limit_s: f64, limits: &Limits, checks: &mut Checks) {
+    const FIELD: &str = "solver.time_limit_s";
+    match limits.clock {
+        Clock::Limits => {
+            checks.bounds(FIELD, time_limit_s, &TIME_LIMIT_RULE);
+            checks.server_limit(FIELD, time_limit_s, limits.max_time_limit_s);
+        }
+        Clock::Rests => checks.require(FIELD, time_limit_s, false, WITHOUT_CLOCK, None),
+    }
 }
 
 /// The completed request, for those who only ask whether it is valid.
@@ -130,7 +144,7 @@ fn hash(bytes: &[u8]) -> String {
 }
 
 /// The settings, and the time limit in s, which belongs to the service.
-fn settings(grid: &SolveGrid, solver: Solver, limits: &Limits) -> Result<(SolverSettings, f64), Problem> {
+fn settings(grid: &SolveGrid, solver: Solver, limits: &Limits) -> Result<(SolverSettings, Option<f64>), Problem> {
     let default = SolverSettings::default();
     let count_or = |given: Option<u32>, default: usize| given.map_or(default, |count| count as usize);
     let SolveGrid { steps, control_intervals } = *grid;
@@ -168,10 +182,11 @@ fn settings(grid: &SolveGrid, solver: Solver, limits: &Limits) -> Result<(Solver
         choice: named::<message::Choice>(choose, "solver.choose")?.into(),
         choose_within: choose_within.unwrap_or(default.choose_within),
     };
-    Ok((settings, time_limit_s.unwrap_or(DEFAULT_TIME_LIMIT_S)))
+    let default_time_limit_s = (limits.clock == Clock::Limits).then_some(DEFAULT_TIME_LIMIT_S);
+    Ok((settings, time_limit_s.or(default_time_limit_s)))
 }
 
-fn solver_message(settings: &SolverSettings, time_limit_s: f64) -> Solver {
+fn solver_message(settings: &SolverSettings, time_limit_s: Option<f64>) -> Solver {
     let SolverSettings {
         method,
         step_count: _,
@@ -195,7 +210,7 @@ fn solver_message(settings: &SolverSettings, time_limit_s: f64) -> Solver {
         method: message::Method::from(method).into(),
         starts: Some(count(start_count)),
         seed,
-        time_limit_s: Some(time_limit_s),
+        time_limit_s,
         rollout_limit: Some(rollout_limit),
         goal_tolerance: Some(goal_tolerance),
         replay_tolerance_m: Some(replay_tolerance_position),
@@ -229,7 +244,7 @@ mod tests {
     fn faults_of(settings: SolverSettings, time_limit_s: f64) -> Vec<(String, ViolationCode)> {
         let mut checks = Checks::new();
         let parameters = SolveParameters { settings, ..SolveParameters::default() };
-        within_limits(parameters, time_limit_s, &Limits::default(), &mut checks);
+        within_limits(parameters, Some(time_limit_s), &Limits::default(), &mut checks);
         match checks.finish() {
             Ok(()) => Vec::new(),
             Err(violations) => violations.list().iter().map(|fault| (fault.field.clone(), fault.code)).collect(),
@@ -296,7 +311,7 @@ mod tests {
         let accepted = Solve::read(b"{}", &Limits::default()).unwrap();
         assert_eq!(accepted.input.robot.parameters(), &RobotParameters::default());
         assert_eq!(accepted.input.settings, SolverSettings::default());
-        assert_eq!(accepted.time_limit, Duration::from_secs(10));
+        assert_eq!(accepted.time_limit, Some(Duration::from_secs(10)));
     }
 
     #[test]
@@ -325,6 +340,17 @@ mod tests {
         assert_eq!(again.input.settings, accepted.input.settings);
         let fixed = Solve::read(br#"{"grid": {"steps": 200}}"#, &Limits::default()).unwrap();
         assert_ne!(fixed.input_hash, accepted.input_hash);
+    }
+
+    #[test]
+    fn without_a_clock_a_time_limit_is_refused_and_none_is_added() {
+        let limits = Limits::default().without_clock();
+        let problem = Solve::read(br#"{"solver": {"time_limit_s": 5}}"#, &limits).unwrap_err();
+        let error = &problem.errors()[0];
+        assert_eq!(error.pointer, "#/solver/time_limit_s");
+        assert!(error.message.starts_with("`solver.time_limit_s` is 5, must be absent"), "{}", error.message);
+        let accepted = Solve::read(b"{}", &limits).unwrap();
+        assert_eq!((accepted.time_limit, accepted.completed.solver.unwrap().time_limit_s), (None, None));
     }
 
     #[test]

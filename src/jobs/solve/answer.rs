@@ -49,7 +49,7 @@ pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message
         contacts: is_full.then(|| contacts(&trajectory.contact)),
         robot: accepted.input.payload.is_some().then(|| joined_robot(accepted)),
         report: Some(report(given_report, done.duration.as_secs_f64())),
-        applied_limits: Some(message::AppliedLimits { time_limit_s: accepted.time_limit.as_secs_f64() }),
+        applied_limits: accepted.time_limit.map(|limit| message::AppliedLimits { time_limit_s: limit.as_secs_f64() }),
         solver_version: env!("CARGO_PKG_VERSION").to_owned(),
         input_hash: accepted.input_hash.clone(),
     }

@@ -93,7 +93,7 @@ impl Job for Solve {
     }
 
     fn time_limit(&self, accepted: &AcceptedSolve) -> Option<Duration> {
-        Some(accepted.time_limit)
+        accepted.time_limit
     }
 
     fn finishing(&self, accepted: &AcceptedSolve) -> Finishing {

@@ -1,0 +1,190 @@
+//! `slipdrive sweep`: many jobs of one kind on this machine, with results in a folder.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Cursor, Read as _, Write as _};
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use slipdrive::contract::Problem;
+use slipdrive::jobs::Jobs;
+use slipdrive::metrics::Metrics;
+use slipdrive::service::Service;
+use slipdrive::sweep::{self, Ended, Index, MapError, Results, ResultsError, RowFaults, Sweep};
+
+use super::progress_of_rows::ProgressOfRows;
+use crate::EXIT_BAD_INPUT;
+use crate::config::{SweepArguments, cores};
+use crate::shutdown::Signals;
+
+/// For a sweep that ended before its end and can be run again (`EX_TEMPFAIL` of sysexits).
+const EXIT_TO_BE_CONTINUED: u8 = 75;
+const CSV_FILE: &str = "rows.csv";
+const MAP_FILE: &str = "map.svg";
+
+/// Runs the command.
+///
+/// # Errors
+/// What cannot be read or written.
+pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    match (&arguments.file, arguments.out.as_slice()) {
+        (None, []) => Ok(refused("there is neither a file nor `--out`, must be one of them at least")),
+        (None, folders) => shown(arguments, folders),
+        (Some(_), _) if arguments.status => Ok(refused("`--status` takes no file: the folder knows its sweep")),
+        (Some(file), folders) => {
+            let metrics = Metrics::new();
+            let jobs = super::jobs(&metrics);
+            let sweep = match read(file, &jobs)? {
+                Ok(sweep) => sweep,
+                Err(problem) => return Ok(super::refuse(&problem)),
+            };
+            match folders {
+                _ if arguments.count => Ok(counted(&sweep, arguments)),
+                [folder] => run(&sweep, folder, arguments),
+                _ => Ok(refused("there must be one `--out` for the results, or `--count`")),
+            }
+        }
+    }
+}
+
+fn refused(fault: &str) -> ExitCode {
+    eprintln!("error: {fault}");
+    ExitCode::from(EXIT_BAD_INPUT)
+}
+
+fn read(file: &Path, jobs: &Jobs) -> anyhow::Result<Result<Sweep, Problem>> {
+    if let Some((_, text)) = sweep::EXAMPLES.iter().find(|(name, _)| file == Path::new(name)) {
+        return Ok(Sweep::read(Cursor::new(*text), jobs));
+    }
+    if file == Path::new("-") {
+        let mut text = Vec::new();
+        io::stdin().read_to_end(&mut text).context("standard input cannot be read")?;
+        return Ok(Sweep::read(Cursor::new(text), jobs));
+    }
+    let source = File::open(file).with_context(|| format!("{} cannot be read", file.display()))?;
+    Ok(Sweep::read(source, jobs))
+}
+
+/// Says how much there is, and judges all of it.
+fn counted(sweep: &Sweep, arguments: &SweepArguments) -> ExitCode {
+    println!("rows    {}\nchunks  {}\nhash    {}", sweep.row_count(), sweep.chunk_count(), sweep.hash());
+    match sweep.check(arguments.shard, workers(arguments)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(faults) => refused_rows(&faults),
+    }
+}
+
+fn refused_rows(faults: &RowFaults) -> ExitCode {
+    for (row, problem) in &faults.first {
+        eprintln!("error: row {row}: {problem}");
+        for error in problem.errors() {
+            eprintln!("  {}: {}", error.pointer, error.message);
+        }
+    }
+    let others = faults.count - faults.first.len() as u64;
+    if others > 0 {
+        eprintln!("error: {others} more rows break rules");
+    }
+    ExitCode::from(EXIT_BAD_INPUT)
+}
+
+/// Runs what is missing.
+fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    // The folder of the same sweep says that its rows were judged.
+    if let Ok(None) = Results::header_of(folder)
+        && let Err(faults) = sweep.check(arguments.shard, workers(arguments))
+    {
+        return Ok(refused_rows(&faults));
+    }
+    let mut results = match Results::open(folder, sweep.header(arguments.shard)) {
+        Ok(results) => results,
+        Err(error) => return refused_folder(error),
+    };
+    let service = Arc::new(Service::start(sweep::service_settings(workers(arguments)))?);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let mut shown = ProgressOfRows::of(results.progress());
+    let ended = runtime.block_on(async {
+        let mut signals = Signals::listen()?;
+        let stop = signals.next();
+        sweep::run(sweep, &mut results, &service, |progress| shown.show(progress), stop).await
+    });
+    shown.finish();
+    let progress = results.progress().clone();
+    drop(results);
+    eprintln!("{}: {progress}", folder.display());
+    match ended {
+        Ok(Ended::Complete) => {}
+        Ok(Ended::Stopped) => return Ok(to_be_continued("stopped")),
+        Err(error) => return Ok(to_be_continued(&error.to_string())),
+    }
+    let index = Index::of(std::slice::from_ref(folder))?;
+    let shown = write_shown(&index, folder, arguments)?;
+    if shown != ExitCode::SUCCESS {
+        return Ok(shown);
+    }
+    Ok(if progress.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn workers(arguments: &SweepArguments) -> NonZeroUsize {
+    arguments.threads.unwrap_or_else(cores)
+}
+
+fn to_be_continued(why: &str) -> ExitCode {
+    eprintln!("{why}; the same command goes on from here");
+    ExitCode::from(EXIT_TO_BE_CONTINUED)
+}
+
+fn refused_folder(error: ResultsError) -> anyhow::Result<ExitCode> {
+    match error {
+        ResultsError::Locked { .. } | ResultsError::Foreign { .. } | ResultsError::Empty { .. } => {
+            Ok(refused(&error.to_string()))
+        }
+        ResultsError::Damaged { .. } | ResultsError::Unreadable { .. } | ResultsError::Unwritable { .. } => {
+            Err(error.into())
+        }
+    }
+}
+
+/// Says how far some folders are, and writes what is asked for; nothing runs.
+fn shown(arguments: &SweepArguments, folders: &[PathBuf]) -> anyhow::Result<ExitCode> {
+    let status = match sweep::status(folders) {
+        Ok(status) => status,
+        Err(error) => return refused_folder(error),
+    };
+    let header = &status.index.header;
+    println!("{}", status.index.progress);
+    println!("job     {}\nhash    {}\nsolver  {}", header.job, header.sweep, header.solver_version);
+    for folder in &status.in_use {
+        println!("{} is written to by another process", folder.display());
+    }
+    write_shown(&status.index, &folders[0], arguments)
+}
+
+/// The table where columns were chosen and the map that is asked for, beside the results of the first folder.
+fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    if !index.header.columns.is_empty() {
+        write_beside(&folder.join(CSV_FILE), |output| Ok(sweep::write_csv(index, output)?))?;
+    }
+    let Some(of) = &arguments.figure else { return Ok(ExitCode::SUCCESS) };
+    let svg = match sweep::map(index, of) {
+        Ok(svg) => svg,
+        Err(unfit @ MapError::Unfit(_)) => return Ok(refused(&unfit.to_string())),
+        Err(error @ MapError::Results(_)) => return Err(error.into()),
+    };
+    write_beside(&folder.join(MAP_FILE), |output| Ok(output.write_all(svg.as_bytes())?))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes a file that another one may read meanwhile: whole or not at all.
+fn write_beside(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<()>) -> anyhow::Result<()> {
+    let beside = path.with_extension("new");
+    let written = || -> anyhow::Result<()> {
+        let mut output = BufWriter::new(File::create(&beside)?);
+        write(&mut output)?;
+        output.flush()?;
+        Ok(fs::rename(&beside, path)?)
+    };
+    written().with_context(|| format!("{} cannot be written", path.display()))
+}

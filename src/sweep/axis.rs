@@ -1,0 +1,207 @@
+//! Axes of a sweep: fields and the values that they take.
+
+use serde::Deserialize;
+use serde_json::{Number, Value};
+
+use super::path::FieldPath;
+use crate::contract::{StrictValue, json};
+use crate::rules::{Checks, Rule};
+
+/// How many values an axis may have.
+const LENGTH_RULE: Rule = Rule::between(1.0, super::MOST_ROWS as f64, Rule::ITEMS);
+const COUNT_RULE: Rule = Rule::between(2.0, super::MOST_ROWS as f64, "");
+const FORM_RULE: &str = "`field` with `values`, `field` with `from`, `to` and `count`, or `paired` alone";
+
+/// An axis as files have it: one of three forms.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AxisForm {
+    #[serde(default, deserialize_with = "json::some_value")]
+    field: Option<String>,
+    #[serde(default, deserialize_with = "json::some_value")]
+    values: Option<Vec<StrictValue>>,
+    #[serde(default, deserialize_with = "json::some_value")]
+    from: Option<Number>,
+    #[serde(default, deserialize_with = "json::some_value")]
+    to: Option<Number>,
+    #[serde(default, deserialize_with = "json::some_value")]
+    count: Option<u64>,
+    #[serde(default, deserialize_with = "json::some_value")]
+    paired: Option<Vec<AxisForm>>,
+}
+
+/// Fields that take their values together.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Axis {
+    fields: Vec<Field>,
+    length: u64,
+}
+
+/// A field and its values.
+#[derive(Debug, Clone, PartialEq)]
+struct Field {
+    name: String,
+    path: FieldPath,
+    values: Values,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Values {
+    List(Vec<Value>),
+    /// From one number to another in so many equal steps less one; whole numbers stay such.
+    Range {
+        from: f64,
+        to: f64,
+        count: u64,
+        whole: bool,
+    },
+}
+
+impl Values {
+    fn len(&self) -> u64 {
+        match self {
+            Self::List(values) => values.len() as u64,
+            Self::Range { count, .. } => *count,
+        }
+    }
+
+    /// The value at a place below the length.
+    fn at(&self, place: u64) -> Value {
+        match *self {
+            Self::List(ref values) => usize::try_from(place).ok().and_then(|place| values.get(place)).cloned(),
+            Self::Range { from, to, count, whole } => Some(number(between(from, to, place, count - 1), whole)),
+        }
+        .unwrap_or_default()
+    }
+}
+
+/// Whole numbers beyond this have neighbours that a double does not tell apart.
+const LARGEST_WHOLE: f64 = 9_007_199_254_740_992.0;
+
+/// The number at `place` of `steps` from one end to the other; both ends exactly.
+fn between(from: f64, to: f64, place: u64, steps: u64) -> f64 {
+    let (place, steps) = (place as f64, steps as f64);
+    let sum = |from: f64, to: f64| from * (steps - place) + to * place;
+    if place == 0.0 {
+        return from;
+    }
+    if place == steps {
+        return to;
+    }
+    // Ends that are decimals have decimals between them, as one would write them: one division of whole numbers.
+    let of_decimals = (0..=12).map(|digits| 10_f64.powi(digits)).find_map(|scale| {
+        let [whole_from, whole_to] = [from, to].map(|end| (end * scale).round());
+        let (sum, divisor) = (sum(whole_from, whole_to), steps * scale);
+        let is_exact = whole_from / scale == from && whole_to / scale == to;
+        let fits = (whole_from.abs().max(whole_to.abs()) * steps).max(divisor) < LARGEST_WHOLE;
+        (is_exact && fits).then_some(sum / divisor)
+    });
+    of_decimals.unwrap_or_else(|| sum(from, to) / steps)
+}
+
+fn number(value: f64, whole: bool) -> Value {
+    #[expect(clippy::cast_possible_truncation, reason = "whole ends are within 2^53")]
+    if whole && value.fract() == 0.0 { Value::from(value as i64) } else { Value::from(value) }
+}
+
+impl Axis {
+    /// Reads an axis; what is wrong with it is added to `checks`.
+    pub(super) fn of(form: AxisForm, checks: &mut Checks) -> Option<Self> {
+        let AxisForm { paired, .. } = form;
+        let Some(paired) = paired else { return Self::single(AxisForm { paired: None, ..form }, checks) };
+        let is_alone = form.field.is_none() && form.values.is_none() && form.from.is_none();
+        checks.require("paired", "not alone", is_alone && form.to.is_none() && form.count.is_none(), FORM_RULE, None);
+        checks.length("paired", paired.len(), &LENGTH_RULE);
+        let axes = paired.into_iter().enumerate().map(|(index, form)| {
+            checks.within(&format!("paired[{index}]"), |checks| {
+                checks.require("paired", "paired again", form.paired.is_none(), "`field` with its values", None);
+                Self::single(form, checks)
+            })
+        });
+        let axes: Option<Vec<_>> = axes.collect::<Vec<_>>().into_iter().collect();
+        let axes = axes?;
+        let length = axes.first()?.length;
+        for (index, axis) in axes.iter().enumerate() {
+            let (field, rule) = (format!("paired[{index}]"), format!("as long as the first: {length} items"));
+            checks.require(&field, format!("{} items long", axis.length), axis.length == length, &rule, None);
+        }
+        Some(Self { fields: axes.into_iter().flat_map(|axis| axis.fields).collect(), length })
+    }
+
+    fn single(form: AxisForm, checks: &mut Checks) -> Option<Self> {
+        let AxisForm { field, values, from, to, count, paired: _ } = form;
+        let values = match (values, from, to, count) {
+            (Some(values), None, None, None) => {
+                checks.length("values", values.len(), &LENGTH_RULE);
+                Some(Values::List(values.into_iter().map(|StrictValue(value)| value).collect()))
+            }
+            (None, Some(from), Some(to), Some(count)) => range(&from, &to, count, checks),
+            _ => None,
+        };
+        let path = field.as_deref().and_then(FieldPath::parse);
+        match &field {
+            Some(name) => {
+                checks.require(
+                    "field",
+                    format!("`{name}`"),
+                    path.is_some(),
+                    "a path such as `maneuver.goal.x_m`",
+                    None,
+                );
+            }
+            None => checks.require("field", "absent", false, FORM_RULE, None),
+        }
+        checks.require("values", "not as it must be", values.is_some(), FORM_RULE, None);
+        let (name, path, values) = (field?, path?, values?);
+        let length = values.len();
+        Some(Self { fields: vec![Field { name, path, values }], length })
+    }
+
+    /// How many values it has.
+    pub(super) fn len(&self) -> u64 {
+        self.length
+    }
+
+    /// Its fields.
+    pub(super) fn fields(&self) -> impl Iterator<Item = (&str, &FieldPath)> {
+        self.fields.iter().map(|field| (field.name.as_str(), &field.path))
+    }
+
+    /// Its fields with their values at a place below the length.
+    pub(super) fn at(&self, place: u64) -> impl Iterator<Item = (&str, &FieldPath, Value)> {
+        self.fields.iter().map(move |field| (field.name.as_str(), &field.path, field.values.at(place)))
+    }
+}
+
+fn range(from: &Number, to: &Number, count: u64, checks: &mut Checks) -> Option<Values> {
+    checks.bounds("count", count as f64, &COUNT_RULE);
+    let ends = [from, to];
+    // Half the largest double, so that sums of the two are numbers.
+    let rule = Rule::within_magnitude(if ends.iter().all(|end| !end.is_f64()) { LARGEST_WHOLE } else { 1e150 }, "");
+    let [from, to] = ends.map(|end| end.as_f64().unwrap_or(f64::NAN));
+    checks.bounds("from", from, &rule);
+    checks.bounds("to", to, &rule);
+    let is_valid = rule.admits(from) && rule.admits(to) && COUNT_RULE.admits(count as f64);
+    is_valid.then(|| Values::Range { from, to, count, whole: ends.iter().all(|end| !end.is_f64()) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_between_are_what_one_would_write() {
+        let values = |from, to, steps| (0..=steps).map(|place| between(from, to, place, steps)).collect::<Vec<_>>();
+        assert_eq!(values(0.2, 0.7, 5), [0.2, 0.3, 0.4, 0.5, 0.6, 0.7]);
+        assert_eq!(values(-0.1, 0.3, 4), [-0.1, 0.0, 0.1, 0.2, 0.3]);
+        assert_eq!(values(1.0, 2.0, 3), [1.0, 4.0 / 3.0, 5.0 / 3.0, 2.0]);
+        assert_eq!(values(1e150, 3e150, 2), [1e150, 2e150, 3e150]);
+    }
+
+    #[test]
+    fn whole_ends_have_whole_values_between() {
+        let range = Values::Range { from: 0.0, to: 6.0, count: 5, whole: true };
+        let values: Vec<_> = (0..5).map(|place| range.at(place).to_string()).collect();
+        assert_eq!(values, ["0", "1.5", "3", "4.5", "6"]);
+    }
+}

@@ -1,0 +1,136 @@
+//! The parts of a folder: files of lines that are only appended to.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+use super::{ResultsError, sync_folder};
+
+/// Where a line begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Place {
+    pub(super) part: u32,
+    pub(super) offset: u64,
+}
+
+/// The part that is appended to.
+#[derive(Debug)]
+pub(super) struct Part {
+    number: u32,
+    path: PathBuf,
+    file: File,
+    length: u64,
+    has_unsynced: bool,
+}
+
+impl Part {
+    /// Opens a part at its end, or makes it.
+    pub(super) fn open(folder: &Path, number: u32) -> io::Result<Self> {
+        let path = path_of(folder, number);
+        let file = OpenOptions::new().create(true).append(true).open(&path)?;
+        sync_folder(folder)?;
+        let length = file.metadata()?.len();
+        Ok(Self { number, path, file, length, has_unsynced: false })
+    }
+
+    /// The one after this, which is complete.
+    pub(super) fn next(&mut self, folder: &Path) -> io::Result<Self> {
+        self.sync()?;
+        Self::open(folder, self.number + 1)
+    }
+
+    /// Its bytes.
+    pub(super) fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Appends a line whole or not at all.
+    pub(super) fn append(&mut self, line: &[u8]) -> io::Result<()> {
+        if let Err(error) = self.file.write_all(line) {
+            // Where even this fails, the rest of the line is cut when the folder is opened again.
+            let _ = self.file.set_len(self.length);
+            return Err(named(&self.path, &error));
+        }
+        self.length += line.len() as u64;
+        self.has_unsynced = true;
+        Ok(())
+    }
+
+    /// Brings what was appended to the disk.
+    pub(super) fn sync(&mut self) -> io::Result<()> {
+        if self.has_unsynced {
+            self.file.sync_data().map_err(|error| named(&self.path, &error))?;
+            self.has_unsynced = false;
+        }
+        Ok(())
+    }
+}
+
+fn named(path: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("{} cannot be written: {error}", path.display()))
+}
+
+fn path_of(folder: &Path, number: u32) -> PathBuf {
+    folder.join(format!("rows-{number:04}.jsonl"))
+}
+
+/// The parts of a folder in order.
+pub(super) fn numbers(folder: &Path) -> io::Result<Vec<u32>> {
+    let mut numbers = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let name = entry?.file_name();
+        let digits = name.to_str().and_then(|name| name.strip_prefix("rows-")?.strip_suffix(".jsonl"));
+        numbers.extend(digits.and_then(|digits| digits.parse::<u32>().ok()));
+    }
+    numbers.sort_unstable();
+    Ok(numbers)
+}
+
+/// Shows all lines; in the last part those from the first on that is no row are cut off. Gives the part to append to.
+///
+/// # Errors
+/// Where a line of an earlier part is no row: `is_row` says so.
+pub(super) fn repaired(folder: &Path, mut is_row: impl FnMut(Place, &[u8]) -> bool) -> Result<u32, ResultsError> {
+    let parts = numbers(folder).map_err(|error| ResultsError::cannot_read(folder, &error))?;
+    let Some(&last) = parts.last() else { return Ok(0) };
+    for &part in &parts {
+        let path = path_of(folder, part);
+        let cannot_read = |error: io::Error| ResultsError::cannot_read(&path, &error);
+        let good = scan(folder, part, &mut is_row).map_err(cannot_read)?;
+        let length = fs::metadata(&path).map_err(cannot_read)?.len();
+        if good < length && part < last {
+            let fault = format!("what begins at byte {good} is no row of this sweep");
+            return Err(ResultsError::Damaged { file: path, fault });
+        }
+        if good < length {
+            tracing::warn!(file = %path.display(), bytes = length - good, "cut a torn end; its rows are done again");
+            let file = OpenOptions::new().write(true).open(&path).map_err(cannot_read)?;
+            let cut = file.set_len(good).and_then(|()| file.sync_all());
+            cut.map_err(|error| ResultsError::cannot_write(&path, &error))?;
+        }
+    }
+    Ok(last)
+}
+
+/// Shows the lines of a part as long as each is a row; gives where the first begins that is not, or the end.
+pub(super) fn scan(folder: &Path, part: u32, mut is_row: impl FnMut(Place, &[u8]) -> bool) -> io::Result<u64> {
+    let mut reader = BufReader::with_capacity(1 << 18, File::open(path_of(folder, part))?);
+    let (mut line, mut offset) = (Vec::new(), 0);
+    loop {
+        line.clear();
+        let length = reader.read_until(b'\n', &mut line)? as u64;
+        if line.pop() != Some(b'\n') || !is_row(Place { part, offset }, &line) {
+            return Ok(offset);
+        }
+        offset += length;
+    }
+}
+
+/// The line at a place.
+pub(super) fn line_at(folder: &Path, place: Place) -> io::Result<Vec<u8>> {
+    let mut file = File::open(path_of(folder, place.part))?;
+    file.seek(SeekFrom::Start(place.offset))?;
+    let mut line = Vec::new();
+    BufReader::new(file).read_until(b'\n', &mut line)?;
+    Ok(line)
+}

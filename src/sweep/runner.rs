@@ -1,0 +1,152 @@
+//! Runs the missing rows of a sweep on the workers of a service.
+
+use std::io;
+use std::num::NonZeroUsize;
+use std::time::Duration;
+
+use futures_util::stream::{self, BoxStream, Stream, StreamExt as _};
+use tokio::time::{MissedTickBehavior, interval};
+
+use super::outcome::Outcome;
+use super::results::{Progress, Results};
+use super::warm::Guess;
+use super::{Row, Sweep};
+use crate::contract::Problem;
+use crate::service::{Service, ServiceSettings};
+
+/// How often results are brought to the disk and progress is shown.
+const SYNC_INTERVAL: Duration = Duration::from_secs(1);
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// All rows have results.
+    Complete,
+    /// It was stopped; what is missing can be run later.
+    Stopped,
+}
+
+/// A row with its result.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finished {
+    /// The row.
+    pub row: Row,
+    /// The key of the row whose plan it began with, if it did.
+    pub warm_start_from: Option<String>,
+    /// The answer in JSON.
+    pub answer: Result<Vec<u8>, Problem>,
+}
+
+/// Runs what is missing until all rows of the shard have results, or `stop` comes; what runs then is given up.
+///
+/// # Errors
+/// When results cannot be written. Those that were written stay, and the run can be continued.
+pub async fn run(
+    sweep: &Sweep,
+    results: &mut Results,
+    service: &Service,
+    mut show: impl FnMut(&Progress),
+    stop: impl Future<Output = ()>,
+) -> io::Result<Ended> {
+    let (units, in_flight) = (pending(sweep, results)?, in_flight(service));
+    let streams = stream::iter(units).map(|unit| unit.rows(sweep, service));
+    let mut rows = std::pin::pin!(streams.flatten_unordered(in_flight));
+    let mut stop = std::pin::pin!(stop);
+    let mut ticks = interval(SYNC_INTERVAL);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let ended = loop {
+        tokio::select! {
+            biased;
+            () = &mut stop => break Ended::Stopped,
+            _ = ticks.tick() => {
+                results.sync()?;
+                show(results.progress());
+            }
+            row = rows.next() => match row {
+                Some(finished) => results.append(sweep, &finished?)?,
+                None => break Ended::Complete,
+            }
+        }
+    };
+    results.sync()?;
+    show(results.progress());
+    Ok(ended)
+}
+
+/// Runs all rows of a chunk and gives them as they end: in order where they begin with each other's plans, else in any
+/// order.
+pub fn chunk_rows<'a>(
+    sweep: &'a Sweep,
+    chunk: u64,
+    service: &'a Service,
+) -> impl Stream<Item = io::Result<Finished>> + 'a {
+    let units: Vec<_> = units_of(sweep, &sweep.chunk(chunk).collect::<Vec<_>>()).collect();
+    stream::iter(units).map(|unit| unit.rows(sweep, service)).flatten_unordered(in_flight(service))
+}
+
+/// Rows that run in order, each after the other.
+struct Unit {
+    rows: Vec<u64>,
+    before: Option<Guess>,
+}
+
+/// A service whose workers do nothing but rows: what waits is bounded by [`run`] itself.
+pub fn service_settings(workers: NonZeroUsize) -> ServiceSettings {
+    let queue_length = 4 * workers.saturating_add(2).get();
+    // For ever, as far as sums of it can be formed.
+    let queue_work = Duration::from_secs(u32::MAX.into());
+    ServiceSettings { workers, queue_length, queue_work, ..ServiceSettings::default() }
+}
+
+/// As many as wait while all workers are busy: a worker that ends finds the next row ready.
+fn in_flight(service: &Service) -> usize {
+    2 * service.settings().workers.get() + 2
+}
+
+/// What has no results.
+fn pending<'a>(sweep: &'a Sweep, results: &Results) -> io::Result<impl Iterator<Item = Unit> + use<'a>> {
+    let (shard, done, before) = (results.shard(), results.done().clone(), results.guesses()?);
+    let chunks = shard.chunks(sweep.chunk_count());
+    Ok(chunks.flat_map(move |chunk| {
+        let rows: Vec<_> = sweep.chunk(chunk).filter(|&row| !done.contains(row)).collect();
+        let before = rows.first().and_then(|first| before.get(first)).cloned();
+        units_of(sweep, &rows).map(move |unit| Unit { before: before.clone(), ..unit })
+    }))
+}
+
+/// Rows of one chunk as units.
+fn units_of(sweep: &Sweep, rows: &[u64]) -> impl Iterator<Item = Unit> + use<> {
+    let size = if sweep.is_warm() { rows.len().max(1) } else { 1 };
+    let units: Vec<_> = rows.chunks(size).map(|rows| Unit { rows: rows.to_vec(), before: None }).collect();
+    units.into_iter()
+}
+
+impl Unit {
+    fn rows<'a>(self, sweep: &'a Sweep, service: &'a Service) -> BoxStream<'a, io::Result<Finished>> {
+        let state = (self.rows.into_iter(), self.before);
+        stream::unfold(state, move |(mut rows, before)| async move {
+            let number = rows.next()?;
+            let finished = run_row(sweep, number, before, service).await;
+            let next = match &finished {
+                Ok(Finished { answer: Ok(answer), .. }) if sweep.is_warm() => Guess::of(sweep.key(number), answer),
+                Ok(_) | Err(_) => None,
+            };
+            Some((finished, (rows, next)))
+        })
+        .boxed()
+    }
+}
+
+async fn run_row(sweep: &Sweep, number: u64, before: Option<Guess>, service: &Service) -> io::Result<Finished> {
+    // Judged before anything ran: only the file itself can have changed or gone.
+    let row = sweep.row(number).map_err(|problem| io::Error::other(problem.to_string()))?;
+    if let Some(before) = before
+        && let Some(descent) = before.descent(&row.request)
+        && let Ok(answer) = sweep.job().run(&descent, service).await
+        && Outcome::of(&answer).status() == Some("converged")
+    {
+        return Ok(Finished { row, warm_start_from: Some(before.key), answer: Ok(answer) });
+    }
+    let answer = sweep.job().run(&row.request, service).await;
+    Ok(Finished { row, warm_start_from: None, answer })
+}

@@ -1,0 +1,274 @@
+//! Sweeps as their users meet them: the program, its folder, and what a killed one leaves.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::{Cursor, Write as _};
+use std::path::Path;
+use std::process::{Child, Output, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use futures_util::StreamExt as _;
+use serde_json::{Value, json};
+use slipdrive::jobs::{Jobs, Limits};
+use slipdrive::metrics::Metrics;
+use slipdrive::service::Service;
+use slipdrive::solver::{RunControl, SolveInput, StopReason};
+use slipdrive::sweep::{self, Ended, Results, Shard, Sweep};
+
+use crate::support::folder::Folder;
+use crate::support::process::slipdrive;
+use crate::support::{FakeSolver, HANG_BOUND, small_solution};
+
+/// Drives of 0.5 to 2.5 m on coarse grids from one start: about 10 ms each.
+fn drives(rows: u32, more: &Value) -> Value {
+    let mut file = json!({
+        "job": "solve",
+        "request": {"view": "plan", "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}},
+        "axes": [{"field": "maneuver.goal.y_m", "from": 0.5, "to": 2.5, "count": rows}],
+        "chunk_rows": 4,
+    });
+    file.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+    file
+}
+
+/// Maneuvers that end where they begin: no search.
+fn rests(rows: u32) -> Value {
+    drives(rows, &json!({"axes": [{"field": "solver.seed", "from": 0, "to": rows - 1, "count": rows}]}))
+}
+
+fn written(folder: &Folder, name: &str, file: &Value) -> String {
+    fs::write(folder.0.join(name), file.to_string()).unwrap();
+    folder.file(name)
+}
+
+fn run(arguments: &[&str]) -> Output {
+    slipdrive().arg("sweep").args(arguments).output().unwrap()
+}
+
+fn done(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    said
+}
+
+fn refused(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(64), "{said}");
+    said
+}
+
+/// The rows of some folders by their keys, each of them once; without what clocks say.
+fn rows(folders: &[&str]) -> BTreeMap<String, Value> {
+    let mut rows = BTreeMap::new();
+    for line in folders.iter().flat_map(|folder| lines(folder)) {
+        let mut row: Value = serde_json::from_str(&line).unwrap_or_else(|error| panic!("{error}: {line}"));
+        row.pointer_mut("/answer/report").unwrap().as_object_mut().unwrap().remove("solve_time_s").unwrap();
+        let key = row["key"].as_str().unwrap().to_owned();
+        assert!(rows.insert(key.clone(), row).is_none(), "{key} is there twice");
+    }
+    rows
+}
+
+fn lines(folder: &str) -> Vec<String> {
+    let parts = fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path());
+    let parts = parts.filter(|path| path.extension().is_some_and(|extension| extension == "jsonl"));
+    parts.flat_map(|part| fs::read_to_string(part).unwrap().lines().map(str::to_owned).collect::<Vec<_>>()).collect()
+}
+
+/// Starts a run and gives it when its folder has so many rows.
+fn started(file: &str, folder: &str, row_count: usize) -> Child {
+    let arguments = ["sweep", file, "--out", folder, "--threads", "1"];
+    let child = slipdrive().args(arguments).stderr(Stdio::piped()).spawn().unwrap();
+    let patience_ends = Instant::now() + HANG_BOUND;
+    while lines(folder).len() < row_count {
+        assert!(Instant::now() < patience_ends, "no rows come");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    child
+}
+
+fn append(path: &Path, text: &str) {
+    OpenOptions::new().append(true).open(path).unwrap().write_all(text.as_bytes()).unwrap();
+}
+
+#[test]
+fn killed_sweeps_and_shards_come_to_the_rows_of_an_undisturbed_one() {
+    let folder = Folder::new("sweep-killed");
+    let file = written(&folder, "drives.json", &drives(42, &json!({})));
+    let [whole, killed] = ["whole", "killed"].map(|name| folder.file(name));
+    done(&[&file, "--out", &whole, "--threads", "2"]);
+    let expected = rows(&[&whole]);
+    assert_eq!(expected.len(), 42);
+    assert!(expected.values().all(|row| row["answer"]["status"] == "converged"));
+    for row_count in [3, 20] {
+        let mut child = started(&file, &killed, row_count);
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+    assert!(lines(&killed).len() < 42, "it was killed before its end");
+    append(&folder.0.join("killed/rows-0000.jsonl"), "{\"key\":\"to");
+    assert!(done(&[&file, "--out", &killed]).contains("cut a torn end"));
+    assert_eq!(rows(&[&killed]), expected);
+    let shards = ["0/2", "1/2"].map(|shard| {
+        let out = folder.file(&shard.replace('/', "-"));
+        done(&[&file, "--out", &out, "--shard", shard, "--threads", "1"]);
+        out
+    });
+    assert_eq!(lines(&shards[1]).len(), 20, "chunks 1, 3, 5, 7 and 9 of eleven");
+    assert_eq!(rows(&[&shards[0], &shards[1]]), expected);
+    let both = run(&["--status", "--out", &shards[0], "--out", &shards[1]]);
+    assert!(String::from_utf8(both.stdout).unwrap().starts_with("42 of 42 rows, 42 converged\n"));
+}
+
+#[test]
+fn warm_chains_do_not_depend_on_threads_or_on_where_they_were_cut() {
+    let folder = Folder::new("sweep-warm");
+    let file = written(&folder, "warm.json", &drives(18, &json!({"warm_start": true, "chunk_rows": 6})));
+    let [one, two] = ["one", "two"].map(|name| folder.file(name));
+    done(&[&file, "--out", &two, "--threads", "2"]);
+    let expected = rows(&[&two]);
+    for (key, row) in &expected {
+        let (hash, number) = key.rsplit_once('-').unwrap();
+        let number: u64 = number.parse().unwrap();
+        let from = row.get("warm_start_from").and_then(Value::as_str);
+        if number.is_multiple_of(6) {
+            assert_eq!(from, None, "a chunk begins with a search");
+        } else if let Some(from) = from {
+            assert_eq!(from, format!("{hash}-{}", number - 1));
+        }
+    }
+    assert!(expected.values().any(|row| row.get("warm_start_from").is_some()));
+    let mut child = started(&file, &one, 3);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    // In the middle of a chunk, wherever the kill came.
+    let part = folder.0.join("one/rows-0000.jsonl");
+    let kept: Vec<_> = fs::read_to_string(&part).unwrap().lines().take(3).map(|line| format!("{line}\n")).collect();
+    fs::write(&part, kept.concat()).unwrap();
+    done(&[&file, "--out", &one, "--threads", "1"]);
+    assert_eq!(rows(&[&one]), expected);
+}
+
+#[test]
+fn folders_of_others_are_refused() {
+    let folder = Folder::new("sweep-foreign");
+    let (one, other) = (written(&folder, "one.json", &rests(3)), written(&folder, "other.json", &rests(4)));
+    let out = folder.file("out");
+    done(&[&one, "--out", &out]);
+    assert!(refused(&[&other, "--out", &out]).contains("has results of another sweep: its hash is "));
+    let other_shard = refused(&[&one, "--out", &out, "--shard", "0/2"]);
+    assert!(other_shard.contains("its shard is 0/1, this one's is 0/2"), "{other_shard}");
+    let header = folder.read("out/sweep.json");
+    fs::write(folder.0.join("out/sweep.json"), header.replace("\"solver_version\": \"", "\"solver_version\": \"9"))
+        .unwrap();
+    assert!(refused(&[&one, "--out", &out]).contains("its solver version is 9"));
+    fs::write(folder.0.join("out/sweep.json"), header).unwrap();
+    let lock = File::open(folder.0.join("out/lock")).unwrap();
+    lock.try_lock().unwrap();
+    assert!(refused(&[&one, "--out", &out]).contains("is in use"));
+    let status = String::from_utf8(run(&["--status", "--out", &out]).stdout).unwrap();
+    assert!(status.starts_with("3 of 3 rows, 3 converged\n") && status.contains("by another process"), "{status}");
+    drop(lock);
+    fs::remove_file(folder.0.join("out/sweep.json")).unwrap();
+    let output = run(&[&one, "--out", &out]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("is missing beside rows"));
+    assert!(refused(&["--status", "--out", &folder.file("nowhere")]).contains("has no results of a sweep"));
+}
+
+#[test]
+fn faults_of_rows_are_told_before_anything_runs() {
+    let folder = Folder::new("sweep-faults");
+    let axes = json!([{"field": "robot.wheel_radius_m", "values": [0.06, 0, -1]}]);
+    let file = written(&folder, "faults.json", &drives(1, &json!({"axes": axes})));
+    let said = refused(&[&file, "--out", &folder.file("out")]);
+    assert!(said.contains("row 1: ") && said.contains("row 2: ") && !said.contains("row 0: "), "{said}");
+    assert!(said.contains("#/robot/wheel_radius_m: `robot.wheel_radius_m` is -1, must be between"), "{said}");
+    assert!(!folder.0.join("out").exists());
+    assert!(refused(&[&file, "--count"]).contains("row 1: "));
+    let file = written(&folder, "good.json", &rests(5));
+    let counted = String::from_utf8(run(&[&file, "--count"]).stdout).unwrap();
+    assert!(counted.starts_with("rows    5\nchunks  2\n"), "{counted}");
+    assert!(refused(&[]).contains("neither a file nor `--out`"));
+    assert!(refused(&[&file]).contains("one `--out`"));
+}
+
+#[test]
+fn tables_and_maps_are_made_of_whole_and_of_unfinished_sweeps() {
+    let folder = Folder::new("sweep-tables");
+    let axes = json!([
+        {"field": "robot.wheel_friction_coefficient", "values": [0.3, 0.6]},
+        {"field": "maneuver.goal.y_m", "values": [0.5, 1, 1.5]},
+    ]);
+    let more = json!({"axes": axes, "columns": ["status", "final_time_s", "no.such"], "chunk_rows": 1});
+    let (file, out) = (written(&folder, "map.json", &drives(1, &more)), folder.file("out"));
+    let of = "goal.y_m,wheel_friction_coefficient,final_time_s";
+    done(&[&file, "--out", &out, "--shard", "0/2", "--figure", of]);
+    let map = folder.read("out/map.svg");
+    for words in ["Final time over goal y and wheel friction coefficient", "goal y (m)", "not run yet", "3 of 3 rows"] {
+        assert!(map.contains(words), "{words} is missing in {map}");
+    }
+    let table = folder.read("out/rows.csv");
+    let head = "row,robot.wheel_friction_coefficient,maneuver.goal.y_m,status,final_time_s,no.such,problem\n";
+    assert!(table.starts_with(head), "{table}");
+    let beginnings = ["0,0.3,0.5,converged,", "2,0.3,1.5,converged,", "4,0.6,1,converged,"];
+    for (line, beginning) in table.lines().skip(1).zip(beginnings) {
+        assert!(line.starts_with(beginning) && line.ends_with(",,"), "{line}");
+    }
+    assert_eq!(table.lines().count(), 4);
+    let other = folder.file("other");
+    done(&[&file, "--out", &other, "--shard", "1/2"]);
+    let output = run(&["--out", &other, "--out", &out, "--figure", of]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(!folder.read("other/map.svg").contains("not run yet"));
+    assert_eq!(folder.read("other/rows.csv").lines().count(), 7);
+    let unfit = run(&["--out", &out, "--figure", "goal.x_m,y_m,final_time_s"]);
+    assert_eq!(unfit.status.code(), Some(64));
+    assert!(String::from_utf8(unfit.stderr).unwrap().contains("`goal.x_m` does not differ"));
+}
+
+#[cfg(unix)]
+#[test]
+fn signals_end_a_sweep_that_can_go_on() {
+    let folder = Folder::new("sweep-signal");
+    let (file, out) = (written(&folder, "drives.json", &drives(400, &json!({}))), folder.file("out"));
+    let child = started(&file, &out, 2);
+    assert!(std::process::Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(75), "{said}");
+    assert!(said.contains("of 400 rows") && said.contains("the same command goes on from here"), "{said}");
+    assert!(rows(&[&out]).len() >= 2);
+}
+
+#[tokio::test]
+async fn a_panic_of_a_solve_is_a_failed_row() {
+    let folder = Folder::new("sweep-panic");
+    let solver = FakeSolver(|input: &SolveInput, _: &RunControl<'_>| {
+        assert!(input.settings.seed != 2, "a fault of the solver");
+        small_solution(StopReason::Finished)
+    });
+    let jobs = Jobs::new(Limits::default(), Arc::new(solver), &Metrics::new());
+    let sweep = Sweep::read(Cursor::new(rests(5).to_string()), &jobs).unwrap();
+    let service = Service::start(sweep::service_settings(std::num::NonZeroUsize::MIN)).unwrap();
+    for _ in 0..2 {
+        let mut results = Results::open(&folder.0.join("out"), sweep.header(Shard::WHOLE)).unwrap();
+        let ended = sweep::run(&sweep, &mut results, &service, |_| {}, std::future::pending()).await.unwrap();
+        assert_eq!(ended, Ended::Complete);
+        let progress = results.progress();
+        assert_eq!((progress.done, progress.failed, progress.statuses["converged"]), (5, 1, 4));
+    }
+    // A transport would run the first chunk so.
+    let chunk: Vec<_> = sweep::chunk_rows(&sweep, 0, &service).map(Result::unwrap).collect().await;
+    let mut of_chunk: Vec<_> = chunk.iter().map(|finished| (finished.row.number, finished.answer.is_ok())).collect();
+    of_chunk.sort_unstable();
+    assert_eq!(of_chunk, [(0, true), (1, true), (2, false), (3, true)]);
+    let rows = lines(&folder.file("out"));
+    let failed: Vec<Value> = rows.iter().map(|row| serde_json::from_str(row).unwrap()).collect();
+    let failed: Vec<_> = failed.iter().filter(|row| row.get("problem").is_some()).collect();
+    assert_eq!((failed.len(), &failed[0]["row"]), (1, &json!(2)));
+    assert_eq!(failed[0]["problem"]["code"], "solver_panic");
+}
