@@ -5,6 +5,7 @@
 pub(crate) mod convert;
 mod error_table;
 mod goal;
+mod hexadecimal;
 mod indented;
 pub mod json;
 pub mod message;
@@ -13,6 +14,7 @@ mod state;
 mod strict_value;
 
 pub use error_table::{ErrorCode, ErrorEntry, GrpcCode};
+pub(crate) use hexadecimal::hexadecimal;
 pub use indented::indented;
 pub use problem::{FieldError, Problem};
 pub(crate) use strict_value::StrictValue;

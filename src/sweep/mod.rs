@@ -25,7 +25,6 @@ mod shard;
 mod table;
 mod warm;
 
-use std::fmt::Write as _;
 use std::io::{BufRead as _, BufReader, Read as _, SeekFrom};
 use std::ops::Range;
 use std::sync::Arc;
@@ -42,7 +41,7 @@ use sha2::{Digest, Sha256};
 pub use shard::Shard;
 pub use table::{TableError, write_csv};
 
-use crate::contract::{ErrorCode, Problem};
+use crate::contract::{ErrorCode, Problem, hexadecimal};
 use crate::jobs::Jobs;
 
 /// Sweeps to begin with: names, and the files.
@@ -184,12 +183,4 @@ fn has_words(source: &mut dyn Source) -> std::io::Result<bool> {
         let length = bytes.len();
         reader.consume(length);
     }
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

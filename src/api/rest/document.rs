@@ -1,6 +1,5 @@
 //! Answers that are the same for all who ask: the files of the page, and what the server says of itself.
 
-use std::fmt::Write as _;
 use std::sync::OnceLock;
 
 use axum::body::Bytes;
@@ -11,6 +10,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::coding::{self, Coding};
 use crate::api::server::Shared;
+use crate::contract::hexadecimal;
 
 /// Nothing is loaded or called but from this server, and nothing of it stands in the pages themselves.
 const POLICY: HeaderValue = HeaderValue::from_static(
@@ -33,12 +33,7 @@ pub(super) struct Document {
 impl Document {
     pub(super) fn new(media_type: &'static str, bytes: impl Into<Bytes>) -> Self {
         let bytes = bytes.into();
-        let mut tag = "\"".to_owned();
-        for byte in Sha256::digest(&bytes) {
-            // Writing to a string cannot fail.
-            let _ = write!(tag, "{byte:02x}");
-        }
-        tag.push('"');
+        let tag = format!("\"{}\"", hexadecimal(&Sha256::digest(&bytes)));
         Self { media_type, bytes, tag, in_gzip: OnceLock::new() }
     }
 

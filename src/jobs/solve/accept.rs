@@ -1,14 +1,13 @@
 //! Requests of a solve: from the message to validated domain input, and to the completed message with its hash.
 
-use std::fmt::Write as _;
 use std::mem::take;
 use std::time::Duration;
 
-use sha2::{Digest, Sha256};
+use sha2::{Digest as _, Sha256};
 
 use crate::contract::convert::{aisle_corners, count, maneuver, named, payload, required, robot};
 use crate::contract::message::{InitialGuess, SolveGrid, SolveRequest, Solver, ValidateResponse, View};
-use crate::contract::{Problem, json, message};
+use crate::contract::{Problem, hexadecimal, json, message};
 use crate::jobs::limits::{Clock, DEFAULT_TIME_LIMIT_S, Limits};
 use crate::rules::{Checks, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
@@ -89,7 +88,7 @@ pub(super) fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedS
         initial_guess,
         view: view.into(),
     };
-    let input_hash = hash(&json::write(&completed));
+    let input_hash = hexadecimal(&Sha256::digest(json::write(&completed)));
     // Positive and below the server's limit, as checked.
     let time_limit = time_limit_s.map(Duration::from_secs_f64);
     Ok(AcceptedSolve { input, time_limit, view, input_hash, completed })
@@ -133,14 +132,6 @@ pub fn validated(accepted: AcceptedSolve) -> ValidateResponse {
     let AcceptedSolve { completed, input_hash, .. } = accepted;
     let SolveRequest { robot, payload, maneuver, grid, solver, initial_guess, view } = completed;
     ValidateResponse { robot, payload, maneuver, grid, solver, initial_guess, view, input_hash }
-}
-
-fn hash(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().fold(String::with_capacity(64), |mut text, byte| {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }
 
 /// The settings, and the time limit in s, which belongs to the service.
