@@ -3,6 +3,7 @@
 pub(crate) mod cdr;
 pub(crate) mod conformance;
 pub(crate) mod http2;
+pub(crate) mod manifests;
 pub(crate) mod process;
 pub(crate) mod protobuf;
 pub(crate) mod readers;
