@@ -100,7 +100,7 @@ make_image() {
     buildah rm "$container" >/dev/null
     # What the tags of the bases stood for.
     sed -n 's/^ARG \(TOOLCHAIN\|RUNTIME\)=//p' Dockerfile | while read -r base; do
-        echo "$base $(buildah images --digests --format '{{.Digest}}' "$base")"
+        echo "$base $(buildah images --digests --format '{{.Digest}}' "$base" | head -1)"
     done >"$OUT/image.bases"
     echo "$image $(cat "$OUT/image.digest")"
 }
