@@ -9,7 +9,7 @@
 # Env: OUT (target/release-VERSION)   where the files go
 #      CHECKS (full; short: neither .ci/run nor the manifests)
 #      IMAGE (yes; no)  PULL (--pull-never to use local base images alone)  FEATURES (those of the Dockerfile)
-#      ADVISORY_DB      a folder with clones of the RustSec database, as cargo-deny keeps them; without it no advisory is checked
+#      ADVISORY_DB      a git clone of the RustSec database, at most 90 days old; without it no advisory is checked
 set -euo pipefail
 cd "$(dirname "$0")/.."
 VERSION=${1:-} TAKE=${2:-} CHECKS=${CHECKS:-full} IMAGE=${IMAGE:-yes} PULL=${PULL:-} ADVISORY_DB=${ADVISORY_DB:-}
@@ -50,10 +50,12 @@ commit_version() {
 check_dependencies() {
     cargo deny --locked check licenses bans sources
     if [ -n "$ADVISORY_DB" ]; then
-        # In the clone alone: where the database lies is a matter of the machine.
-        printf '\n[advisories]\ndb-path = "%s"\n' "$(realpath "$ADVISORY_DB")" >>deny.toml
-        cargo deny --locked check --disable-fetch advisories
-        git checkout --quiet deny.toml
+        # Where cargo-deny looks for its clone of the default database. In the clone's settings alone: where the copy lies is a
+        # matter of the machine.
+        mkdir "$work/advisories"
+        ln -s "$(realpath "$ADVISORY_DB")" "$work/advisories/advisory-db-3157b0e258782691"
+        sed "s|^\[advisories\]|&\ndb-path = \"$work/advisories\"|" deny.toml >"$work/deny.toml"
+        cargo deny --locked --offline check --config "$work/deny.toml" advisories
     else
         echo "skip  ADVISORY_DB names no database: advisories are not checked"
     fi
