@@ -55,7 +55,7 @@ check_dependencies() {
         mkdir "$work/advisories"
         ln -s "$(realpath "$ADVISORY_DB")" "$work/advisories/advisory-db-3157b0e258782691"
         sed "s|^\[advisories\]|&\ndb-path = \"$work/advisories\"|" deny.toml >"$work/deny.toml"
-        cargo deny --locked --offline check --config "$work/deny.toml" advisories
+        cargo deny --locked --offline --config "$work/deny.toml" check advisories
     else
         echo "skip  ADVISORY_DB names no database: advisories are not checked"
     fi
