@@ -26,7 +26,8 @@ if have kubectl "the overlays are not rendered"; then
             # An API version that is gone is only a warning.
             kubernetes-validate --strict "$work/$name.yaml" >"$work/$name.log" 2>&1 || fault "kubernetes-validate $name"
             # Resources of operators have their schemas in the cluster.
-            grep -E "WARN|ERROR" "$work/$name.log" | grep -vE "schema for kind .* (monitoring.coreos.com|gateway.networking.k8s.io)/v1 " &&
+            grep -E "WARN|ERROR" "$work/$name.log" |
+                grep -vE "schema for kind .* (monitoring.coreos.com|gateway.networking.k8s.io)/v1 " &&
                 fault "kubernetes-validate $name: see above"
             echo "ok    $name: $(grep -c passed "$work/$name.log") resources pass their schema"
         fi

@@ -3,10 +3,11 @@
 
 check-monitoring.py [--binary target/release/slipdrive]
 
-Renders the overlay `site`, tries the rules of its PrometheusRule with `promtool test rules`, and fails when an alert has no test
-in which it fires. With --binary it also runs the server under a real Prometheus, whose scrape is what the operator makes of the
-PodMonitor, and once more with deploy/prometheus/kubernetes.yml: there is no cluster, so the pod is found in a file that gives
-the labels discovery would give. Needs kubectl, PyYAML, promtool and prometheus (Debian package prometheus).
+Renders the overlay `site`, tries the rules of its PrometheusRule with `promtool test rules`, and fails when an alert has
+no test in which it fires. With --binary it also runs the server under a real Prometheus, whose scrape is what the operator
+makes of the PodMonitor, and once more with deploy/prometheus/kubernetes.yml: there is no cluster, so the pod is found in a
+file that gives the labels that discovery would give. Needs kubectl, PyYAML, promtool and prometheus (Debian package
+prometheus).
 """
 import argparse, json, pathlib, shutil, subprocess, sys, tempfile, time, urllib.parse, urllib.request
 
@@ -19,7 +20,8 @@ faults = []
 
 
 def rendered():
-    printed = subprocess.run(["kubectl", "kustomize", HERE / "kubernetes/overlays/site"], check=True, capture_output=True)
+    command = ["kubectl", "kustomize", HERE / "kubernetes/overlays/site"]
+    printed = subprocess.run(command, check=True, capture_output=True)
     return {document["kind"]: document for document in yaml.safe_load_all(printed.stdout)}
 
 
@@ -29,8 +31,8 @@ def try_rules(rules):
     tried = subprocess.run(["promtool", "test", "rules", tests], capture_output=True, text=True)
     if tried.returncode:
         faults.append(f"promtool: {tried.stdout}{tried.stderr}")
-    expected = [case for test in yaml.safe_load(pathlib.Path(tests).read_text())["tests"] for case in test["alert_rule_test"]]
-    fired = {case["alertname"] for case in expected if case["exp_alerts"]}
+    tests = yaml.safe_load(pathlib.Path(tests).read_text())["tests"]
+    fired = {case["alertname"] for test in tests for case in test["alert_rule_test"] if case["exp_alerts"]}
     alerts = {rule["alert"] for group in rules["spec"]["groups"] for rule in group["rules"] if "alert" in rule}
     faults.extend(f"no test in which {alert} fires" for alert in sorted(alerts - fired))
     print(f"{len(alerts & fired)} of {len(alerts)} alerts fire with the labels of the manifests")

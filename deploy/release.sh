@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
-# Makes a release of the commit that is checked out: version and changelog, checks, tag, crate, Python package, image, sums.
+# Makes a release of the commit that is checked out: version, changelog, checks, tag, crate, Python package, image, sums.
 #   deploy/release.sh VERSION          dry: everything in a clone, nothing here is changed
 #   deploy/release.sh VERSION --take   the same, then takes the clone's commit and tag over into this branch
-# Nothing leaves the machine in either case: the last lines say what to push. The same commit and version give the same files.
+# Nothing leaves the machine in either case: the last lines say what to push. The same commit and version give the same
+# files.
 #
-# Needs git, cargo, cargo-deny (cargo install --locked cargo-deny), Python 3.10 or later with venv; for the image buildah, and
-# what the Dockerfile's bases come from.
+# Needs git, cargo, cargo-deny (cargo install --locked cargo-deny), Python 3.10 or later with venv; for the image buildah
+# (as root, or within `buildah unshare`), and the bases that the Dockerfile names, in local storage or within reach.
 # Env: OUT (target/release-VERSION)   where the files go
 #      CHECKS (full; short: neither .ci/run nor the manifests)
 #      IMAGE (yes; no)  PULL (--pull-never to use local base images alone)  FEATURES (those of the Dockerfile)
@@ -25,7 +26,8 @@ refuse_what_cannot_be_released() {
     for tool in cargo cargo-deny python3; do
         command -v "$tool" >/dev/null || faults+=("$tool is not installed")
     done
-    [ "$IMAGE" = no ] || command -v buildah >/dev/null || faults+=("buildah is not installed; IMAGE=no leaves the image out")
+    [ "$IMAGE" = no ] || command -v buildah >/dev/null ||
+        faults+=("buildah is not installed; IMAGE=no leaves the image out")
     [ ${#faults[@]} = 0 ] || {
         printf 'release.sh: %s\n' "${faults[@]}" >&2
         exit 64
@@ -50,8 +52,7 @@ commit_version() {
 check_dependencies() {
     cargo deny --locked check licenses bans sources
     if [ -n "$ADVISORY_DB" ]; then
-        # Where cargo-deny looks for its clone of the default database. In the clone's settings alone: where the copy lies is a
-        # matter of the machine.
+        # Where cargo-deny looks for its clone of the default database.
         mkdir "$work/advisories"
         ln -s "$(realpath "$ADVISORY_DB")" "$work/advisories/advisory-db-3157b0e258782691"
         sed "s|^\[advisories\]|&\ndb-path = \"$work/advisories\"|" deny.toml >"$work/deny.toml"
@@ -88,14 +89,16 @@ make_image() {
         return
     }
     # shellcheck disable=SC2086 # PULL is a flag or nothing
-    buildah build --layers --format docker --timestamp "$SOURCE_DATE_EPOCH" $PULL ${FEATURES:+--build-arg "FEATURES=$FEATURES"} \
-        --build-arg "VERSION=$VERSION" --build-arg "REVISION=$(git rev-parse HEAD)" --tag "$image" . >"$work/image.log" 2>&1 || {
+    buildah build --layers --format docker --timestamp "$SOURCE_DATE_EPOCH" $PULL \
+        ${FEATURES:+--build-arg "FEATURES=$FEATURES"} --build-arg "VERSION=$VERSION" \
+        --build-arg "REVISION=$(git rev-parse HEAD)" --tag "$image" . >"$work/image.log" 2>&1 || {
         tail -30 "$work/image.log"
         return 1
     }
     # A folder that keeps its digest on the way to a registry: skopeo copy --preserve-digests dir:... docker://...
     rm -rf "$OUT/image"
-    buildah push --quiet --compression-format gzip --force-compression --digestfile "$OUT/image.digest" "$image" "dir:$OUT/image"
+    buildah push --quiet --compression-format gzip --force-compression --digestfile "$OUT/image.digest" \
+        "$image" "dir:$OUT/image"
     container=$(buildah from --pull-never "$image")
     mount=$(buildah mount "$container")
     cp "$mount/usr/local/share/slipdrive/slipdrive.cdx.json" "$OUT/slipdrive-$VERSION.cdx.json"
@@ -133,26 +136,31 @@ skopeo copy --preserve-digests dir:$OUT/image docker://REGISTRY/slipdrive:$VERSI
 EOF
 }
 
-refuse_what_cannot_be_released
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-rm -rf "$OUT"
-mkdir -p "$OUT"
-say "version and changelog"
-commit_version
-say "dependencies"
-check_dependencies
-say "checks"
-check_all
-say "crate"
-make_crate
-say "Python package"
-make_python_package
-say "image"
-make_image
-say "files in $OUT"
-sum_up
-say "commit and tag"
-take_over
-say "left to do, by hand"
-say_what_to_push
+# A function, so that all of this is read before any of it runs: taking a release over may rewrite this file.
+release() {
+    refuse_what_cannot_be_released
+    work=$(mktemp -d)
+    trap 'rm -rf "$work"' EXIT
+    rm -rf "$OUT"
+    mkdir -p "$OUT"
+    say "version and changelog"
+    commit_version
+    say "dependencies"
+    check_dependencies
+    say "checks"
+    check_all
+    say "crate"
+    make_crate
+    say "Python package"
+    make_python_package
+    say "image"
+    make_image
+    say "files in $OUT"
+    sum_up
+    say "commit and tag"
+    take_over
+    say "left to do, by hand"
+    say_what_to_push
+}
+release
+exit
