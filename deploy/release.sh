@@ -97,7 +97,7 @@ make_image() {
     }
     # A folder that keeps its digest on the way to a registry: skopeo copy --preserve-digests dir:... docker://...
     rm -rf "$OUT/image"
-    buildah push --quiet --compression-format gzip --force-compression --digestfile "$OUT/image.digest" \
+    buildah push --quiet --compression-format gzip --digestfile "$OUT/image.digest" \
         "$image" "dir:$OUT/image"
     container=$(buildah from --pull-never "$image")
     mount=$(buildah mount "$container")
