@@ -3,14 +3,13 @@
 #   docker run --rm -p 8080:8080 -p 50051:50051 -e SLIPDRIVE_ALLOW_UNAUTHENTICATED=true slipdrive
 # A server that others can reach wants API keys; the variable says that something in front of it checks callers.
 
-# A site that pins by digest gives its own: --build-arg RUNTIME=gcr.io/distroless/cc-debian12@sha256:...
-ARG TOOLCHAIN=docker.io/library/rust:1.95.0-bookworm
-ARG RUNTIME=gcr.io/distroless/cc-debian12:nonroot
 # Optional parts; `otel` exports spans where OTEL_EXPORTER_OTLP_ENDPOINT is set, and does nothing elsewhere.
 ARG FEATURES=otel
 
+FROM docker.io/library/rust:1.95.0-bookworm AS toolchain
+
 # What is in the program, as CycloneDX: the packages of Cargo.lock that these features compile for Linux.
-FROM $TOOLCHAIN AS bill
+FROM toolchain AS bill
 ARG CYCLONEDX=0.5.9
 RUN --mount=type=cache,target=/usr/local/cargo/registry \
     cargo install --debug --locked --root /usr/local "cargo-cyclonedx@$CYCLONEDX"
@@ -24,7 +23,7 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
     && SOURCE_DATE_EPOCH=0 cargo cyclonedx --format json --spec-version 1.5 --features "$FEATURES" \
        --target x86_64-unknown-linux-gnu --no-build-deps --override-filename slipdrive.cdx
 
-FROM $TOOLCHAIN AS build
+FROM toolchain AS build
 ARG FEATURES
 WORKDIR /build
 # The dependencies in a layer of their own: it is built again only when they change.
@@ -43,7 +42,9 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
     && cargo build --release --locked --features "$FEATURES" --bin slipdrive \
     && strip target/release/slipdrive
 
-FROM $RUNTIME
+# Its tags move; the release notes the digest. To pin it:
+# --build-context gcr.io/distroless/cc-debian12:nonroot=docker-image://gcr.io/distroless/cc-debian12@sha256:...
+FROM gcr.io/distroless/cc-debian12:nonroot
 ARG VERSION=0.1.0
 ARG REVISION=unknown
 LABEL org.opencontainers.image.title="slipdrive" \

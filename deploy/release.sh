@@ -104,7 +104,7 @@ make_image() {
     cp "$mount/usr/local/share/slipdrive/slipdrive.cdx.json" "$OUT/slipdrive-$VERSION.cdx.json"
     buildah rm "$container" >/dev/null
     # What the tags of the bases stood for.
-    sed -n 's/^ARG \(TOOLCHAIN\|RUNTIME\)=//p' Dockerfile | while read -r base; do
+    sed -nE 's/^FROM ([a-z.]+\/[^ ]+).*/\1/p' Dockerfile | while read -r base; do
         echo "$base $(buildah images --digests --format '{{.Digest}}' "$base" | head -1)"
     done >"$OUT/image.bases"
     echo "$image $(cat "$OUT/image.digest")"

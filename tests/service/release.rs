@@ -32,8 +32,8 @@ fn changelog_begins_with_what_is_unreleased_or_with_this_version() {
 #[test]
 fn image_is_built_by_the_toolchain_that_it_names() {
     let dockerfile = text_of("Dockerfile");
-    let toolchain = dockerfile.lines().find_map(|line| line.strip_prefix("ARG TOOLCHAIN=")).unwrap();
-    let tag = toolchain.rsplit_once(':').unwrap().1;
+    let toolchain = dockerfile.lines().find_map(|line| line.strip_prefix("FROM docker.io/library/rust:")).unwrap();
+    let tag = toolchain.split_once(' ').unwrap().0;
     let version: Vec<u32> = tag.split_once('-').unwrap().0.split('.').map(|part| part.parse().unwrap()).collect();
     assert_eq!(version.len(), 3, "{tag}: major, minor and patch");
     let least: Vec<u32> = env!("CARGO_PKG_RUST_VERSION").split('.').map(|part| part.parse().unwrap()).collect();
