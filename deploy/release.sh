@@ -84,17 +84,26 @@ make_python_package() {
     "$work/venv/bin/python" -m build --no-isolation --outdir "$OUT" clients/python
 }
 
+label_of() {
+    buildah inspect --type image --format "{{index .Docker.Config.Labels \"org.opencontainers.image.$2\"}}" "$1"
+}
+
 make_image() {
     local image=localhost/slipdrive:$VERSION container mount
     [ "$IMAGE" = no ] && {
         echo "skip  IMAGE=no: no image, no bill of materials"
         return
     }
+    # From scratch: cached layers would keep the labels and times of an older image.
     # shellcheck disable=SC2086 # PULL is a flag or nothing
-    buildah build --layers --format docker --timestamp "$SOURCE_DATE_EPOCH" $PULL \
+    buildah build --no-cache --format docker --timestamp "$SOURCE_DATE_EPOCH" $PULL \
         ${FEATURES:+--build-arg "FEATURES=$FEATURES"} --build-arg "VERSION=$VERSION" \
         --build-arg "REVISION=$(git rev-parse HEAD)" --tag "$image" . >"$work/image.log" 2>&1 || {
         tail -30 "$work/image.log"
+        return 1
+    }
+    [ "$(label_of "$image" revision) $(label_of "$image" version)" = "$(git rev-parse HEAD) $VERSION" ] || {
+        echo "the labels of $image are not those of this release"
         return 1
     }
     # A folder that keeps its digest on the way to a registry: skopeo copy --preserve-digests dir:... docker://...
