@@ -90,7 +90,7 @@ fn composed_service_listens_to_this_machine_and_is_scraped() {
     assert_eq!(timeout + 5, grace);
 }
 
-/// The labels that the scrapes of one replica bear, as the operator makes them of a PodMonitor.
+/// The labels that the scrapes of one replica bear, as the operator makes them of a `PodMonitor`.
 fn labels_of_scrape(monitor: &Yaml, pod: &Yaml) -> Vec<(&'static str, String)> {
     let endpoint = &monitor["spec"]["podMetricsEndpoints"][0]["port"];
     let container = &pod["spec"]["containers"][0];
