@@ -143,8 +143,8 @@ say_what_to_push() {
 git push origin HEAD $TAG
 cargo publish --locked
 twine upload $OUT/slipdrive-$VERSION-py3-none-any.whl $OUT/slipdrive-$VERSION.tar.gz
-skopeo copy --preserve-digests dir:$OUT/image docker://REGISTRY/slipdrive:$VERSION
 EOF
+    [ "$IMAGE" = no ] || echo "skopeo copy --preserve-digests dir:$OUT/image docker://REGISTRY/slipdrive:$VERSION"
 }
 
 # A function, so that all of this is read before any of it runs: taking a release over may rewrite this file.
