@@ -86,6 +86,10 @@ podman exec "$name" /usr/local/bin/slipdrive health >/dev/null 2>&1
 is "the health command, inside" $? 0
 of_image '{{json .Config.Healthcheck.Test}}' | grep -q '"CMD","/usr/local/bin/slipdrive","health"' &&
     ok "the HEALTHCHECK is that command" || fault "the HEALTHCHECK is $(of_image '{{json .Config.Healthcheck.Test}}')"
+podman cp "$name:/usr/local/share/slipdrive/slipdrive.cdx.json" "$work/bill.json" 2>"$work/cp.log" || cat "$work/cp.log"
+is "the bill of materials is CycloneDX and names tokio" "$(python3 -c 'import json, sys
+bill = json.load(open(sys.argv[1]))
+print(bill["bomFormat"], "tokio" in [part["name"] for part in bill["components"]])' "$work/bill.json" 2>&1)" "CycloneDX True"
 
 # A second network namespace with a cable to the first: what is bound to all addresses is reached from outside.
 if ip netns add "$probe" && ip link add "sd$$a" type veth peer name "sd$$b"; then

@@ -1,85 +1,16 @@
-//! What schemas do not know of the files under `deploy`: rules across fields, files and the program.
+//! What schemas do not know of the manifests: rules across fields, files and the program.
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
-use serde_json::Value;
 use slipdrive::api::server::ServerSettings;
-use slipdrive::jobs::{Jobs, Limits};
-use slipdrive::metrics::catalogue;
+use slipdrive::jobs::Limits;
 use slipdrive::service::DEFAULT_QUEUE_WORK;
-use yaml_rust2::{Yaml, YamlLoader};
+use yaml_rust2::Yaml;
 
+use crate::support::manifests::{Rendering, deploy, renderings};
 use crate::support::process::slipdrive;
-
-fn deploy(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy").join(path)
-}
-
-/// One rendering of the manifests.
-struct Rendering {
-    name: String,
-    documents: Vec<Yaml>,
-}
-
-impl Rendering {
-    fn of_kind(&self, kind: &str) -> Vec<&Yaml> {
-        self.documents.iter().filter(|document| document["kind"].as_str() == Some(kind)).collect()
-    }
-
-    fn only(&self, kind: &str) -> &Yaml {
-        let found = self.of_kind(kind);
-        assert_eq!(found.len(), 1, "{}: {kind}", self.name);
-        found[0]
-    }
-
-    fn pod(&self) -> &Yaml {
-        &self.only("Deployment")["spec"]["template"]
-    }
-
-    fn container(&self) -> &Yaml {
-        let containers = self.pod()["spec"]["containers"].as_vec().unwrap();
-        assert_eq!(containers.len(), 1, "{}", self.name);
-        &containers[0]
-    }
-
-    /// A variable of the container, where it is a plain value.
-    fn variable(&self, name: &str) -> Option<&str> {
-        let variables = self.container()["env"].as_vec().unwrap();
-        variables.iter().find(|variable| variable["name"].as_str() == Some(name))?["value"].as_str()
-    }
-
-    fn port_names(&self) -> BTreeSet<&str> {
-        self.container()["ports"].as_vec().unwrap().iter().map(|port| port["name"].as_str().unwrap()).collect()
-    }
-}
-
-fn documents(text: &str) -> Vec<Yaml> {
-    YamlLoader::load_from_str(text).unwrap().into_iter().filter(|document| !document.is_null()).collect()
-}
-
-/// The base as it is written, and every overlay as kubectl renders it.
-fn renderings() -> Vec<Rendering> {
-    let files = fs::read_dir(deploy("kubernetes/base")).unwrap().map(|file| file.unwrap().path());
-    let files = files.filter(|file| file.file_stem().unwrap() != "kustomization");
-    let base = files.flat_map(|file| documents(&fs::read_to_string(file).unwrap())).collect();
-    let mut renderings = vec![Rendering { name: "base".to_owned(), documents: base }];
-    for overlay in fs::read_dir(deploy("kubernetes/overlays")).unwrap() {
-        let path = overlay.unwrap().path();
-        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
-        match Command::new("kubectl").arg("kustomize").arg(&path).output() {
-            Ok(output) => {
-                assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
-                let documents = documents(&String::from_utf8(output.stdout).unwrap());
-                renderings.push(Rendering { name, documents });
-            }
-            Err(error) => println!("SKIPPED: the overlay {name}, since kubectl does not run: {error}"),
-        }
-    }
-    renderings
-}
 
 #[test]
 fn grace_period_is_delay_and_timeout_and_five_seconds() {
@@ -126,9 +57,6 @@ fn ports_that_are_named_are_ports_of_the_container() {
             ports.iter().find(|port| port["name"].as_str() == Some(name)).unwrap()["containerPort"].as_i64()
         };
         assert_eq!((bound("admin"), bound("http"), bound("grpc")), (admin, Some(8080), Some(50051)));
-        let annotations = &rendering.pod()["metadata"]["annotations"];
-        let scraped = annotations["prometheus.io/port"].as_str().and_then(|port| port.parse().ok());
-        assert_eq!(scraped, admin, "{}", rendering.name);
     }
     let dockerfile = fs::read_to_string(deploy("../Dockerfile")).unwrap();
     assert!(dockerfile.contains("SLIPDRIVE_HTTP=0.0.0.0:8080") && dockerfile.contains("SLIPDRIVE_GRPC=0.0.0.0:50051"));
@@ -205,118 +133,98 @@ fn mebibytes(text: &str) -> u32 {
     text.strip_suffix("Mi").unwrap().parse().unwrap()
 }
 
+/// What a mounted file holds, as far as the program reads it at its start.
+fn mounted_files() -> [(&'static str, String); 3] {
+    let certified = rcgen::generate_simple_self_signed(["robots.test".to_owned()]).unwrap();
+    [
+        ("SLIPDRIVE_API_KEYS_FILE", "key\n".to_owned()),
+        ("SLIPDRIVE_TLS_CERTIFICATE", certified.cert.pem()),
+        ("SLIPDRIVE_TLS_KEY", certified.signing_key.serialize_pem()),
+    ]
+}
+
+/// The value that the container's variable has on this machine; `None` where this build has no use for it.
+fn value_here(rendering: &Rendering, variable: &Yaml, folder: &Path) -> Option<String> {
+    let name = variable["name"].as_str().unwrap();
+    let container = rendering.container();
+    let Some(value) = variable["value"].as_str() else {
+        assert_eq!(variable["valueFrom"]["resourceFieldRef"]["resource"].as_str(), Some("requests.cpu"));
+        return Some(container["resources"]["requests"]["cpu"].as_str().unwrap().to_owned());
+    };
+    if !value.starts_with('/') {
+        return Some(value.to_owned());
+    }
+    let mut mounts = container["volumeMounts"].as_vec().unwrap().iter();
+    assert!(
+        mounts.any(|mount| Path::new(value).starts_with(mount["mountPath"].as_str().unwrap())),
+        "{}: {value} is not mounted",
+        rendering.name
+    );
+    let is_built = cfg!(feature = "tls") || !name.starts_with("SLIPDRIVE_TLS_");
+    is_built.then(|| folder.join(name).to_str().unwrap().to_owned())
+}
+
 #[test]
 fn variables_are_settings_and_values_can_be_read() {
-    let keys = std::env::temp_dir().join(format!("slipdrive-deployment-keys-{}", std::process::id()));
-    fs::write(&keys, "key\n").unwrap();
+    let folder = std::env::temp_dir().join(format!("slipdrive-deployment-{}", std::process::id()));
+    fs::create_dir_all(&folder).unwrap();
+    for (name, text) in mounted_files() {
+        fs::write(folder.join(name), text).unwrap();
+    }
     for rendering in renderings() {
         let mut command = slipdrive();
         command.args(["serve", "--print-config", "--http", "0.0.0.0:8080", "--grpc", "0.0.0.0:50051"]);
-        for variable in rendering.container()["env"].as_vec().unwrap() {
-            let name = variable["name"].as_str().unwrap();
-            match (name, variable["value"].as_str()) {
-                ("SLIPDRIVE_API_KEYS_FILE", Some(path)) => {
-                    let mount = rendering.container()["volumeMounts"][0]["mountPath"].as_str().unwrap();
-                    assert!(path.starts_with(mount), "{}: {path} is not mounted", rendering.name);
-                    command.env(name, &keys);
-                }
-                (_, Some(value)) => {
-                    command.env(name, value);
-                }
-                (_, None) => {
-                    let cores = rendering.container()["resources"]["requests"]["cpu"].as_str().unwrap();
-                    assert_eq!(variable["valueFrom"]["resourceFieldRef"]["resource"].as_str(), Some("requests.cpu"));
-                    command.env(name, cores);
-                }
-            }
-        }
+        let variables = rendering.container()["env"].as_vec().unwrap().iter();
+        let values = variables.filter_map(|variable| {
+            Some((variable["name"].as_str().unwrap(), value_here(&rendering, variable, &folder)?))
+        });
+        let values: Vec<_> = values.collect();
+        command.envs(values.iter().map(|(name, value)| (name, value)));
         let output = command.output().unwrap();
         let printed = String::from_utf8(output.stdout).unwrap();
         assert!(output.status.success(), "{}: {}", rendering.name, String::from_utf8_lossy(&output.stderr));
-        for variable in rendering.container()["env"].as_vec().unwrap() {
-            let name = variable["name"].as_str().unwrap();
+        for (name, _) in values {
             assert!(printed.contains(&format!("# from {name}\n")), "{}: {name} in {printed}", rendering.name);
         }
     }
-    fs::remove_file(keys).unwrap();
-}
-
-/// Every name of a metric in these words, without the endings of histograms.
-fn metrics_in(text: &str) -> BTreeSet<String> {
-    let words = text.split(|character: char| !(character.is_ascii_alphanumeric() || "_:".contains(character)));
-    let own = words.filter(|word| word.starts_with("slipdrive_"));
-    own.map(|word| {
-        let ends = ["_bucket", "_count", "_sum"];
-        let is_histogram = |name: &str| {
-            Jobs::families().iter().any(|family| family.name == name && family.kind == catalogue::Kind::Histogram)
-        };
-        let stem = ends.iter().find_map(|end| word.strip_suffix(end).filter(|stem| is_histogram(stem)));
-        stem.unwrap_or(word).to_owned()
-    })
-    .collect()
+    fs::remove_dir_all(folder).unwrap();
 }
 
 #[test]
-fn dashboard_rules_and_adapter_ask_for_metrics_that_exist() {
-    let known: BTreeSet<_> = Jobs::families().iter().map(|family| family.name.to_owned()).collect();
-    let dashboard: Value =
-        serde_json::from_str(&fs::read_to_string(deploy("grafana/dashboards/slipdrive.json")).unwrap()).unwrap();
-    let panels = dashboard["panels"].as_array().unwrap();
-    let queries: Vec<_> = panels
-        .iter()
-        .flat_map(|panel| panel["targets"].as_array().unwrap())
-        .map(|target| target["expr"].as_str().unwrap().to_owned())
-        .collect();
-    let rules = fs::read_to_string(deploy("prometheus/slipdrive.rules.yml")).unwrap();
-    let adapter = fs::read_to_string(deploy("kubernetes/overlays/queue-wait/adapter-values.yaml")).unwrap();
-    let made_by_adapter = "slipdrive_queue_wait_seconds_p90".to_owned();
-    assert!(
-        fs::read_to_string(deploy("kubernetes/overlays/queue-wait/autoscaler.yaml"))
-            .unwrap()
-            .contains(&made_by_adapter)
-    );
-    let asked: BTreeSet<_> = metrics_in(&queries.join("\n")).union(&metrics_in(&rules)).cloned().collect();
-    let unknown: Vec<_> = asked.union(&metrics_in(&adapter)).filter(|&name| !known.contains(name)).cloned().collect();
-    assert_eq!(unknown, [made_by_adapter]);
-    let shown = metrics_in(&queries.join("\n"));
-    let forgotten: Vec<_> = known.difference(&shown).collect();
-    assert!(forgotten.is_empty(), "the dashboard shows all: {forgotten:?}");
-}
-
-#[test]
-fn documented_metrics_and_alerts_are_those_that_exist() {
-    let document = fs::read_to_string(deploy("../docs/operations.md")).unwrap();
-    let rows: Vec<_> = Jobs::families()
-        .iter()
-        .map(|family| {
-            let labels: Vec<_> = family.labels.iter().map(|label| format!("`{label}`")).collect();
-            format!("| `{}` | {} | {} | {} |", family.name, family.kind.as_str(), labels.join(", "), family.help)
-        })
-        .collect();
-    let documented: Vec<_> = document.lines().filter(|line| line.starts_with("| `slipdrive_")).collect();
-    assert_eq!(documented, rows);
-    let rules = documents(&fs::read_to_string(deploy("prometheus/slipdrive.rules.yml")).unwrap());
-    let groups = rules[0]["groups"].as_vec().unwrap();
-    let alerts =
-        groups.iter().flat_map(|group| group["rules"].as_vec().unwrap()).filter_map(|rule| rule["alert"].as_str());
-    for alert in alerts {
-        assert!(document.contains(&format!("`{alert}`")), "{alert}");
-    }
-}
-
-#[test]
-fn composed_service_listens_to_this_machine_and_is_scraped() {
-    let compose = &documents(&fs::read_to_string(deploy("compose.yaml")).unwrap())[0];
-    for (name, service) in compose["services"].as_hash().unwrap() {
-        for port in service["ports"].as_vec().unwrap() {
-            assert!(port.as_str().unwrap().starts_with("127.0.0.1:"), "{name:?}: {port:?}");
+fn tls_is_mounted_as_a_folder_and_leaves_the_probes_their_port() {
+    for rendering in renderings().iter().filter(|rendering| rendering.name == "tls") {
+        let (certificate, key) =
+            (rendering.variable("SLIPDRIVE_TLS_CERTIFICATE"), rendering.variable("SLIPDRIVE_TLS_KEY"));
+        assert!(certificate.unwrap().ends_with("/tls.crt") && key.unwrap().ends_with("/tls.key"));
+        for mount in rendering.container()["volumeMounts"].as_vec().unwrap() {
+            assert!(mount["subPath"].is_badvalue(), "a file by subPath never sees a rotation: {mount:?}");
+        }
+        assert!(rendering.variable("SLIPDRIVE_ADMIN").is_some(), "health and probes speak plain text");
+        for service in rendering.of_kind("Service") {
+            assert_eq!(service["spec"]["ports"][0]["appProtocol"].as_str(), Some("https"));
         }
     }
-    let service = &compose["services"]["slipdrive"];
-    let admin = service["environment"]["SLIPDRIVE_ADMIN"].as_str().unwrap().rsplit(':').next().unwrap();
-    let prometheus = fs::read_to_string(deploy("prometheus/prometheus.yml")).unwrap();
-    assert!(prometheus.contains(&format!("slipdrive:{admin}")));
-    let timeout: u64 = service["environment"]["SLIPDRIVE_DRAIN_TIMEOUT_S"].as_str().unwrap().parse().unwrap();
-    let grace: u64 = service["stop_grace_period"].as_str().unwrap().strip_suffix('s').unwrap().parse().unwrap();
-    assert_eq!(timeout + 5, grace);
+}
+
+#[test]
+fn routes_lead_to_ports_of_services_by_a_name_of_their_own() {
+    for rendering in renderings() {
+        let has_port = |name: &Yaml, port: &Yaml| {
+            let mut services =
+                rendering.of_kind("Service").into_iter().filter(|service| &service["metadata"]["name"] == name);
+            services
+                .any(|service| service["spec"]["ports"].as_vec().unwrap().iter().any(|served| &served["port"] == port))
+        };
+        let mut hosts = BTreeSet::new();
+        for route in [rendering.of_kind("HTTPRoute"), rendering.of_kind("GRPCRoute")].concat() {
+            let backend = &route["spec"]["rules"][0]["backendRefs"][0];
+            assert!(has_port(&backend["name"], &backend["port"]), "{}: {backend:?}", rendering.name);
+            let (host, listener) = (&route["spec"]["hostnames"][0], &route["spec"]["parentRefs"][0]["sectionName"]);
+            assert!(hosts.insert(host.as_str().unwrap()), "{}: two kinds of routes share {host:?}", rendering.name);
+            let listeners = rendering.only("Gateway")["spec"]["listeners"].as_vec().unwrap();
+            let own = listeners.iter().find(|candidate| &candidate["name"] == listener).unwrap();
+            assert_eq!(&own["hostname"], host, "{}", rendering.name);
+            assert_eq!(own["tls"]["mode"].as_str(), Some("Terminate"), "{}", rendering.name);
+        }
+    }
 }

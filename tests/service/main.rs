@@ -30,6 +30,7 @@ mod http_refusals;
 mod life_cycle;
 mod limits;
 mod metrics;
+mod monitoring;
 mod mutations;
 mod openapi;
 #[cfg(feature = "otel")]
@@ -39,6 +40,7 @@ mod pace;
 mod page;
 mod present;
 mod real_robots;
+mod release;
 #[cfg(unix)]
 mod replicas;
 mod request_log;

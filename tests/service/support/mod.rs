@@ -5,6 +5,7 @@ pub(crate) mod conformance;
 pub(crate) mod folder;
 pub(crate) mod http2;
 pub(crate) mod lines;
+pub(crate) mod manifests;
 pub(crate) mod process;
 pub(crate) mod protobuf;
 pub(crate) mod readers;
