@@ -2,6 +2,7 @@
 
 pub(crate) mod cdr;
 pub(crate) mod conformance;
+pub(crate) mod files;
 pub(crate) mod http2;
 pub(crate) mod lines;
 pub(crate) mod process;
