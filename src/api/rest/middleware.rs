@@ -50,16 +50,16 @@ impl Passage {
     }
 
     /// What the request is admitted by, or its refusal.
-    fn admit(&self, request: &Request, access: Access, context: &RequestContext) -> Result<Credential, Response> {
+    fn admit(&self, request: &Request, access: Access, context: &RequestContext) -> Result<Credential, Problem> {
         let credential = if access == Access::WithKey {
             let credential = self.settings.keys.admit(request.headers()).ok_or_else(unauthenticated)?;
             let connection = connection_of(request.extensions());
-            credential.enter(&context.notes, &connection, &self.metrics).map_err(Problem::into_response)?;
+            credential.enter(&context.notes, &connection, &self.metrics)?;
             credential
         } else {
             Credential::anybody()
         };
-        check_host(request).map_err(Problem::into_response)?;
+        check_host(request)?;
         Ok(credential)
     }
 }
@@ -71,7 +71,7 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
     let (route, access) = passage.route(request.uri().path());
     let is_probe = access == Access::Probe;
     let admitted = if !is_probe && connection_of(request.extensions()).may == Use::Probes {
-        Err(only_probes().into_response())
+        Err(only_probes())
     } else {
         passage.admit(&request, access, &context)
     };
@@ -85,7 +85,7 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
             request.extensions_mut().insert(credential);
             next.run(request).instrument(span).await
         }
-        Err(refusal) => refusal,
+        Err(problem) => refusal(problem),
     };
     if let Some(problem) = problem_of(&mut response, &method, &context.path) {
         line.code = Some(problem.code().entry().code);
@@ -113,10 +113,18 @@ fn check_host(request: &Request) -> Result<(), Problem> {
     Err(Problem::new(ErrorCode::MalformedBody, format!("`host` is given {count} times, must be given once")))
 }
 
-fn unauthenticated() -> Response {
+fn unauthenticated() -> Problem {
     let detail = "the API key is missing or wrong: send `Authorization: Bearer KEY`";
-    let mut response = Problem::new(ErrorCode::Unauthenticated, detail).into_response();
-    response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+    Problem::new(ErrorCode::Unauthenticated, detail)
+}
+
+/// The answer to a request that is not admitted.
+fn refusal(problem: Problem) -> Response {
+    let needs_key = problem.code() == ErrorCode::Unauthenticated;
+    let mut response = problem.into_response();
+    if needs_key {
+        response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+    }
     response
 }
 
