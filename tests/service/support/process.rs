@@ -53,6 +53,7 @@ impl ServerProcess {
     }
 
     /// As [`ServerProcess::start`], with probes and metrics on the port of REST.
+    #[cfg(feature = "tls")]
     pub(crate) fn start_without_admin(flags: &[&str]) -> Self {
         let (tell, log) = channel();
         Self::start_telling(flags, &[], log, move |line| tell.send(line).is_ok())
