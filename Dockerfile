@@ -3,8 +3,9 @@
 #   docker run --rm -p 8080:8080 -p 50051:50051 -e SLIPDRIVE_ALLOW_UNAUTHENTICATED=true slipdrive
 # A server that others can reach wants API keys; the variable says that something in front of it checks callers.
 
-# Optional parts; `otel` exports spans where OTEL_EXPORTER_OTLP_ENDPOINT is set, and does nothing elsewhere.
-ARG FEATURES=otel
+# Optional parts; each does nothing where it is not configured: `otel` exports spans where OTEL_EXPORTER_OTLP_ENDPOINT is set,
+# `tls` speaks TLS where there is a certificate.
+ARG FEATURES=otel,tls
 
 FROM docker.io/library/rust:1.95.0-bookworm AS toolchain
 

@@ -23,6 +23,7 @@ use slipdrive::api::{ApiSettings, Probes};
 use slipdrive::service::ServiceSettings;
 use slipdrive::sweep::{MapOf, Shard};
 
+use crate::health::{Protocol, Target};
 pub(crate) use faults::Faults;
 pub(crate) use settings::{LogSettings, ServeSettings};
 use sources::{Given, Shown, Sources};
@@ -217,15 +218,19 @@ impl ServeArguments {
 }
 
 impl HealthArguments {
-    /// The address that answers probes.
+    /// Where the server answers probes.
     ///
     /// # Errors
     /// All faults of the settings.
-    pub(crate) fn address(&self) -> Result<SocketAddr, Faults> {
+    pub(crate) fn target(&self) -> Result<Target, Faults> {
         let mut faults = Faults::default();
         let sources = Sources::new(self.server.file.as_deref(), &mut faults);
         let settings: Option<ServeSettings> = sources.read(&self.server.given, &mut faults);
-        faults.into_result(settings.map(|settings| settings.admin.unwrap_or(settings.http)))
+        faults.into_result(settings.map(|settings| match (settings.admin, &settings.tls_certificate) {
+            (Some(bound), _) => Target { bound, protocol: Protocol::Plain },
+            (None, None) => Target { bound: settings.http, protocol: Protocol::Plain },
+            (None, Some(_)) => Target { bound: settings.http, protocol: Protocol::Tls },
+        }))
     }
 }
 
@@ -314,7 +319,14 @@ impl ServeSettings {
             },
             (None, variable) => variable,
         };
-        let keys = ApiKeys::parse(text.as_deref().unwrap_or_default());
+        let keys = match ApiKeys::parse(text.as_deref().unwrap_or_default()) {
+            Ok(keys) => keys,
+            Err(found) => {
+                let source = self.api_keys_file.as_ref().map_or(API_KEYS_VARIABLE, |_| "`api_keys_file`");
+                found.faults.iter().for_each(|fault| faults.add(format!("{source}: {fault}")));
+                return None;
+            }
+        };
         if text.is_some() && keys.is_empty() {
             faults.add("API keys are configured, but there is none among them".to_owned());
         }

@@ -1,6 +1,9 @@
 //! `slipdrive health`: queries the probes of a running server, for container images that hold no HTTP client.
 
-use std::io::{self, Read as _, Write as _};
+#[cfg(feature = "tls")]
+mod tls;
+
+use std::io::{self, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -11,12 +14,26 @@ const STEP_TIMEOUT: Duration = Duration::from_secs(2);
 /// How much of the answer is read: enough for the status line.
 const MAX_HEAD_BYTES: u64 = 64;
 
-/// Queries `/readyz`, or `/livez`, of the server that is bound to an address; prints the outcome and returns the exit
-/// code.
-pub(crate) fn ask(bound: SocketAddr, is_live_enough: bool) -> ExitCode {
+/// Where a server answers probes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Target {
+    /// The address that it is bound to.
+    pub(crate) bound: SocketAddr,
+    pub(crate) protocol: Protocol,
+}
+
+/// What is spoken there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Protocol {
+    Plain,
+    Tls,
+}
+
+/// Queries `/readyz`, or `/livez`, of a server; prints the outcome and returns the exit code.
+pub(crate) fn ask(target: Target, is_live_enough: bool) -> ExitCode {
     let path = if is_live_enough { "/livez" } else { "/readyz" };
-    let address = reachable(bound);
-    match status_of(address, path) {
+    let address = reachable(target.bound);
+    match status_of(address, target.protocol, path) {
         Ok(200) => {
             println!("{path} of {address} answers 200");
             ExitCode::SUCCESS
@@ -43,10 +60,20 @@ fn reachable(bound: SocketAddr) -> SocketAddr {
 }
 
 /// The status of `GET path`.
-fn status_of(address: SocketAddr, path: &str) -> io::Result<u16> {
-    let mut stream = TcpStream::connect_timeout(&address, STEP_TIMEOUT)?;
+fn status_of(address: SocketAddr, protocol: Protocol, path: &str) -> io::Result<u16> {
+    let stream = TcpStream::connect_timeout(&address, STEP_TIMEOUT)?;
     stream.set_read_timeout(Some(STEP_TIMEOUT))?;
     stream.set_write_timeout(Some(STEP_TIMEOUT))?;
+    match protocol {
+        Protocol::Plain => status_over(stream, address, path),
+        #[cfg(feature = "tls")]
+        Protocol::Tls => status_over(tls::shake_hands(stream, address)?, address, path),
+        #[cfg(not(feature = "tls"))]
+        Protocol::Tls => Err(io::Error::new(io::ErrorKind::Unsupported, "this program has no TLS (feature `tls`)")),
+    }
+}
+
+fn status_over(mut stream: impl Read + Write, address: SocketAddr, path: &str) -> io::Result<u16> {
     // In one write: after a partial request the server may answer and close before the rest is written.
     let request = format!("GET {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n");
     stream.write_all(request.as_bytes())?;
@@ -74,10 +101,14 @@ mod tests {
         address
     }
 
+    fn status(address: SocketAddr) -> io::Result<u16> {
+        status_of(address, Protocol::Plain, "/readyz")
+    }
+
     #[test]
     fn status_is_read_from_the_first_line() {
-        assert_eq!(status_of(answering("HTTP/1.1 503 Service Unavailable\r\n\r\n"), "/readyz").unwrap(), 503);
-        assert!(status_of(answering("SSH-2.0"), "/readyz").is_err());
+        assert_eq!(status(answering("HTTP/1.1 503 Service Unavailable\r\n\r\n")).unwrap(), 503);
+        assert!(status(answering("SSH-2.0")).is_err());
     }
 
     #[test]

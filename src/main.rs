@@ -4,6 +4,7 @@ mod cli;
 mod config;
 mod health;
 mod heap;
+mod reload;
 mod shutdown;
 mod telemetry;
 
@@ -53,8 +54,8 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
         Command::Sweep(sweep) => logged(matches, || cli::sweep(sweep)),
         Command::Example(example) => cli::example(example.name.as_deref()),
         Command::Completions(completions) => cli::completions(completions.shell, cli::with_jobs(Arguments::command())),
-        Command::Health(health) => Ok(match health.address() {
-            Ok(address) => health::ask(address, health.live),
+        Command::Health(health) => Ok(match health.target() {
+            Ok(target) => health::ask(target, health.live),
             Err(faults) => refuse(&faults),
         }),
     }

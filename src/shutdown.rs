@@ -27,6 +27,7 @@ use tracing_appender::non_blocking::ErrorCounter;
 
 use crate::config::{ServerConfig, for_probes};
 use crate::heap;
+use crate::reload::{Hangups, Reload};
 
 /// How long callers may take to read their last answer: one that does not read must not keep the process alive.
 const LAST_ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
@@ -48,13 +49,14 @@ pub(crate) fn serve_until_stopped(config: &ServerConfig, dropped_lines: ErrorCou
 }
 
 async fn serve(config: &ServerConfig, dropped_lines: ErrorCounter) -> anyhow::Result<()> {
-    let mut signals = Signals::listen()?;
+    let (mut signals, hangups) = (Signals::listen()?, Hangups::listen()?);
     let listeners = Listeners::bind(config)?;
     let settings = config.service_settings();
     let service = Arc::new(Service::start(settings)?);
     service.metrics().follow_dropped_lines(move || dropped_lines.dropped_lines() as u64);
     listeners.report(&settings)?;
     tokio::spawn(heap::give_back_regularly());
+    tokio::spawn(Reload::of(config, service.metrics()).run(hangups));
     let (mut servers, health) = start_servers(&service, listeners, config).await?;
     tokio::select! {
         _ = servers.tasks.join_next() => anyhow::bail!("a server ended by itself"),
@@ -220,25 +222,19 @@ async fn drain(
     }
 }
 
-/// Ctrl-C and, where there are such, the terminate signal and the hangup signal, which ends nothing.
+/// Ctrl-C and, where there is such, the terminate signal.
 pub(crate) struct Signals {
     #[cfg(unix)]
     interrupt: tokio::signal::unix::Signal,
     #[cfg(unix)]
     terminate: tokio::signal::unix::Signal,
-    #[cfg(unix)]
-    hangup: tokio::signal::unix::Signal,
 }
 
 impl Signals {
     #[cfg(unix)]
     pub(crate) fn listen() -> io::Result<Self> {
         use tokio::signal::unix::{SignalKind, signal};
-        Ok(Self {
-            interrupt: signal(SignalKind::interrupt())?,
-            terminate: signal(SignalKind::terminate())?,
-            hangup: signal(SignalKind::hangup())?,
-        })
+        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
     }
 
     #[cfg(not(unix))]
@@ -248,12 +244,9 @@ impl Signals {
 
     #[cfg(unix)]
     pub(crate) async fn next(&mut self) {
-        loop {
-            tokio::select! {
-                _ = self.interrupt.recv() => return,
-                _ = self.terminate.recv() => return,
-                Some(()) = self.hangup.recv() => tracing::info!("SIGHUP is ignored: nothing is reloaded"),
-            }
+        tokio::select! {
+            _ = self.interrupt.recv() => {}
+            _ = self.terminate.recv() => {}
         }
     }
 

@@ -1,5 +1,6 @@
 //! The id of a request, its line in the log and its place in the counts, the same for every transport.
 
+use std::mem;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -9,6 +10,7 @@ use tonic::Code;
 use tracing::{Span, field};
 use uuid::Uuid;
 
+use super::auth::OpenRequest;
 use super::trace_context::{TRACEPARENT, TraceContext};
 use crate::contract::ErrorCode;
 use crate::metrics::{Answered, Metrics};
@@ -30,7 +32,7 @@ pub(super) fn request_id(headers: &HeaderMap) -> String {
 }
 
 /// What handlers know of the request beside its content.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub(super) struct RequestContext {
     /// When its head was read: deadlines count from here.
     pub(super) arrival: Instant,
@@ -68,17 +70,24 @@ impl RequestContext {
 }
 
 /// What is learnt of a request while it is served; clones speak of the same request.
-#[derive(Debug, Clone, Default)]
+#[derive(Clone, Default)]
 pub(super) struct Notes(Arc<Mutex<Noted>>);
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Default)]
 struct Noted {
+    /// Whose request it is, where keys are configured.
+    open: Option<OpenRequest>,
     queue_wait: Option<Duration>,
     solve_time: Option<Duration>,
     code: Option<&'static str>,
 }
 
 impl Notes {
+    /// Notes whose request it is.
+    pub(super) fn opened(&self, open: OpenRequest) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).open = Some(open);
+    }
+
     /// Notes a job: of a batch the longest wait, and the work of all items.
     pub(super) fn job(&self, queue_wait: Duration, work: Duration) {
         let mut noted = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -91,8 +100,9 @@ impl Notes {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).code = Some(code.entry().code);
     }
 
-    fn noted(&self) -> Noted {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    /// What was noted, which ends the request.
+    fn take(&self) -> Noted {
+        mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
@@ -169,6 +179,7 @@ impl AccessLine {
                     http.method = %self.method,
                     http.path = self.context.path,
                     peer.address = self.context.peer.map(field::display),
+                    caller.name = noted.open.as_ref().map(OpenRequest::caller),
                     response.status = status,
                     problem.code = code,
                     queue.wait_ms = noted.queue_wait.map(milliseconds),
@@ -200,9 +211,12 @@ impl AccessLine {
 impl Drop for AccessLine {
     fn drop(&mut self) {
         let duration = self.context.arrival.elapsed();
-        let noted = self.context.notes.noted();
+        let noted = self.context.notes.take();
         let (status, code) = self.outcome(&noted);
         self.count((status, code), duration);
+        if let Some(open) = &noted.open {
+            self.metrics.caller_asked(open.caller());
+        }
         self.write((status, code), &noted, duration);
     }
 }

@@ -124,6 +124,7 @@ impl<F: Format> Batch<F> {
         loop {
             let may_read = self.running.len() < self.state.settings.batch_window.get();
             let (service, deadline) = (&self.state.service, self.caller.deadline);
+            let credential = self.caller.credential.clone();
             let is_idle = self.is_reading && self.running.is_empty();
             // Who leaves a batch idle may be ended for its memory, like those who do not read. Twice the time, since the
             // batch ends by itself before.
@@ -145,6 +146,9 @@ impl<F: Format> Batch<F> {
                 },
                 () = service.closed(), if self.is_reading => {
                     self.end_with(unavailable(&self.state));
+                }
+                () = credential.revoked(), if self.is_reading => {
+                    self.end_with(Problem::new(ErrorCode::Unauthenticated, "the API key is accepted no more"));
                 }
                 () = sleep(STANDSTILL), if is_idle => {
                     let detail = format!("nothing came for {STANDSTILL:?}");

@@ -67,6 +67,7 @@ impl ApiState {
         let codes = ErrorCode::ALL.into_iter().filter(|code| *code != ErrorCode::Cancelled);
         // One who left reads nothing: that code is never answered.
         service.metrics().expect_rejections(codes.map(|code| code.entry().code));
+        settings.keys.callers().iter().for_each(|caller| service.metrics().expect_caller(caller));
         Self { service, jobs, settings: Arc::new(settings), documents: Arc::default() }
     }
 }

@@ -17,7 +17,7 @@ use crate::contract::{ErrorCode, Problem};
 const FIRST_BYTES: usize = 2 * 1024;
 /// When it is worth trying again after a lack of memory or places: those who do not read, or do not ask, make room at
 /// once.
-const RETRY: Duration = Duration::from_secs(1);
+pub(super) const RETRY: Duration = Duration::from_secs(1);
 /// Refused bodies are read on for this long, and up to [`MAX_DISCARDED_BYTES`]: a connection closed with unread bytes
 /// is reset, and the caller never sees the refusal.
 pub(super) const DISCARD_TIMEOUT: Duration = Duration::from_secs(1);

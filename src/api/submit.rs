@@ -7,6 +7,7 @@ use tokio::time::timeout_at;
 
 use super::ApiState;
 use super::access::Notes;
+use super::auth::Credential;
 use super::receive::memory_full;
 use super::server::{Connection, Lease};
 use crate::contract::{ErrorCode, Problem};
@@ -22,6 +23,8 @@ pub(super) struct Caller {
     pub(super) deadline: Option<Instant>,
     /// How the request came.
     pub(super) connection: Arc<Connection>,
+    /// What it was admitted by.
+    pub(super) credential: Credential,
 }
 
 /// An answer as a transport sends it.
@@ -70,7 +73,7 @@ pub(super) async fn answer_of_item<K: Kind, T: Send + 'static>(
             lease = caller.connection.lease_at_last(bytes) => lease.ok_or_else(memory_full)?,
             () = state.service.closed() => return Err(unavailable(state)),
         };
-        Ok((lease, state.service.reserve_for_batch(K::CLASS).await?))
+        Ok((lease, state.service.reserve_for_batch(caller.credential.share(), K::CLASS).await?))
     };
     let (lease, permit) = match caller.deadline {
         Some(deadline) => {

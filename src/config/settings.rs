@@ -76,15 +76,15 @@ settings! {
         drain_delay_s: Duration = "0",
         /// Seconds that jobs in flight may take after that before they are cut off: the wait for a worker and the longest time limit.
         drain_timeout_s: Duration = "120",
-        /// File with API keys, one per line; or the variable `SLIPDRIVE_API_KEYS`, separated by commas.
+        /// File with API keys, read again when it changes, such as a line `NAME:KEY` for each; or the variable `SLIPDRIVE_API_KEYS`, separated by commas.
         api_keys_file: Option<PathBuf> = "",
         /// Lets a server without keys listen where others can reach it.
         allow_unauthenticated: bool = "false",
         /// Origins whose pages may call REST from a browser, such as `https://fleet.example`, separated by commas.
         cors_origins: Origins = "",
-        /// File with the certificate chain in PEM, the server's own first; with it, REST and gRPC speak TLS only.
+        /// File with the certificate chain in PEM, the server's own first, read again when it changes; with it, REST and gRPC speak TLS only.
         tls_certificate: Option<PathBuf> = "",
-        /// File with the private key of the certificate in PEM.
+        /// File with the private key of the certificate in PEM, read again when it changes.
         tls_key: Option<PathBuf> = "",
         /// Connections that may be open at once, on both ports together; a newcomer replaces the least used one of whoever has most.
         max_connections: NonZeroUsize = "512",

@@ -153,7 +153,7 @@ pub trait Kind: Job {
 impl From<ServiceError> for Problem {
     fn from(error: ServiceError) -> Self {
         let code = match error {
-            ServiceError::QueueFull { .. } => ErrorCode::QueueFull,
+            ServiceError::QueueFull { .. } | ServiceError::ShareUsedUp { .. } => ErrorCode::QueueFull,
             ServiceError::DeadlineUnreachable { .. } => ErrorCode::DeadlineUnreachable,
             ServiceError::DeadlineExceeded => ErrorCode::DeadlineExceeded,
             ServiceError::TimeLimitExceeded => ErrorCode::TimeLimitExceeded,

@@ -127,6 +127,31 @@ pub(super) const HELD_BYTES: Family = gauge(
 );
 pub(super) const LOG_LINES_DROPPED: Family =
     counter("slipdrive_log_lines_dropped_total", &[], "Lines of the log that were dropped because nobody read it.");
+pub(super) const CALLER_REQUESTS: Family = counter(
+    "slipdrive_caller_requests_total",
+    &["caller"],
+    "Requests with a key that were answered or left, by the name of their caller.",
+);
+pub(super) const CALLER_JOBS: Family = gauge(
+    "slipdrive_caller_jobs",
+    &["caller"],
+    "Jobs in flight by the name of their caller: reserved, waiting and running.",
+);
+pub(super) const CALLER_REFUSED: Family = counter(
+    "slipdrive_caller_refused_total",
+    &["caller"],
+    "Requests that were refused because their caller had its whole share in flight.",
+);
+pub(super) const FILE_READS: Family = counter(
+    "slipdrive_file_reads_total",
+    &["file", "outcome"],
+    "Times that keys or certificate were read again, by outcome: `used`, or `refused` for their faults.",
+);
+pub(super) const FILE_STALE: Family = gauge(
+    "slipdrive_file_stale",
+    &["file"],
+    "1 while keys or certificate cannot be used as they are, and what was read before is in force.",
+);
 pub(super) const BUILD_INFO: Family =
     gauge("slipdrive_build_info", &["version", "features"], "Always 1; the labels say what runs.");
 
@@ -150,5 +175,10 @@ pub const ALL: &[Family] = &[
     CONNECTIONS_ENDED,
     HELD_BYTES,
     LOG_LINES_DROPPED,
+    CALLER_REQUESTS,
+    CALLER_JOBS,
+    CALLER_REFUSED,
+    FILE_READS,
+    FILE_STALE,
     BUILD_INFO,
 ];

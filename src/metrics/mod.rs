@@ -1,10 +1,12 @@
 //! What the process counts about itself, in the Prometheus text format 0.0.4.
 //!
 //! One registry per server, so that servers in one process (tests) count apart. All labels come from closed sets:
-//! names of the contract, routes and status codes, never words of a caller. The names are listed in [`catalogue`] and by
+//! names of the contract, routes and status codes, names of the configuration, never words of a caller. The names are listed in [`catalogue`] and by
 //! each kind of job; `docs/operations.md` repeats them.
 
+mod callers;
 pub mod catalogue;
+mod files;
 mod registration;
 
 use std::sync::OnceLock;
@@ -13,6 +15,9 @@ use std::time::Duration;
 use prometheus::{Encoder as _, Gauge, Histogram, HistogramVec, IntCounter, IntCounterVec, IntGaugeVec, TextEncoder};
 use prometheus::{IntGauge, Registry};
 
+use callers::Callers;
+use files::Files;
+pub use files::SecretFile;
 pub use registration::Registration;
 
 /// The content type of [`Metrics::render`].
@@ -38,6 +43,8 @@ pub struct Metrics {
     connections_ended: IntCounterVec,
     held_bytes: IntGauge,
     log_lines_dropped: IntCounter,
+    callers: Callers,
+    files: Files,
     /// What counts the dropped lines.
     dropped_lines: OnceLock<Box<dyn Fn() -> u64 + Send + Sync>>,
 }
@@ -171,6 +178,8 @@ impl Metrics {
             connections_ended: registration.counters(&catalogue::CONNECTIONS_ENDED),
             held_bytes: registration.gauge(&catalogue::HELD_BYTES),
             log_lines_dropped: registration.counter(&catalogue::LOG_LINES_DROPPED),
+            callers: Callers::of(registration),
+            files: Files::of(registration),
             dropped_lines: OnceLock::new(),
             registry,
         };
@@ -324,6 +333,8 @@ mod tests {
         metrics.job_ended("solve", JobEnd::Finished);
         metrics.answered(Answered::Http { route: "/solve", status: "200" }, Duration::from_millis(230));
         metrics.answered(Answered::Grpc { method: "Solve", code: "OK" }, Duration::from_millis(230));
+        metrics.expect_caller("fleet");
+        metrics.expect_file(SecretFile::ApiKeys);
         metrics
     }
 

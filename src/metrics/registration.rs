@@ -8,7 +8,12 @@ use prometheus::{
 use super::catalogue::{BUILD_INFO, Family};
 
 /// Optional parts of this build.
-const FEATURES: &str = if cfg!(feature = "otel") { "otel" } else { "" };
+const FEATURES: &str = match (cfg!(feature = "otel"), cfg!(feature = "tls")) {
+    (true, true) => "otel,tls",
+    (true, false) => "otel",
+    (false, true) => "tls",
+    (false, false) => "",
+};
 
 /// A registry that is being filled.
 #[derive(Clone, Copy)]

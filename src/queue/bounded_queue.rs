@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
+use super::caller::{CallerId, turn};
 use super::clocks::Clocks;
 use super::expected_start::expected_start;
 use super::job::Job;
@@ -72,6 +73,7 @@ struct State {
 /// A job that was submitted and has not ended.
 #[derive(Debug)]
 struct Submitted {
+    caller: CallerId,
     stop: StopHandle,
     clocks: Clocks,
     /// When a worker took the job.
@@ -93,12 +95,20 @@ impl State {
         Backlog { jobs: self.submitted.len(), work: rests.fold(Duration::ZERO, Duration::saturating_add) }
     }
 
-    /// When a worker will probably be free for one more job.
-    fn expected_start(&self, now: Instant, workers: usize) -> Instant {
+    /// Where one more job of a caller comes among those that wait.
+    fn turn(&self, caller: CallerId) -> usize {
+        // A job whose permit is being released has no entry any more, and is about to leave.
+        let caller_of = |job: &Job| self.submitted.get(&job.id()).map(|submitted| submitted.caller);
+        turn(self.waiting.iter().map(|job| caller_of(job).unwrap_or_default()), caller)
+    }
+
+    /// When a worker will probably be free for one more job of a caller.
+    fn expected_start(&self, now: Instant, workers: usize, caller: CallerId) -> Instant {
         let running = self.submitted.values().filter(|submitted| submitted.started.is_some());
         // Beyond the range of the clock nothing ends.
         let ends = running.map(|submitted| now.checked_add(submitted.expected_rest(now)).unwrap_or(now));
-        let waiting = self.waiting.iter().filter_map(|job| self.submitted.get(&job.id()));
+        let before = self.waiting.iter().take(self.turn(caller));
+        let waiting = before.filter_map(|job| self.submitted.get(&job.id()));
         expected_start(now, workers, ends, waiting.map(|submitted| &submitted.clocks))
     }
 }
@@ -129,6 +139,11 @@ impl BoundedQueue {
     /// Counts one more job in flight and gives its number, until [`BoundedQueue::release`].
     pub(super) fn reserve(&self) -> Result<u64, Refusal> {
         self.reserve_within(self.capacity)
+    }
+
+    /// Reserves while there are permits.
+    pub(super) fn reserve_for_any_work(&self) -> Result<u64, Refusal> {
+        self.reserve_within(Capacity { work: Duration::MAX, ..self.capacity })
     }
 
     /// Reserves while less is in flight than `capacity`.
@@ -167,10 +182,17 @@ impl BoundedQueue {
         lock(&self.state).backlog()
     }
 
-    /// How long one more job will probably wait for a worker.
-    pub(super) fn expected_wait(&self) -> Duration {
+    /// How long one more job of a caller will probably wait for a worker.
+    pub(super) fn expected_wait(&self, caller: CallerId) -> Duration {
         let now = Instant::now();
-        lock(&self.state).expected_start(now, self.workers).saturating_duration_since(now)
+        lock(&self.state).expected_start(now, self.workers, caller).saturating_duration_since(now)
+    }
+
+    /// Which in the queue one more job of a caller would be: 0 where a worker is idle, 1 where it is the next to start.
+    pub(super) fn position(&self, caller: CallerId) -> usize {
+        let state = lock(&self.state);
+        let before = state.submitted.len().saturating_sub(state.waiting.len()) + state.turn(caller);
+        (before + 1).saturating_sub(self.workers)
     }
 
     /// Workers whose job still runs although it was signalled to stop longer than `timeout` ago.
@@ -224,7 +246,7 @@ impl BoundedQueue {
         self.permit_released.notify_waiters();
     }
 
-    /// The oldest waiting job; blocks until there is one and a worker to run it. `None` once the queue is closed and nothing
+    /// The first waiting job; blocks until there is one and a worker to run it. `None` once the queue is closed and nothing
     /// is in flight.
     pub(super) fn next(&self) -> Option<Job> {
         let mut state = lock(&self.state);
@@ -272,14 +294,15 @@ impl BoundedQueue {
         drop(removed);
     }
 
-    /// Queues a job; `stop` and `clocks` are kept until its permit is released.
-    pub(super) fn push(&self, job: Job, stop: StopHandle, clocks: Clocks) {
+    /// Queues a job of a caller at its turn; `stop` and `clocks` are kept until its permit is released.
+    pub(super) fn push(&self, job: Job, stop: StopHandle, clocks: Clocks, caller: CallerId) {
         let mut state = lock(&self.state);
         if let Some(cause) = state.cancelled {
             stop.cut_off(cause);
         }
-        state.submitted.insert(job.id(), Submitted { stop, clocks, started: None });
-        state.waiting.push_back(job);
+        state.submitted.insert(job.id(), Submitted { caller, stop, clocks, started: None });
+        let turn = state.turn(caller);
+        state.waiting.insert(turn, job);
         state.slots.recall_for(state.waiting.len());
         drop(state);
         self.changed.notify_one();

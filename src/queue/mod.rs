@@ -3,7 +3,8 @@
 //! - Admission is counted: at most `workers + queue_length` jobs are in flight, running and waiting together. A
 //!   [`Permit`] is reserved first, used to submit a job later, and released when it is dropped. The total expected
 //!   run time of the jobs in flight is bounded too.
-//! - Jobs start in the order in which they were submitted. A panic of a job is caught, and the outcome of each job is
+//! - Jobs of one caller start in the order in which they were submitted, and callers take turns: whoever has more jobs
+//!   waiting gives way to who has fewer. A panic of a job is caught, and the outcome of each job is
 //!   returned through its [`Ticket`].
 //! - A running job may borrow [`IdleWorkers`]; they are given back as soon as another job waits.
 //! - A job stops for the first [`StopCause`] that reaches its [`StopHandle`]: its time limit, its deadline, a caller
@@ -15,6 +16,7 @@
 //! be released at once, and only the receiver can take entries out of a channel.
 
 mod bounded_queue;
+mod caller;
 mod clocks;
 mod expected_start;
 mod job;
@@ -41,6 +43,7 @@ use std::time::Duration;
 
 use bounded_queue::BoundedQueue;
 pub use bounded_queue::{Backlog, Capacity, Load, Refusal};
+pub use caller::CallerId;
 pub use clocks::{ANSWER_MARGIN, Clocks, Finishing};
 pub use lending::IdleWorkers;
 pub use permit::Permit;
@@ -77,6 +80,14 @@ impl Queue {
     /// When the capacity is used up, or the queue is closed.
     pub fn reserve(&self) -> Result<Permit, Refusal> {
         Permit::reserve(&self.jobs, &self.watchdog)
+    }
+
+    /// Reserves a permit whatever the jobs in flight are expected to take.
+    ///
+    /// # Errors
+    /// When all permits are issued, or the queue is closed.
+    pub fn reserve_for_any_work(&self) -> Result<Permit, Refusal> {
+        Permit::reserve_for_any_work(&self.jobs, &self.watchdog)
     }
 
     /// Waits until less is in flight than `capacity`, then reserves a permit.

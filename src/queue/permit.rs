@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 
-use super::bounded_queue::{Backlog, BoundedQueue, Capacity, Refusal};
+use super::bounded_queue::{BoundedQueue, Capacity, Refusal};
+use super::caller::CallerId;
 use super::clocks::Clocks;
 use super::job::Job;
 use super::lending::IdleWorkers;
@@ -21,6 +22,7 @@ pub struct Permit {
     queue: Arc<BoundedQueue>,
     watchdog: Arc<Watchdog>,
     id: u64,
+    caller: CallerId,
 }
 
 impl Permit {
@@ -30,6 +32,14 @@ impl Permit {
     /// When the capacity is used up, or the queue is closed.
     pub(super) fn reserve(queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> Result<Self, Refusal> {
         queue.reserve().map(|id| Self::new(id, queue, watchdog))
+    }
+
+    /// Reserves a permit whatever the jobs in flight are expected to take.
+    ///
+    /// # Errors
+    /// When all permits are issued, or the queue is closed.
+    pub(super) fn reserve_for_any_work(queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> Result<Self, Refusal> {
+        queue.reserve_for_any_work().map(|id| Self::new(id, queue, watchdog))
     }
 
     /// Waits until less is in flight than `capacity`, then reserves a permit.
@@ -45,7 +55,15 @@ impl Permit {
     }
 
     fn new(id: u64, queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> Self {
-        Self { queue: Arc::clone(queue), watchdog: Arc::clone(watchdog), id }
+        let caller = CallerId::default();
+        Self { queue: Arc::clone(queue), watchdog: Arc::clone(watchdog), id, caller }
+    }
+
+    /// The same for a job of this caller; without it, all jobs are those of one.
+    #[must_use]
+    pub fn of_caller(mut self, caller: CallerId) -> Self {
+        self.caller = caller;
+        self
     }
 
     /// The number of the job, unique in this queue, for logs.
@@ -53,14 +71,15 @@ impl Permit {
         self.id
     }
 
-    /// The jobs that wait or run before the job of this permit is submitted.
-    pub fn backlog(&self) -> Backlog {
-        self.queue.backlog()
+    /// The place in the queue of a job that is submitted at this moment: 0 where a worker is idle, 1 where it is the next
+    /// to start.
+    pub fn position(&self) -> usize {
+        self.queue.position(self.caller)
     }
 
     /// How long a job that is submitted at this moment will probably wait for a worker.
     pub fn expected_wait(&self) -> Duration {
-        self.queue.expected_wait()
+        self.queue.expected_wait(self.caller)
     }
 
     /// The workers that the job of this permit may borrow while it runs.
@@ -75,10 +94,10 @@ impl Permit {
         work: impl FnOnce(&StopHandle) -> T + Send + 'static,
     ) -> Ticket<T> {
         let (queue, watchdog) = (Arc::clone(&self.queue), Arc::clone(&self.watchdog));
-        let (id, stop) = (self.id, StopHandle::new());
+        let (id, caller, stop) = (self.id, self.caller, StopHandle::new());
         let cancel_on_drop = CancelOnDrop::new(stop.clone(), Arc::downgrade(&queue), id);
         let (sender, answer) = oneshot::channel();
-        queue.push(self.into_job(stop.clone(), clocks, work, sender), stop.clone(), clocks);
+        queue.push(self.into_job(stop.clone(), clocks, work, sender), stop.clone(), clocks, caller);
         // After the push, so that a deadline that has passed already finds the job in the queue and removes it.
         let deadline = clocks.last_start().map(|time| {
             let queued = (Arc::downgrade(&queue), id);

@@ -13,6 +13,17 @@ pub enum ServiceError {
         /// Jobs that may run and wait at once.
         capacity: usize,
     },
+    /// One of several callers has all in flight that it may.
+    #[error(
+        "the share of this caller is used up: {capacity} of its jobs may run and wait beside those of others, try again in \
+         {} s", .retry_after.as_secs()
+    )]
+    ShareUsedUp {
+        /// When it is worth trying again.
+        retry_after: Duration,
+        /// Jobs of one caller that may run and wait at once; fewer where they are long.
+        capacity: usize,
+    },
     /// The wait for a worker would outlast the caller's deadline.
     #[error("the wait for a worker is about {} ms, the deadline is in {} ms", .estimated_wait.as_millis(), .remaining.as_millis())]
     DeadlineUnreachable {
@@ -48,6 +59,7 @@ impl ServiceError {
     pub fn retry_after(&self) -> Option<Duration> {
         match *self {
             Self::QueueFull { retry_after, .. }
+            | Self::ShareUsedUp { retry_after, .. }
             | Self::DeadlineUnreachable { retry_after, .. }
             | Self::Unavailable { retry_after } => Some(retry_after),
             Self::DeadlineExceeded | Self::TimeLimitExceeded | Self::Cancelled | Self::SolverPanic => None,

@@ -10,6 +10,7 @@ mod observation;
 mod pace;
 mod permit;
 mod running;
+mod share;
 
 use std::io;
 use std::num::NonZeroUsize;
@@ -23,6 +24,8 @@ use pace::Pace;
 pub use pace::{Cost, WorkDone};
 pub use permit::Permit;
 pub use running::{Event, Running};
+pub use share::Share;
+use share::{ShareSize, Taken};
 use tokio::sync::watch;
 
 use crate::metrics::{Metrics, QueueLevels};
@@ -77,6 +80,20 @@ impl ServiceSettings {
     fn capacity_for_batches(&self) -> Capacity {
         let Capacity { permits, work } = self.capacity();
         Capacity { permits: permits - self.queue_length.div_ceil(4), work: work.mul_f64(0.75) }
+    }
+
+    /// What one of several callers may have in flight: all workers and half of the queue.
+    fn share(&self) -> ShareSize {
+        let Capacity { permits, work } = self.capacity();
+        let capacity = Capacity { permits: permits - self.queue_length.div_ceil(2), work: work / 2 };
+        ShareSize { capacity, workers: self.workers.get() }
+    }
+
+    /// What its batches may have of that: the last quarter of its part of the queue is left to its other requests.
+    fn share_for_batches(&self) -> ShareSize {
+        let ShareSize { capacity: Capacity { permits, work }, workers } = self.share();
+        let capacity = Capacity { permits: permits - (self.queue_length / 2).div_ceil(4), work: work.mul_f64(0.75) };
+        ShareSize { capacity, workers }
     }
 }
 
@@ -189,16 +206,46 @@ impl Service {
     /// # Errors
     /// When the queue of the class is full or closed.
     pub fn reserve(&self, class: Class) -> Result<Permit, ServiceError> {
-        self.issued(self.queue_of(class).reserve(), class)
+        self.reserve_in(None, class)
     }
 
-    /// Waits for a permit as one item of a batch does: the last quarter of the queue is left to single callers.
+    /// Reserves a permit in the share of a caller, if it has one.
+    ///
+    /// # Errors
+    /// When the queue of the class is full or closed, or the share is used up.
+    pub fn reserve_in(&self, share: Option<&Arc<Share>>, class: Class) -> Result<Permit, ServiceError> {
+        let Some(share) = share else { return self.issued(self.queue_of(class).reserve(), None, class) };
+        let (size, is_untouched) = (self.settings.of(class).share(), share.is_untouched(class));
+        let Some(taken) = share.take(class, &size, &self.metrics) else {
+            self.metrics.caller_refused(share.label());
+            let retry_after = self.pace.retry_after();
+            return Err(ServiceError::ShareUsedUp { retry_after, capacity: size.capacity.permits });
+        };
+        // Whatever the jobs of others are expected to take, a caller without any has a turn.
+        let is_next = share.is_bounded() && is_untouched;
+        let queue = self.queue_of(class);
+        let reserved = if is_next { queue.reserve_for_any_work() } else { queue.reserve() };
+        self.issued(reserved.map(|permit| permit.of_caller(share.caller())), Some(taken), class)
+    }
+
+    /// Waits for a permit as one item of a batch does: the last quarter of the queue is left to single callers, and that
+    /// of the share to the caller's own other requests.
     ///
     /// # Errors
     /// Only when the queue is closed.
-    pub async fn reserve_for_batch(&self, class: Class) -> Result<Permit, ServiceError> {
-        let capacity = self.settings.of(class).capacity_for_batches();
-        self.issued(self.queue_of(class).wait_for_permit(capacity).await, class)
+    pub async fn reserve_for_batch(&self, share: Option<&Arc<Share>>, class: Class) -> Result<Permit, ServiceError> {
+        let settings = self.settings.of(class);
+        let (size, metrics) = (settings.share_for_batches(), &self.metrics);
+        let taken = match share {
+            Some(share) => Some(tokio::select! {
+                taken = share.taken(class, &size, metrics) => taken,
+                () = self.closed() => return Err(self.unavailable()),
+            }),
+            None => None,
+        };
+        let reserved = self.queue_of(class).wait_for_permit(settings.capacity_for_batches()).await;
+        let caller = share.map(|share| share.caller()).unwrap_or_default();
+        self.issued(reserved.map(|permit| permit.of_caller(caller)), taken, class)
     }
 
     /// Announces the end: the service is not ready any more, but still takes work from those who have not heard.
@@ -241,12 +288,17 @@ impl Service {
         }
     }
 
-    fn issued(&self, reserved: Result<queue::Permit, Refusal>, class: Class) -> Result<Permit, ServiceError> {
+    fn issued(
+        &self,
+        reserved: Result<queue::Permit, Refusal>,
+        taken: Option<Taken>,
+        class: Class,
+    ) -> Result<Permit, ServiceError> {
         let settings = self.settings.of(class);
         match reserved {
             Ok(reserved) => {
                 let (pace, metrics) = (Arc::clone(&self.pace), Arc::clone(&self.metrics));
-                Ok(Permit { reserved, pace, metrics, settings })
+                Ok(Permit { reserved, taken, pace, metrics })
             }
             Err(Refusal::Full) => Err(ServiceError::QueueFull {
                 retry_after: self.pace.retry_after(),

@@ -91,9 +91,12 @@ impl Awaited {
             Err(ServiceError::TimeLimitExceeded) => JobEnd::TimeLimit,
             Err(ServiceError::Unavailable { .. }) => JobEnd::Shutdown,
             Err(ServiceError::SolverPanic) => JobEnd::Panicked,
-            // The other two refuse a job before it is queued.
+            // The others refuse a job before it is queued.
             Err(
-                ServiceError::Cancelled | ServiceError::QueueFull { .. } | ServiceError::DeadlineUnreachable { .. },
+                ServiceError::Cancelled
+                | ServiceError::QueueFull { .. }
+                | ServiceError::ShareUsedUp { .. }
+                | ServiceError::DeadlineUnreachable { .. },
             ) => JobEnd::CallerGone,
         };
         outcome

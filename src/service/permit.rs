@@ -5,11 +5,12 @@ use std::time::Instant;
 
 use tokio::sync::watch;
 
+use super::ServiceError;
 use super::job::{Done, Job, JobControl, Stopped};
 use super::observation::{Awaited, Queued};
 use super::pace::{Cost, Pace, TimeTaken};
 use super::running::{QueuedJob, Running};
-use super::{ServiceError, ServiceSettings};
+use super::share::Taken;
 use crate::metrics::Metrics;
 use crate::queue::{self, ANSWER_MARGIN, Clocks, StopHandle};
 
@@ -20,9 +21,10 @@ const ERROR_OF_WAITS: f64 = 0.25;
 /// Leave to queue one job; given back on drop.
 pub struct Permit {
     pub(super) reserved: queue::Permit,
+    /// Its place in the share of its caller.
+    pub(super) taken: Option<Taken>,
     pub(super) pace: Arc<Pace>,
     pub(super) metrics: Arc<Metrics>,
-    pub(super) settings: ServiceSettings,
 }
 
 impl Permit {
@@ -43,7 +45,7 @@ impl Permit {
         let estimate = self.pace.estimate(J::NAME, cost, time_limit).max(finishing.at_least_for(time_limit));
         let clocks = Clocks { time_limit, deadline, finishing, estimate };
         self.check_reachable(&clocks)?;
-        let position = (self.reserved.backlog().jobs + 1).saturating_sub(self.settings.workers.get());
+        let position = self.reserved.position();
         let (report, progress) = watch::channel(None);
         Ok(Running { position, progress, job: self.queue(job, (input, cost), clocks, answer, report) })
     }
@@ -69,11 +71,16 @@ impl Permit {
         answer: impl FnOnce(&J::Input, &Done<J::Output>) -> T + Send + 'static,
         progress: watch::Sender<Option<J::Progress>>,
     ) -> QueuedJob<T> {
-        let Self { reserved, pace, metrics, .. } = self;
+        let Self { reserved, mut taken, pace, metrics } = self;
+        if let Some(taken) = &mut taken {
+            taken.expect(clocks.estimate);
+        }
         let job_id = reserved.job_id();
         let queued = Queued::new(&metrics, job_id);
         let (workers, recorded) = (reserved.idle_workers(), Arc::clone(&pace));
         let work = move |stop: &StopHandle| -> Result<T, Stopped> {
+            // Given back with the work, also when it is taken out of the queue.
+            let _taken = taken;
             let observed = queued.started(J::NAME);
             let control = JobControl { stop, workers: &workers, progress, span: observed.span() };
             let start = Instant::now();

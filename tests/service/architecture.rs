@@ -116,7 +116,7 @@ const FOLDERS: &[(&str, &[&str])] = &[
 ];
 
 /// The program around the library may use what it needs.
-const PROGRAM: &[&str] = &["lib", "main", "cli", "config", "health", "heap", "shutdown", "telemetry"];
+const PROGRAM: &[&str] = &["lib", "main", "cli", "config", "health", "heap", "reload", "shutdown", "telemetry"];
 
 #[test]
 fn modules_use_only_what_the_table_allows() {

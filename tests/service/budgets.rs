@@ -47,8 +47,11 @@ async fn fresh(server: &TestServer, path: &str) -> Answer {
 
 #[tokio::test]
 async fn guests_have_few_streams_and_short_messages() {
-    let api =
-        ApiSettings { keys: ApiKeys::parse("key"), body_timeout: Duration::from_millis(100), ..ApiSettings::default() };
+    let api = ApiSettings {
+        keys: ApiKeys::parse("key").unwrap(),
+        body_timeout: Duration::from_millis(100),
+        ..ApiSettings::default()
+    };
     let server = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
     let mut connection = Connection::open(server.grpc_address, 0).await;
     for stream in (1..256).step_by(2) {
@@ -170,7 +173,7 @@ async fn unread_answers_stay_within_the_budget() {
 
 #[tokio::test]
 async fn slow_readers_without_a_key_have_half_of_the_memory_and_starve_nobody() {
-    let api = ApiSettings { keys: ApiKeys::parse("key"), ..ApiSettings::default() };
+    let api = ApiSettings { keys: ApiKeys::parse("key").unwrap(), ..ApiSettings::default() };
     let server = TestServer::start_with(64, instant_solver(), api, small_budget()).await;
     let callers = [reqwest::Client::builder(), reqwest::Client::builder().http2_prior_knowledge()]
         .map(|builder| builder.no_proxy().timeout(HANG_BOUND).build().unwrap());
@@ -196,7 +199,7 @@ async fn slow_readers_without_a_key_have_half_of_the_memory_and_starve_nobody() 
 
 #[tokio::test]
 async fn page_is_loaded_over_one_connection_at_once() {
-    let api = ApiSettings { keys: ApiKeys::parse("key"), ..ApiSettings::default() };
+    let api = ApiSettings { keys: ApiKeys::parse("key").unwrap(), ..ApiSettings::default() };
     let server = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
     let mut connection = Connection::open(server.address, 1 << 20).await;
     // More files than the page has: a browser asks for all of them together.

@@ -170,7 +170,7 @@ async fn provoke(code: ErrorCode) -> Option<Refusals> {
         }
         ErrorCode::SolverPanic => solve_both(server, SEED_PANIC, None).await,
         ErrorCode::Unauthenticated => {
-            let api = ApiSettings { keys: ApiKeys::parse("secret-key"), ..ApiSettings::default() };
+            let api = ApiSettings { keys: ApiKeys::parse("secret-key").unwrap(), ..ApiSettings::default() };
             solve_both(&Case::start(0, api).await.server, 0, None).await
         }
         // Nobody is left to read the first: see `grpc_contract` and `http_overload` for what happens then. The second is
@@ -261,7 +261,7 @@ async fn what_follows_a_code_on_its_transport_is_there() {
 
 #[tokio::test]
 async fn keys_are_asked_for_on_both_transports_except_for_health() {
-    let api = ApiSettings { keys: ApiKeys::parse("key-1,key-2"), ..ApiSettings::default() };
+    let api = ApiSettings { keys: ApiKeys::parse("key-1,key-2").unwrap(), ..ApiSettings::default() };
     let server = Case::start(0, api).await.server;
     for path in ["/livez", "/readyz"] {
         assert_eq!(server.get(path).await.status, 200, "{path}");
@@ -283,7 +283,7 @@ async fn keys_are_asked_for_on_both_transports_except_for_health() {
 
 #[tokio::test]
 async fn first_check_that_fails_speaks() {
-    let mut case = Case::start(0, ApiSettings { keys: ApiKeys::parse("key"), ..ApiSettings::default() }).await;
+    let mut case = Case::start(0, ApiSettings { keys: ApiKeys::parse("key").unwrap(), ..ApiSettings::default() }).await;
     let request = case.server.client.post(case.server.url("/solve")).bearer_auth("key");
     tokio::spawn(request.header("content-type", "application/json").body(r#"{"solver": {"seed": 1}}"#).send());
     assert_eq!(timeout(HANG_BOUND, case.has_started.recv()).await.unwrap(), Some(SEED_HOLD));

@@ -256,7 +256,7 @@ async fn line_that_does_not_end_in_time_ends_the_batch() {
 
 #[tokio::test]
 async fn what_is_no_batch_is_refused_before_it_is_read() {
-    let api = ApiSettings { keys: ApiKeys::parse("key"), ..ApiSettings::default() };
+    let api = ApiSettings { keys: ApiKeys::parse("key").unwrap(), ..ApiSettings::default() };
     let server = TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await;
     let refused = async |key: &str, media_type: &str, timeout_ms: &str| {
         let request = server.client.post(server.url("/batch")).bearer_auth(key).header("content-type", media_type);

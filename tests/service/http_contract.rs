@@ -200,7 +200,7 @@ async fn pages_of_other_origins_may_call_only_where_they_are_named() {
         assert_eq!(answer.header("access-control-allow-origin"), "", "off by default");
     }
     let api = ApiSettings {
-        keys: ApiKeys::parse("secret"),
+        keys: ApiKeys::parse("secret").unwrap(),
         cors_origins: vec![page.parse().unwrap()],
         ..ApiSettings::default()
     };

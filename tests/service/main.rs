@@ -27,6 +27,8 @@ mod http_events;
 mod http_forward_drive;
 mod http_refusals;
 #[cfg(unix)]
+mod keys;
+#[cfg(unix)]
 mod life_cycle;
 mod limits;
 mod metrics;
@@ -45,6 +47,7 @@ mod release;
 mod replicas;
 mod request_log;
 mod sensitivity;
+mod shares;
 mod stopping;
 mod support;
 mod sweep;

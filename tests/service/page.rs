@@ -16,7 +16,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
 const MOST_BYTES: usize = 300_000;
 
 async fn with_key() -> TestServer {
-    let api = ApiSettings { keys: ApiKeys::parse("key"), ..ApiSettings::default() };
+    let api = ApiSettings { keys: ApiKeys::parse("key").unwrap(), ..ApiSettings::default() };
     TestServer::start_with(4, instant_solver(), api, ServerSettings::default()).await
 }
 

@@ -1,8 +1,6 @@
 //! Both transports under TLS, with a certificate of the test's own.
 
-use std::fs;
 use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -22,40 +20,20 @@ use tokio_rustls::rustls::pki_types::ServerName;
 use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 use tonic::transport::Endpoint;
 
+use crate::support::folder::Folder;
 use crate::support::{HANG_BOUND, TestServer, instant_solver};
 
+#[cfg(unix)]
+mod rotation;
+
 const NAME: &str = "robots.test";
-
-/// Files of one test, removed with it.
-struct Files(PathBuf);
-
-impl Files {
-    fn new(test: &str) -> Self {
-        let folder = std::env::temp_dir().join(format!("slipdrive-tls-{test}-{}", std::process::id()));
-        fs::create_dir_all(&folder).unwrap();
-        Self(folder)
-    }
-
-    fn write(&self, name: &str, text: &str) -> PathBuf {
-        let path = self.0.join(name);
-        fs::write(&path, text).unwrap();
-        path
-    }
-}
-
-impl Drop for Files {
-    fn drop(&mut self) {
-        // What stays in a temporary folder does no harm.
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
 
 fn certificate() -> CertifiedKey<rcgen::KeyPair> {
     generate_simple_self_signed([NAME.to_owned()]).unwrap()
 }
 
 async fn server(test: &str, settings: ServerSettings) -> (TestServer, CertifiedKey<rcgen::KeyPair>) {
-    let (files, certified) = (Files::new(test), certificate());
+    let (files, certified) = (Folder::new(test), certificate());
     let certificate = files.write("certificate.pem", &certified.cert.pem());
     let key = files.write("key.pem", &certified.signing_key.serialize_pem());
     let identity = Some(Identity::from_files(&certificate, &key).unwrap());
@@ -69,8 +47,19 @@ async fn connect(
     certified: &CertifiedKey<rcgen::KeyPair>,
     protocols: &[&[u8]],
 ) -> TlsStream<TcpStream> {
+    connect_trusting(address, &[certified], protocols).await
+}
+
+/// A connection of a caller who trusts these certificates.
+async fn connect_trusting(
+    address: SocketAddr,
+    trusted: &[&CertifiedKey<rcgen::KeyPair>],
+    protocols: &[&[u8]],
+) -> TlsStream<TcpStream> {
     let mut roots = RootCertStore::empty();
-    roots.add(certified.cert.der().clone()).unwrap();
+    for certified in trusted {
+        roots.add(certified.cert.der().clone()).unwrap();
+    }
     let builder = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()));
     let mut config =
         builder.with_safe_default_protocol_versions().unwrap().with_root_certificates(roots).with_no_client_auth();
@@ -140,13 +129,13 @@ async fn handshakes_that_do_not_end_are_closed_like_slow_heads() {
 
 #[test]
 fn faults_of_both_files_are_told_at_once() {
-    let (files, certified) = (Files::new("faults"), certificate());
+    let (files, certified) = (Folder::new("faults"), certificate());
     let certificate = files.write("certificate.pem", &certified.cert.pem());
     let key = files.write("key.pem", &certified.signing_key.serialize_pem());
     assert!(Identity::from_files(&certificate, &key).is_ok());
 
     let empty = files.write("empty.pem", "");
-    let missing = files.0.join("missing.pem");
+    let missing = files.path("missing.pem");
     let faults = Identity::from_files(&empty, &missing).unwrap_err().faults;
     assert_eq!(faults.len(), 2, "{faults:?}");
     assert!(faults[0].contains("empty.pem holds no certificate") && faults[1].contains("missing.pem cannot be read"));

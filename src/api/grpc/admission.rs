@@ -156,10 +156,11 @@ pub(super) async fn admit(
     if connection.may == Use::Probes {
         return Err(only_probes());
     }
-    if !state.settings.keys.admit(request.headers()) {
+    let Some(credential) = state.settings.keys.admit(request.headers()) else {
         let detail = "the API key is missing or wrong: send the metadata `authorization: Bearer KEY`";
         return Err(Problem::new(ErrorCode::Unauthenticated, detail));
-    }
+    };
+    credential.enter(&context.notes, &connection, state.service.metrics())?;
     let Some((_, needs, limit)) = methods.find(path) else { return Ok(request) };
     if request.method() != Method::POST {
         let detail = format!("`{path}` does not take {}, allowed: POST", request.method());
@@ -185,11 +186,11 @@ pub(super) async fn admit(
         }
     };
     let permit = match needs {
-        Needs::MessageAndPermit(class) => Some(state.service.reserve(class)?),
+        Needs::MessageAndPermit(class) => Some(state.service.reserve_in(credential.share(), class)?),
         Needs::Message | Needs::MessageAtAnyTime | Needs::Stream => None,
     };
     let (request_id, permit) = (context.request_id.clone(), Arc::new(Mutex::new(permit)));
-    let caller = Caller { notes: context.notes.clone(), deadline, connection };
+    let caller = Caller { notes: context.notes.clone(), deadline, connection, credential };
     head.extensions.insert(Call { request_id, caller, max_message_bytes: limit, permit });
     Ok(Request::from_parts(head, body))
 }

@@ -15,6 +15,7 @@ use super::events;
 use super::extract::{JSON, deadline, json_body};
 use crate::api::ApiState;
 use crate::api::access::RequestContext;
+use crate::api::auth::Credential;
 use crate::api::receive::{connection_of, memory_full};
 use crate::api::submit::{Caller, Written, start};
 use crate::contract::{Problem, json};
@@ -41,20 +42,20 @@ pub(super) async fn run<K: Kind>(
     kind: Arc<K>,
     delivery: Delivery,
     State(state): State<ApiState>,
-    Extension(context): Extension<RequestContext>,
+    (Extension(context), Extension(credential)): (Extension<RequestContext>, Extension<Credential>),
     request: Request,
 ) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
     let limit = K::max_body_bytes(state.jobs.limits());
     let (body, of_body) = json_body(&state, &head, body, limit).await?;
-    let permit = state.service.reserve(K::CLASS)?;
+    let permit = state.service.reserve_in(credential.share(), K::CLASS)?;
     let input = K::read(&body, state.jobs.limits())?;
     drop((body, of_body));
     let connection = connection_of(&head.extensions);
     let lease = connection.lease_soon(K::answer_numbers(&input) * NUMBER_BYTES).await.ok_or_else(memory_full)?;
     let lease = Arc::new(lease);
     let deadline = deadline(&head.headers, context.arrival)?;
-    let caller = Caller { notes: context.notes.clone(), deadline, connection };
+    let caller = Caller { notes: context.notes.clone(), deadline, connection, credential };
     let has_events = delivery == Delivery::Events || K::REPORTS_PROGRESS && events::are_accepted(&head.headers);
     let coding = if has_events { Coding::Identity } else { Coding::accepted(&head.headers) };
     let running = start(&kind, permit, input, (&caller, &lease), move |answer| {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::{HeaderValue, Method, StatusCode, Version, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Version, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use tracing::Instrument as _;
@@ -14,6 +14,7 @@ use super::endpoints::endpoints;
 use super::operation::Access;
 use super::problem_json;
 use crate::api::access::{AccessLine, Endpoint, RequestContext};
+use crate::api::auth::Credential;
 use crate::api::receive::{connection_of, only_probes, peer_of};
 use crate::api::server::{PAGE_FOLDER, Use};
 use crate::api::{ApiSettings, ApiState, CAUSE_IS_LOGGED, observed_body};
@@ -47,6 +48,20 @@ impl Passage {
         let known = self.routes.iter().find(|(route, _)| **route == *path).cloned();
         known.unwrap_or_else(|| (OTHER_ROUTE.into(), Access::WithKey))
     }
+
+    /// What the request is admitted by, or its refusal.
+    fn admit(&self, request: &Request, access: Access, context: &RequestContext) -> Result<Credential, Problem> {
+        let credential = if access == Access::WithKey {
+            let credential = self.settings.keys.admit(request.headers()).ok_or_else(unauthenticated)?;
+            let connection = connection_of(request.extensions());
+            credential.enter(&context.notes, &connection, &self.metrics)?;
+            credential
+        } else {
+            Credential::anybody()
+        };
+        check_host(request)?;
+        Ok(credential)
+    }
 }
 
 /// Gives the request an id and a trace, asks for its key, logs and counts it once it is answered or abandoned, and
@@ -56,30 +71,36 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
     let (route, access) = passage.route(request.uri().path());
     let is_probe = access == Access::Probe;
     let admitted = if !is_probe && connection_of(request.extensions()).may == Use::Probes {
-        Err(only_probes().into_response())
-    } else if access != Access::WithKey || passage.settings.keys.admit(request.headers()) {
-        check_host(&request).map_err(Problem::into_response)
+        Err(only_probes())
     } else {
-        Err(unauthenticated())
+        passage.admit(&request, access, &context)
     };
     let method = request.method().clone();
     let mut line =
         AccessLine::open(method.clone(), context.clone(), span.clone(), Endpoint::Http(route), passage.metrics);
     line.is_probe = is_probe;
     let mut response = match admitted {
-        Ok(()) => {
+        Ok(credential) => {
             request.extensions_mut().insert(context.clone());
+            request.extensions_mut().insert(credential);
             next.run(request).instrument(span).await
         }
-        Err(refusal) => refusal,
+        Err(problem) => refusal(problem),
     };
     if let Some(problem) = problem_of(&mut response, &method, &context.path) {
         line.code = Some(problem.code().entry().code);
         write_problem(&problem, &context, &mut response);
     }
     context.sign(response.headers_mut());
+    protect(response.headers_mut());
     line.status = Some(response.status().as_u16());
     observed_body::follow(response, line, observed_body::no_trailers)
+}
+
+/// Answers mean what their type says, and nobody keeps them but their caller; documents say themselves how they are kept.
+fn protect(headers: &mut HeaderMap) {
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
 }
 
 /// A request of HTTP/1.1 names its host exactly once (RFC 9112, section 3.2): whatever stands between otherwise sees
@@ -92,10 +113,18 @@ fn check_host(request: &Request) -> Result<(), Problem> {
     Err(Problem::new(ErrorCode::MalformedBody, format!("`host` is given {count} times, must be given once")))
 }
 
-fn unauthenticated() -> Response {
+fn unauthenticated() -> Problem {
     let detail = "the API key is missing or wrong: send `Authorization: Bearer KEY`";
-    let mut response = Problem::new(ErrorCode::Unauthenticated, detail).into_response();
-    response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+    Problem::new(ErrorCode::Unauthenticated, detail)
+}
+
+/// The answer to a request that is not admitted.
+fn refusal(problem: Problem) -> Response {
+    let needs_key = problem.code() == ErrorCode::Unauthenticated;
+    let mut response = problem.into_response();
+    if needs_key {
+        response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+    }
     response
 }
 

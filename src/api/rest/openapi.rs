@@ -40,6 +40,11 @@ const FAILURES: [ErrorCode; 6] = [
     ErrorCode::Internal,
 ];
 
+/// What a key is for, in the document.
+const ABOUT_KEYS: &str = "An API key, where the server has any configured. Each belongs to one caller; keys may be added and \
+    withdrawn while the server runs, and where several callers have keys each of them may use all workers and half of the \
+    queue: beyond, `queue_full`.";
+
 /// The document of a server with these operations, by path.
 pub(super) fn document(state: &ApiState, operations: impl Iterator<Item = (String, Access, Operation)>) -> Vec<u8> {
     let mut messages = Messages::new();
@@ -58,7 +63,7 @@ pub(super) fn document(state: &ApiState, operations: impl Iterator<Item = (Strin
         "paths": paths(operations),
         "components": {
             "schemas": bounded.messages.schemas,
-            "securitySchemes": {"api_key": {"type": "http", "scheme": "bearer"}},
+            "securitySchemes": {"api_key": {"type": "http", "scheme": "bearer", "description": ABOUT_KEYS}},
         },
     });
     serde_json::to_vec(&document).expect("a document of names and numbers is valid JSON")
@@ -189,6 +194,10 @@ fn written(operation: &Operation, access: Access) -> Value {
         errors.extend(errors_of(request, &operation.answer));
         written["parameters"] = json!(parameters);
         written["requestBody"] = json!({"required": true, "content": content_of(request)});
+    }
+    if access == Access::WithKey && !errors.contains(&ErrorCode::QueueFull) {
+        // Who has many requests open beside those of other callers is refused whatever it asks.
+        errors.push(ErrorCode::QueueFull);
     }
     if access != Access::WithKey {
         written["security"] = json!([]);

@@ -129,6 +129,11 @@ impl Connection {
         state.last_used = Instant::now();
     }
 
+    /// How many connections there may be beside this one and with it.
+    pub(in crate::api) fn max_connections(&self) -> usize {
+        self.connections.settings.max_connections
+    }
+
     /// Counts bytes that arrived.
     pub(super) fn read(&self, bytes: usize) {
         self.bytes_read.fetch_add(bytes as u64, Ordering::Relaxed);

@@ -90,7 +90,7 @@ fn standing<B>(connection: &Connection, request: &Request<B>) -> Standing {
     let path = request.uri().path();
     if FOR_GUESTS.iter().any(|prefix| path.starts_with(prefix)) {
         Standing::Guest
-    } else if connection.connections.keys.admit(request.headers()) {
+    } else if connection.connections.keys.admit(request.headers()).is_some() {
         Standing::Caller
     } else if is_for_readers(path) {
         Standing::Reader

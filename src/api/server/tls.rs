@@ -1,7 +1,8 @@
 //! TLS: the server's certificate and key, and handshakes with a timeout.
 
+use std::io;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
 
 use tokio::net::TcpStream;
@@ -16,10 +17,10 @@ use tokio_rustls::server::TlsStream;
 /// The ALPN names of both protocols, the preferred one first.
 const PROTOCOLS: [&[u8]; 2] = [b"h2", b"http/1.1"];
 
-/// A certificate chain with its key, ready for handshakes.
+/// A certificate chain with its key, ready for handshakes; clones are the same one, also when another takes its place.
 #[derive(Clone)]
 pub struct Identity {
-    config: Arc<ServerConfig>,
+    config: Arc<RwLock<Arc<ServerConfig>>>,
 }
 
 /// Every fault of the two files that prevents an identity.
@@ -36,25 +37,23 @@ impl Identity {
     /// # Errors
     /// All faults of both files, or that the two do not belong together.
     pub fn from_files(certificate: &Path, key: &Path) -> Result<Self, IdentityFaults> {
-        match (certificates_in(certificate), key_in(key)) {
-            (Ok(chain), Ok(key_der)) => Self::new(chain, key_der).map_err(|error| {
-                let (certificate, key) = (certificate.display(), key.display());
-                IdentityFaults { faults: vec![format!("{certificate} and {key} do not fit: {error}")] }
-            }),
-            (chain, key) => Err(IdentityFaults { faults: chain.err().into_iter().chain(key.err()).collect() }),
-        }
+        let config = config_of((certificate, std::fs::read(certificate)), (key, std::fs::read(key)))?;
+        Ok(Self { config: Arc::new(RwLock::new(config)) })
     }
 
-    fn new(
-        chain: Vec<CertificateDer<'static>>,
-        key: PrivateKeyDer<'static>,
-    ) -> Result<Self, tokio_rustls::rustls::Error> {
-        // Given explicitly: other crates of the build may install another provider as the process's default.
-        let builder = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()));
-        let mut config =
-            builder.with_safe_default_protocol_versions()?.with_no_client_auth().with_single_cert(chain, key)?;
-        config.alpn_protocols = PROTOCOLS.map(<[u8]>::to_vec).into();
-        Ok(Self { config: Arc::new(config) })
+    /// Puts what was read of the two files in the place of the present certificate and key, for the handshakes to come;
+    /// connections that are open keep theirs.
+    ///
+    /// # Errors
+    /// As [`Identity::from_files`]; certificate and key are then the same as before.
+    pub fn replace(&self, certificate: ReadFile<'_>, key: ReadFile<'_>) -> Result<(), IdentityFaults> {
+        let config = config_of(certificate, key)?;
+        *self.config.write().unwrap_or_else(PoisonError::into_inner) = config;
+        Ok(())
+    }
+
+    fn config(&self) -> Arc<ServerConfig> {
+        Arc::clone(&self.config.read().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// The connection after its handshake; none when that fails or takes longer than `handshake_timeout`.
@@ -63,7 +62,7 @@ impl Identity {
         stream: TcpStream,
         handshake_timeout: Duration,
     ) -> Option<TlsStream<TcpStream>> {
-        let handshake = TlsAcceptor::from(Arc::clone(&self.config)).accept(stream);
+        let handshake = TlsAcceptor::from(self.config()).accept(stream);
         match timeout(handshake_timeout, handshake).await {
             Ok(Ok(stream)) => Some(stream),
             Ok(Err(error)) => {
@@ -89,17 +88,45 @@ impl PartialEq for Identity {
 
 impl Eq for Identity {}
 
-fn certificates_in(path: &Path) -> Result<Vec<CertificateDer<'static>>, String> {
-    let chain = CertificateDer::pem_file_iter(path).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-    match chain {
+/// A file and what was read of it.
+pub type ReadFile<'a> = (&'a Path, io::Result<Vec<u8>>);
+
+/// The configuration of a server with the certificate chain and the key in these files.
+fn config_of(certificate: ReadFile<'_>, key: ReadFile<'_>) -> Result<Arc<ServerConfig>, IdentityFaults> {
+    let paths = format!("{} and {}", certificate.0.display(), key.0.display());
+    match (certificates_in(certificate), key_in(key)) {
+        (Ok(chain), Ok(key)) => {
+            let of_both = |error| IdentityFaults { faults: vec![format!("{paths} do not fit: {error}")] };
+            config(chain, key).map_err(of_both)
+        }
+        (chain, key) => Err(IdentityFaults { faults: chain.err().into_iter().chain(key.err()).collect() }),
+    }
+}
+
+fn config(
+    chain: Vec<CertificateDer<'static>>,
+    key: PrivateKeyDer<'static>,
+) -> Result<Arc<ServerConfig>, tokio_rustls::rustls::Error> {
+    // Given explicitly: other crates of the build may install another provider as the process's default.
+    let builder = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()));
+    let mut config =
+        builder.with_safe_default_protocol_versions()?.with_no_client_auth().with_single_cert(chain, key)?;
+    config.alpn_protocols = PROTOCOLS.map(<[u8]>::to_vec).into();
+    Ok(Arc::new(config))
+}
+
+fn certificates_in((path, content): ReadFile<'_>) -> Result<Vec<CertificateDer<'static>>, String> {
+    let content = content.map_err(|error| unreadable(path, "certificate", &pem::Error::Io(error)))?;
+    match CertificateDer::pem_slice_iter(&content).collect::<Result<Vec<_>, _>>() {
         Ok(chain) if chain.is_empty() => Err(format!("{} holds no certificate in PEM", path.display())),
         Ok(chain) => Ok(chain),
         Err(error) => Err(unreadable(path, "certificate", &error)),
     }
 }
 
-fn key_in(path: &Path) -> Result<PrivateKeyDer<'static>, String> {
-    PrivateKeyDer::from_pem_file(path).map_err(|error| unreadable(path, "private key", &error))
+fn key_in((path, content): ReadFile<'_>) -> Result<PrivateKeyDer<'static>, String> {
+    let key = content.map_err(pem::Error::Io).and_then(|content| PrivateKeyDer::from_pem_slice(&content));
+    key.map_err(|error| unreadable(path, "private key", &error))
 }
 
 fn unreadable(path: &Path, content: &str, error: &pem::Error) -> String {

@@ -6,6 +6,8 @@ pub(crate) mod folder;
 pub(crate) mod http2;
 pub(crate) mod lines;
 pub(crate) mod manifests;
+#[cfg(unix)]
+pub(crate) mod mounted;
 pub(crate) mod process;
 pub(crate) mod protobuf;
 pub(crate) mod readers;

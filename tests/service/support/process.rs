@@ -48,13 +48,22 @@ impl ServerProcess {
     /// Starts a server on free ports; returns when it listens.
     pub(crate) fn start(flags: &[&str], variables: &[(&str, &str)]) -> Self {
         let (tell, log) = channel();
-        Self::start_telling(flags, variables, log, move |line| tell.send(line).is_ok())
+        let flags = [&["--admin", "127.0.0.1:0"], flags].concat();
+        Self::start_telling(&flags, variables, log, move |line| tell.send(line).is_ok())
+    }
+
+    /// As [`ServerProcess::start`], with probes and metrics on the port of REST.
+    #[cfg(feature = "tls")]
+    pub(crate) fn start_without_admin(flags: &[&str]) -> Self {
+        let (tell, log) = channel();
+        Self::start_telling(flags, &[], log, move |line| tell.send(line).is_ok())
     }
 
     /// As [`ServerProcess::start`], but of its log only the lines are read that a test asks for.
     pub(crate) fn start_with_unread_log(flags: &[&str]) -> Self {
         let (tell, log) = sync_channel(0);
-        Self::start_telling(flags, &[], log, move |line| tell.send(line).is_ok())
+        let flags = [&["--admin", "127.0.0.1:0"], flags].concat();
+        Self::start_telling(&flags, &[], log, move |line| tell.send(line).is_ok())
     }
 
     fn start_telling(
@@ -64,7 +73,7 @@ impl ServerProcess {
         tell: impl Fn(String) -> bool + Send + 'static,
     ) -> Self {
         let mut child = slipdrive()
-            .args(["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0", "--admin", "127.0.0.1:0"])
+            .args(["serve", "--http", "127.0.0.1:0", "--grpc", "127.0.0.1:0"])
             .args(["--workers", "1"])
             .args(flags)
             .envs(variables.iter().copied())

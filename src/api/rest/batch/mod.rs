@@ -23,6 +23,7 @@ use super::extract::admit_lines;
 use super::problem_json;
 use crate::api::ApiState;
 use crate::api::access::RequestContext;
+use crate::api::auth::Credential;
 use crate::api::batch::{Batch, Format, ItemResult, Subject};
 use crate::api::read_ahead::{Pace, ReadAhead};
 use crate::api::receive::{DISCARD_TIMEOUT, connection_of};
@@ -36,7 +37,7 @@ pub(super) const MEDIA_TYPE: &str = "application/x-ndjson";
 pub(super) async fn run(
     kinds: Arc<Kinds>,
     State(state): State<ApiState>,
-    Extension(context): Extension<RequestContext>,
+    (Extension(context), Extension(credential)): (Extension<RequestContext>, Extension<Credential>),
     request: Request,
 ) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
@@ -47,7 +48,7 @@ pub(super) async fn run(
     let pace = Pace { pause_bytes: Some(limit), message_timeout: state.settings.body_timeout };
     let read_ahead = ReadAhead::of(body, Lines::up_to(limit), pace, &connection);
     let inbound = lines::messages(read_ahead, kinds);
-    let caller = Caller { notes: context.notes.clone(), deadline, connection };
+    let caller = Caller { notes: context.notes.clone(), deadline, connection, credential };
     let format = AsLines(Arc::new(context));
     let answers =
         Answers { batch: Batch::new(state, caller, inbound, format.clone()), format, count: Count::default() };
