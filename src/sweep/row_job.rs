@@ -65,7 +65,7 @@ impl<K: Kind> RowJob for OfKind<K> {
         Box::pin(async move {
             let input = read?;
             // Nobody waits for light jobs here: all workers take them.
-            let permit = service.reserve_for_batch(Class::Heavy).await?;
+            let permit = service.reserve_for_batch(None, Class::Heavy).await?;
             let running = permit.submit(kind, input, None, |input, done| json::write(&K::answer(input, done)))?;
             Ok(running.outcome().await?)
         })
