@@ -39,7 +39,7 @@ fn measure(name: &str, solved: &SolveInput, sample_count: usize) {
     let motions: Vec<Disturbed> = (0..sample_count).filter_map(|sample| changed(&driven, &input, sample)).collect();
     let mut shortest = [f64::INFINITY; 2];
     for _ in 0..REPETITIONS {
-        let (_, plain) = timing::shortest_ms(1, || motions.iter().for_each(plain_rollout));
+        let ((), plain) = timing::shortest_ms(1, || motions.iter().for_each(plain_rollout));
         let assessment = || black_box(assess(&input, &RunControl::unattended()).expect("never stopped"));
         let (_, assessed) = timing::shortest_ms(1, assessment);
         shortest = [shortest[0].min(plain), shortest[1].min(assessed)];
@@ -61,7 +61,7 @@ fn assessed(solved: &SolveInput, sample_count: usize) -> AssessInput {
         driven: planned.clone(),
         planned,
         goal: Some(maneuver.goal),
-        limited: Limited::Maneuver(Box::new(maneuver.clone())),
+        limited: Limited::Maneuver(Box::new(*maneuver)),
         aisle: solved.aisle.clone(),
         uncertain: vec![
             share(ChangedParameter::Friction, 0.1),

@@ -83,7 +83,9 @@ impl Reload {
             secrets.push(Secret::Certificate { certificate, key, identity });
         }
         let secrets: Vec<_> = secrets.into_iter().map(|secret| Watched { secret, seen: None }).collect();
-        secrets.iter().for_each(|watched| metrics.expect_file(watched.secret.file()));
+        for watched in &secrets {
+            metrics.expect_file(watched.secret.file());
+        }
         Self { secrets, metrics: Arc::clone(metrics) }
     }
 

@@ -72,7 +72,7 @@ fn motor(given: &message::Robot, checks: &mut Checks) -> Option<Motor> {
     ];
     for ((field, value), (other, other_value)) in [(fields[0], fields[1]), (fields[1], fields[0])] {
         let holds = value.is_some() || other_value.is_none();
-        checks.require(field, "absent", holds, &format!("given where `robot.{other}` is"), None);
+        checks.require(field, "absent", holds, format!("given where `robot.{other}` is"), None);
     }
     let (stall_torque, free_speed) = (fields[0].1?, fields[1].1?);
     Some(Motor { stall_torque, free_speed })

@@ -149,7 +149,7 @@ impl AisleCorners {
         let aisle = polygon(&self.keep_in, keep_in, &KEEP_IN_RULES);
         let footprint = polygon(&self.footprint, FOOTPRINT, &FOOTPRINT_RULES);
         let is_whole = self.keep_in.is_empty() || !self.footprint.is_empty();
-        checks.require(FOOTPRINT, "absent", is_whole, &format!("given where `{keep_in}` is"), None);
+        checks.require(FOOTPRINT, "absent", is_whole, format!("given where `{keep_in}` is"), None);
         Some(Aisle { keep_in: aisle?, footprint: footprint? })
     }
 }

@@ -251,14 +251,13 @@ impl PathQuantity {
     ) {
         let mut corner: Option<Corner> = None;
         for (place, quantity) in quantities.iter().enumerate() {
-            let value = match *quantity {
-                Self::Outside { point, normal, distance, radius } => {
-                    let known = corner.filter(|known| known.point == point);
-                    let known = known.unwrap_or_else(|| Corner::new(point, radius, sample));
-                    corner = Some(known);
-                    known.outside(normal, distance)
-                }
-                other => other.of_step(entry, sample),
+            let value = if let Self::Outside { point, normal, distance, radius } = *quantity {
+                let known = corner.filter(|known| known.point == point);
+                let known = known.unwrap_or_else(|| Corner::new(point, radius, sample));
+                corner = Some(known);
+                known.outside(normal, distance)
+            } else {
+                quantity.of_step(entry, sample)
             };
             note(place, value);
         }

@@ -147,7 +147,7 @@ fn checked_uncertain(
                 (Some(low), Some(high), None, None) => {
                     checks.bounds("low", low, &rule);
                     checks.bounds("high", high, &rule);
-                    checks.require("low", low, low <= high, &format!("at most `high` ({high})"), Some(high));
+                    checks.require("low", low, low <= high, format!("at most `high` ({high})"), Some(high));
                     Distribution::Uniform { low, high }
                 }
                 (None, None, Some(mean), Some(standard_deviation)) => {

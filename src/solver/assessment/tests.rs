@@ -179,7 +179,9 @@ fn samples_that_slip_are_judged_by_the_friction_that_would_hold_them_and_by_the_
     let slippery = vec![(ChangedParameter::Friction, Distribution::Uniform { low: -0.6, high: -0.6 })];
     let mut input = straight(slippery, [None, None, Some(10.0), None, None]);
     for torques in [&mut input.driven.schedule.left, &mut input.driven.schedule.right] {
-        torques.iter_mut().for_each(|torque| *torque *= 3.0);
+        for torque in torques {
+            *torque *= 3.0;
+        }
     }
     input.sample_count = 1;
     let forbidden = Maneuver { slip: SlipPolicy::Forbidden, ..Maneuver::forward_drive() };
