@@ -19,7 +19,8 @@ impl<'a> Registration<'a> {
         Self(registry)
     }
 
-    pub(super) fn gauge(self, family: &Family) -> IntGauge {
+    /// A gauge without labels.
+    pub fn gauge(self, family: &Family) -> IntGauge {
         self.added(family, IntGauge::with_opts(opts(family)))
     }
 

@@ -1,0 +1,87 @@
+//! `slipdrive sweep --nats`: a sweep that workers elsewhere run.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use slipdrive::sweep::nats::{self, Broker, Collected, NatsError};
+use slipdrive::sweep::{Results, Shard, Sweep};
+
+use super::progress_of_rows::{ProgressLine, ProgressOfRows};
+use super::sweep::{complete, refused, refused_folder, refused_rows, to_be_continued, workers};
+use crate::config::{NatsArguments, SweepArguments};
+use crate::shutdown::Signals;
+
+/// Publishes a sweep, collects it, or takes it back.
+///
+/// # Errors
+/// What cannot be read or written, and servers that do not do what they should.
+pub(super) fn sweep(sweep: &Sweep, folders: &[PathBuf], arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    let over = &arguments.nats;
+    if arguments.count || arguments.shard != Shard::WHOLE {
+        return Ok(refused("`--count` and `--shard` do not go with `--nats`: the workers share the chunks"));
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    if over.cancel {
+        return runtime.block_on(cancel(sweep, &over.nats));
+    }
+    match folders {
+        [] => runtime.block_on(publish(sweep, arguments)),
+        [folder] => {
+            let before = Results::header_of(folder);
+            let published = if over.collect { ExitCode::SUCCESS } else { runtime.block_on(publish(sweep, arguments))? };
+            if published == ExitCode::SUCCESS && before.is_ok() {
+                return runtime.block_on(collect(sweep, folder, arguments));
+            }
+            before?;
+            Ok(published)
+        }
+        _ => Ok(refused("there must be one `--out` for the results")),
+    }
+}
+
+async fn connected(arguments: &NatsArguments) -> Result<Broker, NatsError> {
+    let access = arguments.access().unwrap_or_default();
+    Broker::connect(&access, arguments.limits()).await
+}
+
+async fn publish(sweep: &Sweep, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    if let Err(faults) = sweep.check(Shard::WHOLE, workers(arguments)) {
+        return Ok(refused_rows(&faults));
+    }
+    let broker = connected(&arguments.nats.nats).await?;
+    let mut line = ProgressLine::new(sweep.chunk_count());
+    let mut signals = Signals::listen()?;
+    let show = |published: &nats::Published| line.show(published.published, || published.to_string());
+    let published = nats::publish(sweep, &broker, show, signals.next()).await?;
+    line.finish();
+    eprintln!("{published}");
+    Ok(if published.is_complete() { ExitCode::SUCCESS } else { to_be_continued("stopped") })
+}
+
+async fn collect(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    let mut results = match Results::open(folder, sweep.header(Shard::WHOLE)) {
+        Ok(results) => results,
+        Err(error) => return refused_folder(error),
+    };
+    let broker = connected(&arguments.nats.nats).await?;
+    let mut shown = ProgressOfRows::of(results.progress());
+    let mut signals = Signals::listen()?;
+    let show = |progress: &_| shown.show(progress);
+    let ended = nats::collect(sweep.hash(), &mut results, &broker, show, signals.next()).await;
+    shown.finish();
+    let progress = results.progress().clone();
+    drop(results);
+    eprintln!("{}: {progress}", Path::display(folder));
+    match ended? {
+        Collected::Complete => complete(&progress, folder, arguments),
+        Collected::Stopped => Ok(to_be_continued("stopped")),
+        Collected::Cancelled => Ok(to_be_continued("the sweep is cancelled; without `--collect`")),
+        Collected::Unpublished => Ok(to_be_continued("rows without results have no chunks; without `--collect`")),
+    }
+}
+
+async fn cancel(sweep: &Sweep, arguments: &NatsArguments) -> anyhow::Result<ExitCode> {
+    let taken = nats::cancel(sweep.hash(), &connected(arguments).await?).await?;
+    println!("{taken} chunks are taken back; the results stay");
+    Ok(ExitCode::SUCCESS)
+}
