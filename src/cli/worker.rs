@@ -11,7 +11,7 @@ use slipdrive::sweep::nats::{Broker, Worker, WorkerSettings};
 
 use super::sweep::refused;
 use crate::config::{WorkerArguments, cores};
-use crate::shutdown::Signals;
+use crate::shutdown::{Servers, Signals, serve_probes};
 
 /// Works until a signal comes.
 ///
@@ -28,10 +28,15 @@ pub(crate) fn worker(arguments: &WorkerArguments) -> anyhow::Result<ExitCode> {
     runtime.block_on(async {
         let mut signals = Signals::listen()?;
         let broker = Broker::connect(&access, arguments.nats.limits()).await?;
+        let servers = match arguments.admin {
+            Some(address) => Some(serve_probes(address, &service, jobs.clone())?),
+            None => None,
+        };
         let lease = Duration::from_secs(arguments.lease_s.get().into());
         let worker = Worker::start(broker, Arc::clone(&service), jobs, WorkerSettings { lease }).await?;
         tracing::info!(queue.workers = threads, "taking chunks");
         worker.run(signals.next()).await;
+        servers.iter().for_each(Servers::close);
         anyhow::Ok(())
     })?;
     tracing::info!("stopped");

@@ -47,6 +47,8 @@ mod stopping;
 mod support;
 mod sweep;
 mod sweep_files;
+#[cfg(all(feature = "nats", unix))]
+mod sweep_nats;
 mod time_limits;
 #[cfg(feature = "tls")]
 mod tls;

@@ -161,6 +161,11 @@ impl Broker {
         }
     }
 
+    /// Chunks for this version that are in the stream, whether or not anybody gets them.
+    pub(super) async fn chunks_of_version(&self) -> Result<u64, NatsError> {
+        self.count(&self.chunks, &subjects::chunks_of_version(SOLVER_VERSION)).await
+    }
+
     /// How many messages are under the subjects of a filter.
     pub(super) async fn count(&self, stream: &Stream<()>, filter: &str) -> Result<u64, NatsError> {
         let failed = NatsError::failed("a stream cannot be counted");

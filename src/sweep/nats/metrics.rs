@@ -18,6 +18,11 @@ const REDELIVERIES: Family =
     counter("slipdrive_sweep_redeliveries_total", &[], "Chunks that a worker took which had been delivered before.");
 const STALLS: Family =
     counter("slipdrive_sweep_stalls_total", &[], "Times that chunks waited and none came until the worker connected again.");
+const QUEUES_RESTORED: Family = counter(
+    "slipdrive_sweep_queues_restored_total",
+    &[],
+    "Times that the server had chunks which it would not have given to anybody any more.",
+);
 const PUBLISH_RETRIES: Family =
     counter("slipdrive_sweep_publish_retries_total", &[], "Times that a result had to be sent again.");
 const IN_FLIGHT: Family = gauge("slipdrive_sweep_chunks_in_flight", &[], "Chunks that a worker has on lease.");
@@ -25,7 +30,7 @@ const CONNECTED: Family = gauge("slipdrive_sweep_connected", &[], "Whether a wor
 
 /// All families of a worker beside those of its service.
 pub const FAMILIES: &[Family] =
-    &[CHUNKS, ROWS, LEASES_EXTENDED, REDELIVERIES, STALLS, PUBLISH_RETRIES, IN_FLIGHT, CONNECTED];
+    &[CHUNKS, ROWS, LEASES_EXTENDED, REDELIVERIES, STALLS, QUEUES_RESTORED, PUBLISH_RETRIES, IN_FLIGHT, CONNECTED];
 
 /// The counters of a worker.
 pub struct WorkerMetrics {
@@ -34,6 +39,7 @@ pub struct WorkerMetrics {
     pub(super) leases_extended: IntCounter,
     pub(super) redeliveries: IntCounter,
     pub(super) stalls: IntCounter,
+    pub(super) queues_restored: IntCounter,
     pub(super) publish_retries: IntCounter,
     pub(super) in_flight: IntGauge,
     pub(super) connected: IntGauge,
@@ -56,6 +62,7 @@ impl WorkerMetrics {
             leases_extended: registration.counter(&LEASES_EXTENDED),
             redeliveries: registration.counter(&REDELIVERIES),
             stalls: registration.counter(&STALLS),
+            queues_restored: registration.counter(&QUEUES_RESTORED),
             publish_retries: registration.counter(&PUBLISH_RETRIES),
             in_flight: registration.gauge(&IN_FLIGHT),
             connected: registration.gauge(&CONNECTED),

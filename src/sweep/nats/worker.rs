@@ -2,7 +2,6 @@
 
 mod run;
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -58,7 +57,6 @@ pub struct Worker {
     /// One row of suspect chunks runs at a time.
     suspect: tokio::sync::Mutex<()>,
     last_sign: LastSign,
-    was_connected: AtomicBool,
 }
 
 impl Worker {
@@ -84,7 +82,6 @@ impl Worker {
             cancelled: broadcast::Sender::new(CANCELS_AHEAD),
             suspect: tokio::sync::Mutex::new(()),
             last_sign: LastSign::now(),
-            was_connected: AtomicBool::new(true),
         })
     }
 
@@ -95,7 +92,6 @@ impl Worker {
         let ended = async {
             stop.await;
             tracing::info!("taking no more chunks");
-            self.service.announce_end();
             stopped.send_replace(true);
             std::future::pending().await
         };
@@ -103,7 +99,7 @@ impl Worker {
             _ = join_all(slots) => {}
             () = ended => {}
             () = self.hear_cancels() => {}
-            () = self.watch_over() => {}
+            () = self.watch_over(stopped.subscribe()) => {}
         }
     }
 
@@ -221,38 +217,47 @@ impl Worker {
         }
     }
 
-    /// Reports whether the worker is connected, and connects again where chunks wait but none comes.
-    async fn watch_over(&self) {
+    /// Reports whether the worker is connected, and looks after the queue where chunks wait but none comes.
+    async fn watch_over(&self, stopped: watch::Receiver<bool>) {
         loop {
-            self.report_connection();
+            let is_connected = self.broker.client().connection_state() == State::Connected;
+            self.metrics.connected.set(is_connected.into());
+            if is_connected && !*stopped.borrow() {
+                self.service.revoke_end();
+            } else {
+                self.service.announce_end();
+            }
             sleep(RETRY_PAUSE).await;
             let has_idle = self.metrics.in_flight.get() < as_gauge(self.service.settings().workers.get());
-            if !has_idle || self.broker.client().connection_state() != State::Connected {
+            if !has_idle || !is_connected {
                 self.last_sign.renew();
             } else if self.last_sign.is_old() {
-                self.look_for_stall().await;
+                if let Err(error) = self.look_after_queue().await {
+                    tracing::warn!(error = %error, "the queue cannot be looked after");
+                }
+                self.last_sign.renew();
             }
         }
     }
 
-    async fn look_for_stall(&self) {
+    /// Connects again where chunks wait, and has them delivered anew where the server has lost whom they are for: after a
+    /// crash it may have chunks that its consumer counts as done.
+    async fn look_after_queue(&self) -> Result<(), NatsError> {
+        let failed = NatsError::failed("the consumer cannot be asked");
         let consumer = self.consumer.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        if consumer.get_info().await.is_ok_and(|info| info.num_pending > 0) {
+        let info = consumer.get_info().await.map_err(|error| failed(&error))?;
+        if info.num_pending > 0 {
             self.metrics.stalls.inc();
             tracing::warn!("chunks wait, but none comes; connecting again");
-            if let Err(error) = self.broker.client().force_reconnect().await {
-                tracing::warn!(error = %error, "cannot connect again");
-            }
+            return self.broker.client().force_reconnect().await.map_err(|error| failed(&error));
         }
-        self.last_sign.renew();
-    }
-
-    fn report_connection(&self) {
-        let is_connected = self.broker.client().connection_state() == State::Connected;
-        self.metrics.connected.set(is_connected.into());
-        if self.was_connected.swap(is_connected, Ordering::Relaxed) != is_connected {
-            tracing::info!(nats.connected = is_connected, "connection");
+        if info.num_ack_pending == 0 && self.broker.chunks_of_version().await? > 0 {
+            self.metrics.queues_restored.inc();
+            tracing::warn!("chunks are there that nobody would get; they are delivered anew");
+            self.broker.chunks.delete_consumer(&info.name).await.map_err(|error| failed(&error))?;
+            self.reopen().await;
         }
+        Ok(())
     }
 }
 
