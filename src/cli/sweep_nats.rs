@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use slipdrive::sweep::nats::{self, Broker, Collected, NatsError};
+use slipdrive::sweep::nats::{self, Broker, Collected, NatsError, Sending};
 use slipdrive::sweep::{Results, Shard, Sweep};
 
 use super::progress_of_rows::{ProgressLine, ProgressOfRows};
@@ -25,16 +25,11 @@ pub(super) fn sweep(sweep: &Sweep, folders: &[PathBuf], arguments: &SweepArgumen
         return runtime.block_on(cancel(sweep, &over.nats));
     }
     match folders {
-        [] => runtime.block_on(publish(sweep, arguments)),
-        [folder] => {
-            let before = Results::header_of(folder);
-            let published = if over.collect { ExitCode::SUCCESS } else { runtime.block_on(publish(sweep, arguments))? };
-            if published == ExitCode::SUCCESS && before.is_ok() {
-                return runtime.block_on(collect(sweep, folder, arguments));
-            }
-            before?;
-            Ok(published)
-        }
+        [] => runtime.block_on(async {
+            let published = publish(sweep, Sending::Once, arguments).await?;
+            Ok(published.unwrap_or(ExitCode::SUCCESS))
+        }),
+        [folder] => runtime.block_on(run(sweep, folder, arguments)),
         _ => Ok(refused("there must be one `--out` for the results")),
     }
 }
@@ -44,40 +39,62 @@ async fn connected(arguments: &NatsArguments) -> Result<Broker, NatsError> {
     Broker::connect(&access, arguments.limits()).await
 }
 
-async fn publish(sweep: &Sweep, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+/// Publishes what is missing; gives the exit code where not all is published.
+async fn publish(sweep: &Sweep, sending: Sending, arguments: &SweepArguments) -> anyhow::Result<Option<ExitCode>> {
     if let Err(faults) = sweep.check(Shard::WHOLE, workers(arguments)) {
-        return Ok(refused_rows(&faults));
+        return Ok(Some(refused_rows(&faults)));
     }
     let broker = connected(&arguments.nats.nats).await?;
     let mut line = ProgressLine::new(sweep.chunk_count());
     let mut signals = Signals::listen()?;
     let show = |published: &nats::Published| line.show(published.published, || published.to_string());
-    let published = nats::publish(sweep, &broker, show, signals.next()).await?;
+    let published = nats::publish(sweep, &broker, sending, show, signals.next()).await?;
     line.finish();
     eprintln!("{published}");
-    Ok(if published.is_complete() { ExitCode::SUCCESS } else { to_be_continued("stopped") })
+    Ok(if published.is_complete() { None } else { Some(to_be_continued("stopped")) })
 }
 
-async fn collect(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+/// Publishes and collects until all rows are there.
+async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    // A folder that cannot be written to is refused before anything is published.
     let mut results = match Results::open(folder, sweep.header(Shard::WHOLE)) {
         Ok(results) => results,
         Err(error) => return refused_folder(error),
     };
+    let mut sending = Sending::Once;
+    loop {
+        if !arguments.nats.collect
+            && let Some(code) = publish(sweep, sending, arguments).await?
+        {
+            return Ok(code);
+        }
+        let ended = collect(sweep, &mut results, arguments).await?;
+        let progress = results.progress().clone();
+        eprintln!("{}: {progress}", Path::display(folder));
+        match ended {
+            Collected::Complete => {
+                drop(results);
+                return complete(&progress, folder, arguments);
+            }
+            Collected::Stopped => return Ok(to_be_continued("stopped")),
+            Collected::Cancelled => return Ok(to_be_continued("the sweep is cancelled; without `--collect`")),
+            Collected::Unpublished if arguments.nats.collect => {
+                return Ok(to_be_continued("rows without results have no chunks; without `--collect`"));
+            }
+            Collected::Unpublished => eprintln!("rows without results have no chunks; these are published again"),
+        }
+        sending = Sending::Again;
+    }
+}
+
+async fn collect(sweep: &Sweep, results: &mut Results, arguments: &SweepArguments) -> anyhow::Result<Collected> {
     let broker = connected(&arguments.nats.nats).await?;
     let mut shown = ProgressOfRows::of(results.progress());
     let mut signals = Signals::listen()?;
     let show = |progress: &_| shown.show(progress);
-    let ended = nats::collect(sweep.hash(), &mut results, &broker, show, signals.next()).await;
+    let ended = nats::collect(sweep.hash(), results, &broker, show, signals.next()).await;
     shown.finish();
-    let progress = results.progress().clone();
-    drop(results);
-    eprintln!("{}: {progress}", Path::display(folder));
-    match ended? {
-        Collected::Complete => complete(&progress, folder, arguments),
-        Collected::Stopped => Ok(to_be_continued("stopped")),
-        Collected::Cancelled => Ok(to_be_continued("the sweep is cancelled; without `--collect`")),
-        Collected::Unpublished => Ok(to_be_continued("rows without results have no chunks; without `--collect`")),
-    }
+    Ok(ended?)
 }
 
 async fn cancel(sweep: &Sweep, arguments: &NatsArguments) -> anyhow::Result<ExitCode> {

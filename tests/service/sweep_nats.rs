@@ -158,8 +158,7 @@ async fn killed_worker_and_chunks_that_come_twice_leave_one_result_a_row() {
         assert!(slipdrive().args(["sweep", &file, "--out", &local]).output().unwrap().status.success());
         let (mut chunks, mut results) = (nats.heard("slipdrive.chunk.>").await, nats.heard("slipdrive.result.>").await);
         let mut collecting = nats.sweeping(&[&file, "--out", &out]);
-        let (subject, payload) =
-            first(&mut chunks, |chunk| Some((chunk.subject.clone(), chunk.payload.clone()))).await;
+        let (subject, payload) = first(&mut chunks, |chunk| Some((chunk.subject.clone(), chunk.payload.clone()))).await;
         let (mut killed, _other) = (nats.worker(&[]), nats.worker(&[]));
         first(&mut results, |_| Some(())).await;
         killed.kill();
@@ -191,13 +190,16 @@ async fn row_that_kills_its_workers_is_named_and_the_others_are_answered() {
     let mut collecting = nats.sweeping(&[&file, "--out", &out]);
     for delivery in [1, 2] {
         let mut worker = nats.worker(&[]);
-        first(&mut signs, |sign| (&*sign.payload == b"+WPI" && delivery_of(&sign.subject) == delivery).then_some(())).await;
+        first(&mut signs, |sign| (&*sign.payload == b"+WPI" && delivery_of(&sign.subject) == delivery).then_some(()))
+            .await;
         worker.kill();
     }
     for beginning in ["1", "2", "3"] {
         let mut worker = nats.worker(&[]);
-        first(&mut marks, |mark| (mark.subject.ends_with(".1") && *mark.payload == *beginning.as_bytes()).then_some(()))
-            .await;
+        first(&mut marks, |mark| {
+            (mark.subject.ends_with(".1") && *mark.payload == *beginning.as_bytes()).then_some(())
+        })
+        .await;
         worker.kill();
     }
     let mut dead = nats.heard("slipdrive.dead.row.>").await;

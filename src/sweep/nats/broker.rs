@@ -131,9 +131,7 @@ impl Broker {
 
     /// Makes the streams again that somebody has taken away.
     pub(super) async fn restore(&self) -> Result<(), NatsError> {
-        for name in
-            [subjects::CHUNKS, subjects::RESULTS, subjects::MARKS, subjects::DEAD_LETTERS, subjects::STATES]
-        {
+        for name in [subjects::CHUNKS, subjects::RESULTS, subjects::MARKS, subjects::DEAD_LETTERS, subjects::STATES] {
             opened(&self.context, name, self.limits).await?;
         }
         Ok(())

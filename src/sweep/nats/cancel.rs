@@ -3,6 +3,7 @@
 use async_nats::jetstream::message::PublishMessage;
 
 use super::broker::{Broker, NatsError, last};
+use super::publish::Sending;
 use super::subjects;
 
 const CANCELLED: &[u8] = b"cancelled";
@@ -17,7 +18,8 @@ pub async fn cancel(sweep: &str, broker: &Broker) -> Result<u64, NatsError> {
     // First the state: a worker that begins a chunk meanwhile sees it.
     put(sweep, CANCELLED, broker).await?;
     let failed = NatsError::failed("chunks cannot be taken back");
-    let purged = broker.chunks.purge().filter(subjects::chunks_of_sweep(sweep)).await.map_err(|error| failed(&error))?;
+    let purged =
+        broker.chunks.purge().filter(subjects::chunks_of_sweep(sweep)).await.map_err(|error| failed(&error))?;
     broker.marks.purge().filter(subjects::marks_of_sweep(sweep)).await.map_err(|error| failed(&error))?;
     Ok(purged.purged)
 }
@@ -35,12 +37,10 @@ pub(super) async fn is_cancelled(sweep: &str, broker: &Broker) -> Result<bool, N
 
 /// Lets a sweep go on that was taken back. Gives a number that grows with each time: messages of chunks are told apart by
 /// it, else the server would take those that come again for duplicates.
-pub(super) async fn resume(sweep: &str, broker: &Broker) -> Result<u64, NatsError> {
-    match last(&broker.states, subjects::state(sweep)).await? {
-        Some((_, state)) if says_cancelled(&state) => put(sweep, RESUMED, broker).await,
-        Some((sequence, _)) => Ok(sequence),
-        None => Ok(0),
-    }
+pub(super) async fn resume(sweep: &str, sending: Sending, broker: &Broker) -> Result<u64, NatsError> {
+    let state = last(&broker.states, subjects::state(sweep)).await?;
+    let must_tell = sending == Sending::Again || state.as_ref().is_some_and(|(_, state)| says_cancelled(state));
+    if must_tell { put(sweep, RESUMED, broker).await } else { Ok(state.map_or(0, |(sequence, _)| sequence)) }
 }
 
 async fn put(sweep: &str, state: &'static [u8], broker: &Broker) -> Result<u64, NatsError> {

@@ -2,8 +2,8 @@
 
 use prometheus::{IntCounter, IntCounterVec, IntGauge};
 
-use crate::metrics::catalogue::{Family, counter, gauge};
 use crate::metrics::Metrics;
+use crate::metrics::catalogue::{Family, counter, gauge};
 
 const CHUNKS: Family = counter(
     "slipdrive_sweep_chunks_total",
@@ -16,8 +16,11 @@ const LEASES_EXTENDED: Family =
     counter("slipdrive_sweep_leases_extended_total", &[], "Signs of life for chunks that run.");
 const REDELIVERIES: Family =
     counter("slipdrive_sweep_redeliveries_total", &[], "Chunks that a worker took which had been delivered before.");
-const STALLS: Family =
-    counter("slipdrive_sweep_stalls_total", &[], "Times that chunks waited and none came until the worker connected again.");
+const STALLS: Family = counter(
+    "slipdrive_sweep_stalls_total",
+    &[],
+    "Times that chunks waited and none came until the worker connected again.",
+);
 const QUEUES_RESTORED: Family = counter(
     "slipdrive_sweep_queues_restored_total",
     &[],

@@ -6,6 +6,9 @@
 //! - [`collect`] brings the first result of each row into a folder, in the form of a sweep on one machine.
 //! - [`cancel`] takes the chunks back.
 //!
+//! The results are what counts, and the file of the sweep: chunks that a server loses are published again by whoever
+//! collects with the file at hand, and a worker that finds chunks nobody would get has them delivered anew.
+//!
 //! Each row is published under a subject of its own, on the condition that nothing is there yet: so the first result
 //! stays whoever else comes. Chunks, results and marks name their sweep by its hash, so any number of sweeps share the
 //! streams; chunks name the version of the solver too, and a worker asks for those of its own.
@@ -28,5 +31,5 @@ pub use broker::{Access, Broker, NatsError, StreamLimits};
 pub use cancel::cancel;
 pub use collect::{Collected, collect};
 pub use metrics::{FAMILIES, WorkerMetrics};
-pub use publish::{Published, publish};
+pub use publish::{Published, Sending, publish};
 pub use worker::{Worker, WorkerSettings};

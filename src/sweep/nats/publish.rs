@@ -10,14 +10,23 @@ use tokio::time::{MissedTickBehavior, interval, sleep};
 use super::broker::{Broker, NatsError};
 use super::chunk::Chunk;
 use super::{cancel, subjects};
-use crate::sweep::{SOLVER_VERSION, Sweep};
 use crate::sweep::results::RowSet;
 use crate::sweep::runner::SYNC_INTERVAL;
+use crate::sweep::{SOLVER_VERSION, Sweep};
 
 /// Chunks that are sent before the first of them is confirmed.
 const SENT_AHEAD: usize = 64;
 /// How long to wait until something is tried again, a full queue for instance.
 pub(super) const RETRY_PAUSE: Duration = Duration::from_millis(500);
+
+/// Whether chunks that were sent a moment ago are sent again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sending {
+    /// They are not: the server knows them by their ids.
+    Once,
+    /// They are, for the server has lost them.
+    Again,
+}
 
 /// How far the publishing of a sweep is.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -61,12 +70,13 @@ impl std::fmt::Display for Published {
 pub async fn publish(
     sweep: &Sweep,
     broker: &Broker,
+    sending: Sending,
     mut show: impl FnMut(&Published),
     stop: impl Future<Output = ()>,
 ) -> Result<Published, NatsError> {
     // Before the chunks, so that what scales the workers finds it.
     broker.consumer(None).await?;
-    let generation = cancel::resume(sweep.hash(), broker).await?;
+    let generation = cancel::resume(sweep.hash(), sending, broker).await?;
     let done = rows_with_results(sweep, broker).await?;
     let published = RefCell::new(Published { chunks: sweep.chunk_count(), ..Published::default() });
     let chunks = stream::iter((0..sweep.chunk_count()).map(Ok::<_, NatsError>));
@@ -106,9 +116,8 @@ async fn publish_chunk(
     if bytes > most {
         return Err(NatsError::ChunkTooLarge { chunk, bytes, most });
     }
-    let message = PublishMessage::build()
-        .payload(content.into())
-        .message_id(format!("{}-{chunk}-{generation}", sweep.hash()));
+    let message =
+        PublishMessage::build().payload(content.into()).message_id(format!("{}-{chunk}-{generation}", sweep.hash()));
     let subject = subjects::chunk(SOLVER_VERSION, sweep.hash(), chunk);
     loop {
         let sent = match broker.context.send_publish(subject.clone(), message.clone()).await {

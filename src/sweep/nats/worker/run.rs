@@ -9,12 +9,12 @@ use tokio::sync::watch;
 use tokio::time::{Instant, sleep};
 
 use super::{LAST_RESULTS, Worker};
+use crate::sweep::nats::broker::NatsError;
 use crate::sweep::nats::cancel;
 use crate::sweep::nats::chunk::Chunk;
 use crate::sweep::nats::marks::{self, FIRST_SUSPECT_DELIVERY, MOST_BEGINNINGS, Mark};
 use crate::sweep::nats::publish::RETRY_PAUSE;
 use crate::sweep::nats::result::{self, RowResult};
-use crate::sweep::nats::broker::NatsError;
 use crate::sweep::row_job;
 use crate::sweep::warm::Guess;
 use crate::sweep::{Finished, Row, RowRunner};
@@ -152,7 +152,12 @@ impl Worker {
         loop {
             match Mark::set(sweep, row.number, &self.broker).await {
                 Ok(Some(mark)) => {
-                    tracing::warn!(sweep.hash = sweep, row = row.number, beginnings = mark.beginnings, "a row is marked");
+                    tracing::warn!(
+                        sweep.hash = sweep,
+                        row = row.number,
+                        beginnings = mark.beginnings,
+                        "a row is marked"
+                    );
                     return Some(mark);
                 }
                 Ok(None) => return None,
