@@ -4,8 +4,8 @@
 # A server that others can reach wants API keys; the variable says that something in front of it checks callers.
 
 FROM docker.io/library/rust:1.95-bookworm AS build
-# Optional parts; `otel` exports spans where OTEL_EXPORTER_OTLP_ENDPOINT is set, and does nothing elsewhere.
-ARG FEATURES=otel
+# Optional parts; `otel` exports spans where OTEL_EXPORTER_OTLP_ENDPOINT is set, and does nothing elsewhere; `nats` is for sweeps.
+ARG FEATURES=otel,nats
 WORKDIR /build
 # The dependencies in a layer of their own: it is built again only when they change.
 COPY Cargo.toml Cargo.lock build.rs ./

@@ -19,7 +19,7 @@ have() {
 }
 
 if have kubectl "the overlays are not rendered"; then
-    for overlay in deploy/kubernetes/overlays/*/; do
+    for overlay in deploy/kubernetes/overlays/*/ deploy/kubernetes/sweeps/*/; do
         name=$(basename "$overlay")
         kubectl kustomize "$overlay" >"$work/$name.yaml" || fault "kustomize $name"
         if have kubernetes-validate "the schemas are not checked"; then
