@@ -151,13 +151,12 @@ impl Servers {
         }
     }
 
-    /// Closes the listeners.
-    pub(crate) fn close(&self) {
+    fn close(&self) {
         self.closing.send_replace(true);
     }
 }
 
-/// Serves probes and metrics alone, on a thread of their own until they are closed.
+/// Serves probes and metrics alone, on a thread of their own until what it gives is dropped.
 ///
 /// # Errors
 /// When the address cannot be bound.

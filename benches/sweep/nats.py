@@ -203,6 +203,9 @@ def chaos(runs, server, name, sweep):
     begun = time.monotonic()
     collecting = runs.started("sweep", file, "--nats", url, "--nats-chunks-mib", 1, "--out", out)
     done = collections.Counter()
+    # A server that is away when the first chunk is to be published ends the command, as it should.
+    while not again and collecting.poll() is None:
+        time.sleep(0.01)
     while collecting.poll() is None:
         time.sleep(draw.uniform(0.3, 1.5))
         what = draw.choices(["worker", "broker", "slow", "duplicates"], [4, 1, 1, 4])[0]

@@ -2,14 +2,19 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use slipdrive::sweep::nats::{self, Broker, Collected, NatsError, Sending};
 use slipdrive::sweep::{Results, Shard, Sweep};
+use tokio::time::sleep;
 
 use super::progress_of_rows::{ProgressLine, ProgressOfRows};
 use super::sweep::{complete, refused, refused_folder, refused_rows, to_be_continued, workers};
 use crate::config::{NatsArguments, SweepArguments};
 use crate::shutdown::Signals;
+
+/// How long to wait until something is tried again.
+const RETRY_PAUSE: Duration = Duration::from_secs(2);
 
 /// Publishes a sweep, collects it, or takes it back.
 ///
@@ -24,9 +29,12 @@ pub(super) fn sweep(sweep: &Sweep, folders: &[PathBuf], arguments: &SweepArgumen
     if over.cancel {
         return runtime.block_on(cancel(sweep, &over.nats));
     }
+    if let Err(faults) = sweep.check(Shard::WHOLE, workers(arguments)) {
+        return Ok(refused_rows(&faults));
+    }
     match folders {
         [] => runtime.block_on(async {
-            let published = publish(sweep, Sending::Once, arguments).await?;
+            let published = publish(sweep, Sending::Once, &connected(&over.nats).await?).await?;
             Ok(published.unwrap_or(ExitCode::SUCCESS))
         }),
         [folder] => runtime.block_on(run(sweep, folder, arguments)),
@@ -40,18 +48,29 @@ async fn connected(arguments: &NatsArguments) -> Result<Broker, NatsError> {
 }
 
 /// Publishes what is missing; gives the exit code where not all is published.
-async fn publish(sweep: &Sweep, sending: Sending, arguments: &SweepArguments) -> anyhow::Result<Option<ExitCode>> {
-    if let Err(faults) = sweep.check(Shard::WHOLE, workers(arguments)) {
-        return Ok(Some(refused_rows(&faults)));
-    }
-    let broker = connected(&arguments.nats.nats).await?;
+async fn publish(sweep: &Sweep, sending: Sending, broker: &Broker) -> anyhow::Result<Option<ExitCode>> {
     let mut line = ProgressLine::new(sweep.chunk_count());
     let mut signals = Signals::listen()?;
     let show = |published: &nats::Published| line.show(published.published, || published.to_string());
-    let published = nats::publish(sweep, &broker, sending, show, signals.next()).await?;
+    let published = nats::publish(sweep, broker, sending, show, signals.next()).await?;
     line.finish();
     eprintln!("{published}");
     Ok(if published.is_complete() { None } else { Some(to_be_continued("stopped")) })
+}
+
+/// Publishes again what the server has lost, however long it is away.
+async fn publish_again(sweep: &Sweep, broker: &Broker) -> anyhow::Result<Option<ExitCode>> {
+    loop {
+        match publish(sweep, Sending::Again, broker).await {
+            Ok(published) => return Ok(published),
+            Err(error) => eprintln!("{error}; trying again"),
+        }
+        let mut signals = Signals::listen()?;
+        tokio::select! {
+            () = signals.next() => return Ok(Some(to_be_continued("stopped"))),
+            () = sleep(RETRY_PAUSE) => {}
+        }
+    }
 }
 
 /// Publishes and collects until all rows are there.
@@ -61,14 +80,13 @@ async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> any
         Ok(results) => results,
         Err(error) => return refused_folder(error),
     };
-    let mut sending = Sending::Once;
+    let (broker, is_publisher) = (connected(&arguments.nats.nats).await?, !arguments.nats.collect);
+    let mut unfinished = if is_publisher { publish(sweep, Sending::Once, &broker).await? } else { None };
     loop {
-        if !arguments.nats.collect
-            && let Some(code) = publish(sweep, sending, arguments).await?
-        {
+        if let Some(code) = unfinished {
             return Ok(code);
         }
-        let ended = collect(sweep, &mut results, arguments).await?;
+        let ended = collect(sweep, &mut results, &broker).await?;
         let progress = results.progress().clone();
         eprintln!("{}: {progress}", Path::display(folder));
         match ended {
@@ -78,21 +96,21 @@ async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> any
             }
             Collected::Stopped => return Ok(to_be_continued("stopped")),
             Collected::Cancelled => return Ok(to_be_continued("the sweep is cancelled; without `--collect`")),
-            Collected::Unpublished if arguments.nats.collect => {
+            Collected::Unpublished if is_publisher => {
+                eprintln!("rows without results have no chunks; these are published again");
+                unfinished = publish_again(sweep, &broker).await?;
+            }
+            Collected::Unpublished => {
                 return Ok(to_be_continued("rows without results have no chunks; without `--collect`"));
             }
-            Collected::Unpublished => eprintln!("rows without results have no chunks; these are published again"),
         }
-        sending = Sending::Again;
     }
 }
 
-async fn collect(sweep: &Sweep, results: &mut Results, arguments: &SweepArguments) -> anyhow::Result<Collected> {
-    let broker = connected(&arguments.nats.nats).await?;
+async fn collect(sweep: &Sweep, results: &mut Results, broker: &Broker) -> anyhow::Result<Collected> {
     let mut shown = ProgressOfRows::of(results.progress());
     let mut signals = Signals::listen()?;
-    let show = |progress: &_| shown.show(progress);
-    let ended = nats::collect(sweep.hash(), results, &broker, show, signals.next()).await;
+    let ended = nats::collect(sweep.hash(), results, broker, |progress| shown.show(progress), signals.next()).await;
     shown.finish();
     Ok(ended?)
 }

@@ -8,7 +8,12 @@ use prometheus::{
 use super::catalogue::{BUILD_INFO, Family};
 
 /// Optional parts of this build.
-const FEATURES: &str = if cfg!(feature = "otel") { "otel" } else { "" };
+const FEATURES: &str = match (cfg!(feature = "nats"), cfg!(feature = "otel")) {
+    (true, true) => "nats,otel",
+    (true, false) => "nats",
+    (false, true) => "otel",
+    (false, false) => "",
+};
 
 /// A registry that is being filled.
 #[derive(Clone, Copy)]

@@ -46,6 +46,7 @@ mod sensitivity;
 mod stopping;
 mod support;
 mod sweep;
+mod sweep_deployment;
 mod sweep_files;
 #[cfg(all(feature = "nats", unix))]
 mod sweep_nats;

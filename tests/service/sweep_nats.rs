@@ -73,7 +73,14 @@ impl Nats {
             .spawn()
             .unwrap();
         let url = format!("nats://127.0.0.1:{port}");
-        let client = async_nats::ConnectOptions::new().retry_on_initial_connect().connect(&url).await.unwrap();
+        let patience_ends = Instant::now() + PATIENCE;
+        let client = loop {
+            match async_nats::connect(&url).await {
+                Ok(client) => break client,
+                Err(error) => assert!(Instant::now() < patience_ends, "{error}"),
+            }
+            sleep(Duration::from_millis(20)).await;
+        };
         Some(Self { folder, url, client, _server: Running(server) })
     }
 
@@ -258,7 +265,7 @@ async fn worker_says_whether_it_is_connected_and_what_it_did() {
     for line in ["slipdrive_sweep_rows_total{outcome=\"answered\"} 8", "slipdrive_sweep_connected 1"] {
         assert!(text.lines().any(|found| found == line), "{line} in {text}");
     }
-    for family in slipdrive::sweep::nats::FAMILIES {
+    for family in slipdrive::metrics::catalogue::sweep_workers::ALL {
         assert!(text.contains(&format!("# TYPE {} ", family.name)), "{}", family.name);
     }
     assert_eq!((get("/livez").await.0, get("/readyz").await.0), (200, 200));

@@ -3,40 +3,12 @@
 use prometheus::{IntCounter, IntCounterVec, IntGauge};
 
 use crate::metrics::Metrics;
-use crate::metrics::catalogue::{Family, counter, gauge};
-
-const CHUNKS: Family = counter(
-    "slipdrive_sweep_chunks_total",
-    &["outcome"],
-    "Chunks that a worker took, by how they ended there: complete, given back, cancelled, refused.",
-);
-const ROWS: Family =
-    counter("slipdrive_sweep_rows_total", &["outcome"], "Rows by what a worker did: answered, failed, lost, skipped.");
-const LEASES_EXTENDED: Family =
-    counter("slipdrive_sweep_leases_extended_total", &[], "Signs of life for chunks that run.");
-const REDELIVERIES: Family =
-    counter("slipdrive_sweep_redeliveries_total", &[], "Chunks that a worker took which had been delivered before.");
-const STALLS: Family = counter(
-    "slipdrive_sweep_stalls_total",
-    &[],
-    "Times that chunks waited and none came until the worker connected again.",
-);
-const QUEUES_RESTORED: Family = counter(
-    "slipdrive_sweep_queues_restored_total",
-    &[],
-    "Times that the server had chunks which it would not have given to anybody any more.",
-);
-const PUBLISH_RETRIES: Family =
-    counter("slipdrive_sweep_publish_retries_total", &[], "Times that a result had to be sent again.");
-const IN_FLIGHT: Family = gauge("slipdrive_sweep_chunks_in_flight", &[], "Chunks that a worker has on lease.");
-const CONNECTED: Family = gauge("slipdrive_sweep_connected", &[], "Whether a worker is connected to NATS: 1 or 0.");
-
-/// All families of a worker beside those of its service.
-pub const FAMILIES: &[Family] =
-    &[CHUNKS, ROWS, LEASES_EXTENDED, REDELIVERIES, STALLS, QUEUES_RESTORED, PUBLISH_RETRIES, IN_FLIGHT, CONNECTED];
+use crate::metrics::catalogue::sweep_workers::{
+    CHUNKS, CONNECTED, IN_FLIGHT, LEASES_EXTENDED, PUBLISH_RETRIES, QUEUES_RESTORED, REDELIVERIES, ROWS, STALLS,
+};
 
 /// The counters of a worker.
-pub struct WorkerMetrics {
+pub(super) struct WorkerMetrics {
     pub(super) chunks: IntCounterVec,
     pub(super) rows: IntCounterVec,
     pub(super) leases_extended: IntCounter,
@@ -50,7 +22,7 @@ pub struct WorkerMetrics {
 
 impl WorkerMetrics {
     /// Counters at zero, among those of a service.
-    pub fn new(metrics: &Metrics) -> Self {
+    pub(super) fn new(metrics: &Metrics) -> Self {
         let registration = metrics.registration();
         let (chunks, rows) = (registration.counters(&CHUNKS), registration.counters(&ROWS));
         for outcome in ["complete", "given_back", "cancelled", "refused"] {

@@ -30,6 +30,5 @@ mod worker;
 pub use broker::{Access, Broker, NatsError, StreamLimits};
 pub use cancel::cancel;
 pub use collect::{Collected, collect};
-pub use metrics::{FAMILIES, WorkerMetrics};
 pub use publish::{Published, Sending, publish};
 pub use worker::{Worker, WorkerSettings};
