@@ -24,7 +24,9 @@ if have kubectl "the overlays are not rendered"; then
         kubectl kustomize "$overlay" >"$work/$name.yaml" || fault "kustomize $name"
         if have kubernetes-validate "the schemas are not checked"; then
             # An API version that is gone is only a warning.
-            kubernetes-validate --strict "$work/$name.yaml" >"$work/$name.log" 2>&1 || fault "kubernetes-validate $name"
+            # Objects of KEDA have no schema there: the test `sweep_deployment` knows their fields.
+            awk 'BEGIN { RS = ORS = "---\n" } !/apiVersion: keda\.sh/' "$work/$name.yaml" >"$work/$name.known"
+            kubernetes-validate --strict "$work/$name.known" >"$work/$name.log" 2>&1 || fault "kubernetes-validate $name"
             grep -E "WARN|ERROR" "$work/$name.log" && fault "kubernetes-validate $name: see above"
             echo "ok    $name: $(grep -c passed "$work/$name.log") resources pass their schema"
         fi

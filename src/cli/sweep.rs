@@ -41,7 +41,7 @@ pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
                 Err(problem) => return Ok(super::refuse(&problem)),
             };
             #[cfg(feature = "nats")]
-            if arguments.nats.is_asked_for() {
+            if arguments.nats.is_asked_for() && !arguments.count {
                 return super::sweep_nats::sweep(&sweep, folders, arguments);
             }
             match folders {

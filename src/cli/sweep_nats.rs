@@ -22,8 +22,8 @@ const RETRY_PAUSE: Duration = Duration::from_secs(2);
 /// What cannot be read or written, and servers that do not do what they should.
 pub(super) fn sweep(sweep: &Sweep, folders: &[PathBuf], arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
     let over = &arguments.nats;
-    if arguments.count || arguments.shard != Shard::WHOLE {
-        return Ok(refused("`--count` and `--shard` do not go with `--nats`: the workers share the chunks"));
+    if arguments.shard != Shard::WHOLE {
+        return Ok(refused("`--shard` does not go with `--nats`: the workers share the chunks"));
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     if over.cancel {

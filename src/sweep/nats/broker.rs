@@ -104,7 +104,7 @@ impl Broker {
     /// Connects and makes the streams that are not there; lost connections come back by themselves.
     ///
     /// # Errors
-    /// What of the access cannot be used, and when the servers do not answer or have no JetStream.
+    /// What of the access cannot be used, and when the servers do not answer or have no `JetStream`.
     pub async fn connect(access: &Access, limits: StreamLimits) -> Result<Self, NatsError> {
         let client = connected(access).await?;
         let context = jetstream::new(client);
@@ -207,7 +207,12 @@ async fn log(event: Event) {
     match event {
         Event::Connected => tracing::info!("connected to NATS"),
         Event::Disconnected => tracing::warn!("NATS cannot be reached; connecting again"),
-        other => tracing::debug!(event = %other, "NATS"),
+        other @ (Event::LameDuckMode
+        | Event::Draining
+        | Event::Closed
+        | Event::SlowConsumer(_)
+        | Event::ServerError(_)
+        | Event::ClientError(_)) => tracing::debug!(event = %other, "NATS"),
     }
 }
 

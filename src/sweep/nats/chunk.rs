@@ -15,7 +15,8 @@ pub(super) struct Chunk {
     /// The hash of the sweep.
     pub(super) sweep: String,
     /// Its number.
-    pub(super) chunk: u64,
+    #[serde(rename = "chunk")]
+    pub(super) number: u64,
     /// The version that its results are to come from.
     pub(super) solver_version: String,
     /// The kind of job.
@@ -37,17 +38,17 @@ impl Chunk {
     ///
     /// # Errors
     /// Where a line of the file cannot be read any more.
-    pub(super) fn of(sweep: &Sweep, chunk: u64) -> Result<Self, Problem> {
+    pub(super) fn of(sweep: &Sweep, number: u64) -> Result<Self, Problem> {
         let row = |number| {
             sweep.row(number).map(|Row { number: row, request, fields: axes }| RowOfChunk { row, axes, request })
         };
         Ok(Self {
             sweep: sweep.hash().to_owned(),
-            chunk,
+            number,
             solver_version: SOLVER_VERSION.to_owned(),
             job: sweep.definition.job.clone(),
             warm_start: sweep.is_warm(),
-            rows: sweep.chunk(chunk).map(row).collect::<Result<_, _>>()?,
+            rows: sweep.chunk(number).map(row).collect::<Result<_, _>>()?,
         })
     }
 
@@ -89,7 +90,7 @@ mod tests {
         let row = |row| RowOfChunk { row, axes: vec![("a.b".to_owned(), Value::from(0.1))], request: Value::from(row) };
         Chunk {
             sweep: "ab01".to_owned(),
-            chunk: 3,
+            number: 3,
             solver_version: version.to_owned(),
             job: "solve".to_owned(),
             warm_start: false,
@@ -100,7 +101,7 @@ mod tests {
     #[test]
     fn chunks_are_read_as_they_were_written() {
         let read = Chunk::read(&chunk(SOLVER_VERSION).write()).unwrap();
-        assert_eq!((read.chunk, read.row_numbers().collect::<Vec<_>>()), (3, vec![6, 7]));
+        assert_eq!((read.number, read.row_numbers().collect::<Vec<_>>()), (3, vec![6, 7]));
         let rows = read.into_rows(&BTreeMap::from([(6, false), (7, true)]));
         let fields = vec![("a.b".to_owned(), Value::from(0.1))];
         assert_eq!(rows, [Row { number: 7, request: Value::from(7), fields }]);

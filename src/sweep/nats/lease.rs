@@ -13,8 +13,6 @@ use super::publish::RETRY_PAUSE;
 pub(super) const DEFAULT_LEASE: Duration = Duration::from_secs(30);
 /// Signs of life in each lease: two may be lost.
 const SIGNS: u32 = 3;
-/// How often an end of a lease is told before it is left to run out.
-const TELLINGS: usize = 5;
 
 /// Holds a chunk for as long as it is polled.
 pub(super) async fn held(lease: Duration, acker: &Acker, metrics: &WorkerMetrics) -> std::convert::Infallible {
@@ -29,13 +27,10 @@ pub(super) async fn held(lease: Duration, acker: &Acker, metrics: &WorkerMetrics
     }
 }
 
-/// Ends a lease and waits until the server knows it. Where it does not, the chunk comes again, which costs little.
+/// Ends a lease and waits until the server knows it, however long that takes.
 pub(super) async fn ended(acker: &Acker, how: AckKind) {
-    for _ in 0..TELLINGS {
-        match acker.double_ack_with(how).await {
-            Ok(()) => return,
-            Err(error) => tracing::debug!(error = %error, "the end of a lease cannot be told"),
-        }
+    while let Err(error) = acker.double_ack_with(how).await {
+        tracing::debug!(error = %error, "the end of a lease cannot be told");
         sleep(RETRY_PAUSE).await;
     }
 }

@@ -1,4 +1,4 @@
-//! Sweeps over NATS JetStream: chunks in a work queue, workers on any number of machines, results in a stream.
+//! Sweeps over NATS `JetStream`: chunks in a work queue, workers on any number of machines, results in a stream.
 //!
 //! - [`publish`] brings the chunks of a sweep into the queue. A full queue makes it wait.
 //! - A [`Worker`] takes a chunk on lease, runs its rows, publishes each as it ends, and acknowledges the chunk after the

@@ -3,7 +3,9 @@
 use std::cell::RefCell;
 use std::time::Duration;
 
+use async_nats::jetstream::context::PublishError;
 use async_nats::jetstream::message::PublishMessage;
+use async_nats::jetstream::publish::PublishAck;
 use futures_util::stream::{self, TryStreamExt as _};
 use tokio::time::{MissedTickBehavior, interval, sleep};
 
@@ -44,6 +46,17 @@ pub struct Published {
 }
 
 impl Published {
+    /// Counts a chunk that was sent; whether the server has it.
+    fn count(&mut self, sent: &Result<PublishAck, PublishError>) -> bool {
+        self.waits_for = sent.as_ref().err().map(|error| why(error));
+        match sent {
+            Ok(PublishAck { duplicate: true, .. }) => self.duplicates += 1,
+            Ok(_) => self.published += 1,
+            Err(_) => return false,
+        }
+        true
+    }
+
     /// Whether all chunks are dealt with.
     pub fn is_complete(&self) -> bool {
         self.published + self.duplicates + self.finished == self.chunks
@@ -124,16 +137,9 @@ async fn publish_chunk(
             Ok(sent) => sent.await,
             Err(error) => Err(error),
         };
-        let mut published = published.borrow_mut();
-        match sent {
-            Ok(stored) => {
-                published.waits_for = None;
-                *if stored.duplicate { &mut published.duplicates } else { &mut published.published } += 1;
-                return Ok(());
-            }
-            Err(error) => published.waits_for = Some(why(&error)),
+        if published.borrow_mut().count(&sent) {
+            return Ok(());
         }
-        drop(published);
         sleep(RETRY_PAUSE).await;
     }
 }

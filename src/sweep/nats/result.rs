@@ -16,7 +16,8 @@ use crate::sweep::{Finished, Row, key};
 #[derive(Debug)]
 pub(super) struct RowResult {
     pub(super) row: u64,
-    pub(super) is_failed: bool,
+    /// How it is counted: answered, failed or lost.
+    pub(super) outcome: &'static str,
     message: Vec<u8>,
 }
 
@@ -30,21 +31,25 @@ impl RowResult {
         }
         let message = packed(&line(&key(sweep, row), finished));
         if message.len() <= most_bytes {
-            return Some(Self { row, is_failed: problem.is_some(), message });
+            return Some(Self { row, outcome: if problem.is_some() { "failed" } else { "answered" }, message });
         }
         let detail = format!(
             "the answer has {} bytes in a message, the server takes at most {most_bytes}: ask for less of it, or raise \
              `max_payload` there",
             message.len()
         );
-        Some(Self::failed(sweep, &finished.row, "answer_too_large", &detail))
+        Some(Self::unanswered(sweep, &finished.row, ("answer_too_large", "failed"), &detail))
     }
 
-    /// Of a row that has no answer, with a code.
-    pub(super) fn failed(sweep: &str, row: &Row, code: &str, detail: &str) -> Self {
+    /// Of a row whose workers did not survive it.
+    pub(super) fn lost(sweep: &str, row: &Row, detail: &str) -> Self {
+        Self::unanswered(sweep, row, ("worker_lost", "lost"), detail)
+    }
+
+    fn unanswered(sweep: &str, row: &Row, (code, outcome): (&str, &'static str), detail: &str) -> Self {
         let problem = json!({"code": code, "detail": detail, "errors": []});
         let message = packed(&failed_line(&key(sweep, row.number), row, &problem));
-        Self { row: row.number, is_failed: true, message }
+        Self { row: row.number, outcome, message }
     }
 
     /// Publishes it, unless the row has a result.

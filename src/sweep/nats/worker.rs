@@ -31,6 +31,11 @@ const PULL_GRACE: Duration = Duration::from_secs(5);
 /// How long what is finished may take to be published when the worker ends.
 const LAST_RESULTS: Duration = Duration::from_secs(10);
 
+/// How long the server may take to hear how a chunk ended; then it comes again, which costs little.
+const LAST_WORD: Duration = Duration::from_secs(5);
+/// How long a chunk waits that could not be run here although the worker goes on.
+const LATER: Duration = Duration::from_secs(5);
+
 /// How a worker works.
 #[derive(Debug, Clone, Copy)]
 pub struct WorkerSettings {
@@ -93,7 +98,7 @@ impl Worker {
             stop.await;
             tracing::info!("taking no more chunks");
             stopped.send_replace(true);
-            std::future::pending().await
+            std::future::pending::<()>().await;
         };
         tokio::select! {
             _ = join_all(slots) => {}
@@ -168,11 +173,12 @@ impl Worker {
                 tracing::error!(chunk.subject = %message.subject, error = fault, "a message is refused");
                 self.metrics.chunk("refused");
                 self.bury(place, message.payload.to_vec()).await;
-                return lease::ended(&acker, AckKind::Term).await;
+                let _ = timeout(LAST_WORD, lease::ended(&acker, AckKind::Term)).await;
+                return;
             }
         };
         self.metrics.in_flight.inc();
-        let (sweep, number, cancels) = (chunk.sweep.clone(), chunk.chunk, self.cancelled.subscribe());
+        let (sweep, number, cancels) = (chunk.sweep.clone(), chunk.number, self.cancelled.subscribe());
         let outcome = tokio::select! {
             outcome = self.run_chunk(chunk, delivery, stopped) => outcome,
             never = lease::held(self.settings.lease, &acker, &self.metrics) => match never {},
@@ -181,11 +187,11 @@ impl Worker {
         tracing::debug!(sweep.hash = sweep, chunk.number = number, chunk.delivery = delivery, outcome = ?outcome, "chunk");
         let (word, how) = match outcome {
             Outcome::Complete => ("complete", AckKind::Ack),
-            Outcome::GivenBack => ("given_back", AckKind::Nak(None)),
+            Outcome::GivenBack => ("given_back", AckKind::Nak((!*stopped.borrow()).then_some(LATER))),
             Outcome::Cancelled => ("cancelled", AckKind::Term),
         };
         self.metrics.chunk(word);
-        lease::ended(&acker, how).await;
+        let _ = timeout(LAST_WORD, lease::ended(&acker, how)).await;
         self.metrics.in_flight.dec();
         self.last_sign.renew();
     }
@@ -266,9 +272,8 @@ async fn told(sweep: &str, mut cancels: broadcast::Receiver<String>) {
     loop {
         match cancels.recv().await {
             Ok(cancelled) if cancelled == sweep => return,
-            Ok(_) => {}
-            // Too many at once: better look than miss this one.
-            Err(broadcast::error::RecvError::Lagged(_)) => {}
+            // Where too many came at once, what was missed runs to its end.
+            Ok(_) | Err(broadcast::error::RecvError::Lagged(_)) => {}
             Err(broadcast::error::RecvError::Closed) => std::future::pending().await,
         }
     }

@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use futures_util::future::ready;
 use futures_util::stream::{self, BoxStream, LocalBoxStream, StreamExt as _};
 use tokio::sync::watch;
-use tokio::time::{Instant, sleep};
+use tokio::time::{Instant, sleep, timeout};
 
-use super::{LAST_RESULTS, Worker};
+use super::{LAST_RESULTS, LAST_WORD, Worker};
 use crate::sweep::nats::broker::NatsError;
 use crate::sweep::nats::cancel;
 use crate::sweep::nats::chunk::Chunk;
@@ -45,7 +45,7 @@ struct Rest {
 impl Worker {
     /// Runs what has no results, and publishes each row as it ends.
     pub(super) async fn run_chunk(&self, chunk: Chunk, delivery: i64, stopped: &watch::Receiver<bool>) -> Outcome {
-        let (sweep, number) = (chunk.sweep.clone(), chunk.chunk);
+        let (sweep, number) = (chunk.sweep.clone(), chunk.number);
         let Ok(job) = row_job::named(&chunk.job, &self.jobs) else {
             // The version is the same, so the kinds are: this is no chunk that was published by a sweep.
             tracing::error!(chunk.number = number, job = chunk.job, "there is no such kind of job");
@@ -80,7 +80,8 @@ impl Worker {
         };
         results.take_until(until).for_each_concurrent(RESULTS_AHEAD, publish).await;
         if let Some(mark) = mark.take() {
-            Mark::take_back(mark, &self.broker).await;
+            // A server that is away must not hold up the end.
+            let _ = timeout(LAST_WORD, Mark::take_back(mark, &self.broker)).await;
         }
         if missing.get() == 0 { Outcome::Complete } else { Outcome::GivenBack }
     }
@@ -173,9 +174,8 @@ impl Worker {
         if let Err(error) = marks::bury(sweep, row, &self.broker).await {
             tracing::error!(error = %error, row = row.number, "a row has no dead letter");
         }
-        self.metrics.row("lost");
         let detail = format!("its workers were lost {MOST_BEGINNINGS} times while they ran it");
-        RowResult::failed(sweep, row, "worker_lost", &detail)
+        RowResult::lost(sweep, row, &detail)
     }
 
     /// Publishes a row, however long that takes, but for a worker that ends; whether it is there.
@@ -184,7 +184,7 @@ impl Worker {
         loop {
             match result.publish(sweep, &self.broker).await {
                 Ok(()) => {
-                    self.metrics.row(if result.is_failed { "failed" } else { "answered" });
+                    self.metrics.row(result.outcome);
                     return true;
                 }
                 Err(fault) => tracing::warn!(error = fault, row = result.row, "a result waits to be published"),
@@ -201,6 +201,6 @@ impl Worker {
 
 async fn stop_of(mut stopped: watch::Receiver<bool>) {
     if stopped.wait_for(|stopped| *stopped).await.is_err() {
-        std::future::pending().await
+        std::future::pending::<()>().await;
     }
 }
