@@ -4,8 +4,8 @@
 # A server that others can reach wants API keys; the variable says that something in front of it checks callers.
 
 # Optional parts; each does nothing where it is not configured: `otel` exports spans where OTEL_EXPORTER_OTLP_ENDPOINT is set,
-# `tls` speaks TLS where there is a certificate.
-ARG FEATURES=otel,tls
+# `tls` speaks TLS where there is a certificate, `nats` is for workers of sweeps.
+ARG FEATURES=nats,otel,tls
 
 FROM docker.io/library/rust:1.95.0-bookworm AS toolchain
 

@@ -19,13 +19,14 @@ have() {
 }
 
 if have kubectl "the overlays are not rendered"; then
-    for overlay in deploy/kubernetes/overlays/*/; do
+    for overlay in deploy/kubernetes/overlays/*/ deploy/kubernetes/sweeps/*/; do
         name=$(basename "$overlay")
         kubectl kustomize "$overlay" >"$work/$name.yaml" || fault "kustomize $name"
         if have kubernetes-validate "the schemas are not checked"; then
             # An API version that is gone is only a warning.
-            kubernetes-validate --strict "$work/$name.yaml" >"$work/$name.log" 2>&1 || fault "kubernetes-validate $name"
-            # Resources of operators have their schemas in the cluster.
+            # Resources of operators have their schemas in the cluster; the test `sweep_deployment` knows the fields of KEDA.
+            awk 'BEGIN { RS = ORS = "---\n" } !/apiVersion: keda\.sh/' "$work/$name.yaml" >"$work/$name.known"
+            kubernetes-validate --strict "$work/$name.known" >"$work/$name.log" 2>&1 || fault "kubernetes-validate $name"
             grep -E "WARN|ERROR" "$work/$name.log" |
                 grep -vE "schema for kind .* (monitoring.coreos.com|gateway.networking.k8s.io)/v1 " &&
                 fault "kubernetes-validate $name: see above"

@@ -4,6 +4,10 @@ mod progress;
 mod progress_of_rows;
 mod shown;
 mod sweep;
+#[cfg(feature = "nats")]
+mod sweep_nats;
+#[cfg(feature = "nats")]
+mod worker;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
@@ -20,6 +24,8 @@ use slipdrive::metrics::Metrics;
 use slipdrive::service::{Done, Service, ServiceSettings};
 
 pub(crate) use self::sweep::sweep;
+#[cfg(feature = "nats")]
+pub(crate) use self::worker::worker;
 use crate::EXIT_BAD_INPUT;
 use crate::config::{JobArguments, cores};
 

@@ -5,6 +5,8 @@
 //! variable or a file of their own, never from a flag, and are never shown.
 
 mod faults;
+#[cfg(feature = "nats")]
+mod nats;
 mod settings;
 mod sources;
 mod tls;
@@ -25,6 +27,8 @@ use slipdrive::sweep::{MapOf, Shard};
 
 use crate::health::{Protocol, Target};
 pub(crate) use faults::Faults;
+#[cfg(feature = "nats")]
+pub(crate) use nats::{NatsArguments, SweepOverNats, WorkerArguments};
 pub(crate) use settings::{LogSettings, ServeSettings};
 use sources::{Given, Shown, Sources};
 pub(crate) use tls::for_probes;
@@ -56,6 +60,9 @@ pub(crate) enum Command {
     Serve(ServeArguments),
     /// Run many jobs of one kind from a file; what is done once is not done again.
     Sweep(SweepArguments),
+    /// Run chunks of sweeps that come over NATS, until a signal comes.
+    #[cfg(feature = "nats")]
+    Worker(WorkerArguments),
     /// Print an example of a request or of a sweep, by its name; without a name the first.
     Example(ExampleArguments),
     /// Print what completes commands and flags in a shell.
@@ -133,6 +140,9 @@ pub(crate) struct SweepArguments {
     /// Prints how far it is, also while another process runs it, and ends.
     #[arg(long)]
     pub(crate) status: bool,
+    #[cfg(feature = "nats")]
+    #[command(flatten)]
+    pub(crate) nats: SweepOverNats,
 }
 
 /// A job to run; the same arguments for every kind.

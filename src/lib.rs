@@ -57,7 +57,7 @@
 //!
 //! # Features
 //! `server` is on by default. Without it, numerics and figures alone are built: no runtime, no generated code, no
-//! build script to speak of. `otel` exports spans, `tls` encrypts both ports.
+//! build script to speak of. `otel` exports spans, `tls` encrypts both ports, `nats` runs sweeps on many machines.
 //!
 //! # Stability
 //! Until 1.0, what [`prelude`] holds changes only with a new minor version and a line in the changelog; everything else may

@@ -52,6 +52,8 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
             Err(faults) => Ok(refuse(&faults)),
         },
         Command::Sweep(sweep) => logged(matches, || cli::sweep(sweep)),
+        #[cfg(feature = "nats")]
+        Command::Worker(worker) => logged(matches, || cli::worker(worker)),
         Command::Example(example) => cli::example(example.name.as_deref()),
         Command::Completions(completions) => cli::completions(completions.shell, cli::with_jobs(Arguments::command())),
         Command::Health(health) => Ok(match health.target() {

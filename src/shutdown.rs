@@ -117,7 +117,7 @@ fn listen(address: SocketAddr) -> io::Result<TcpListener> {
 }
 
 /// The running servers, their connections, and the way to close their listeners.
-struct Servers {
+pub(crate) struct Servers {
     tasks: JoinSet<()>,
     connections: Arc<Connections>,
     closing: watch::Sender<bool>,
@@ -156,6 +156,26 @@ impl Servers {
     fn close(&self) {
         self.closing.send_replace(true);
     }
+}
+
+/// Serves probes and metrics alone, on a thread of their own until what it gives is dropped.
+///
+/// # Errors
+/// When the address cannot be bound.
+#[cfg(feature = "nats")]
+pub(crate) fn serve_probes(address: SocketAddr, service: &Arc<Service>, jobs: Jobs) -> anyhow::Result<Servers> {
+    use slipdrive::api::server::ServerSettings;
+    use slipdrive::api::{ApiSettings, Probes};
+
+    let settings = ApiSettings { probes: Probes::Apart, ..ApiSettings::default() };
+    let state = ApiState::new(Arc::clone(service), jobs, settings);
+    let connections = Connections::of(&state, for_probes(&ServerSettings::default()));
+    let closing = watch::Sender::new(false);
+    let mut servers = Servers { tasks: JoinSet::new(), connections: Arc::clone(&connections), closing };
+    let listener = bind(address)?;
+    tracing::info!(admin.address = %listener.local_addr()?, "listening");
+    servers.spawn_apart(listener, rest::admin_router(&state), connections)?;
+    Ok(servers)
 }
 
 /// Starts REST and gRPC, on a listener each or on one together; probes are served with REST, or on a listener of their

@@ -10,31 +10,26 @@ use slipdrive::sweep::Progress;
 const PLAIN_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Shows progress on standard error.
-pub(super) struct ProgressOfRows {
+pub(super) struct ProgressLine {
     bar: Option<ProgressBar>,
-    start: Instant,
-    /// Rows that were done before.
-    done_before: u64,
     last_line: Instant,
 }
 
-impl ProgressOfRows {
-    /// Begins with what was done before.
-    pub(super) fn of(progress: &Progress) -> Self {
-        let start = Instant::now();
+impl ProgressLine {
+    /// A line for so many things.
+    pub(super) fn new(count: u64) -> Self {
         let style = ProgressStyle::with_template("{spinner} [{bar:24}] {wide_msg}");
         let bar = style.ok().filter(|_| io::stderr().is_terminal()).map(|style| {
-            let bar = ProgressBar::with_draw_target(Some(progress.rows), ProgressDrawTarget::stderr());
+            let bar = ProgressBar::with_draw_target(Some(count), ProgressDrawTarget::stderr());
             bar.with_style(style.progress_chars("=> "))
         });
-        Self { bar, start, done_before: progress.done, last_line: start }
+        Self { bar, last_line: Instant::now() }
     }
 
-    /// Shows how far it is.
-    pub(super) fn show(&mut self, progress: &Progress) {
-        let words = || words(progress, progress.done - self.done_before, self.start.elapsed());
+    /// Shows how many are done.
+    pub(super) fn show(&mut self, done: u64, words: impl FnOnce() -> String) {
         if let Some(bar) = &self.bar {
-            bar.set_position(progress.done);
+            bar.set_position(done);
             bar.set_message(words());
         } else if self.last_line.elapsed() >= PLAIN_INTERVAL {
             // A terminal may go away while the sweep goes on.
@@ -48,6 +43,32 @@ impl ProgressOfRows {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// Shows how many rows are done.
+pub(super) struct ProgressOfRows {
+    line: ProgressLine,
+    start: Instant,
+    /// Rows that were done before.
+    done_before: u64,
+}
+
+impl ProgressOfRows {
+    /// Begins with what was done before.
+    pub(super) fn of(progress: &Progress) -> Self {
+        Self { line: ProgressLine::new(progress.rows), start: Instant::now(), done_before: progress.done }
+    }
+
+    /// Shows how far it is.
+    pub(super) fn show(&mut self, progress: &Progress) {
+        let words = || words(progress, progress.done - self.done_before, self.start.elapsed());
+        self.line.show(progress.done, words);
+    }
+
+    /// Takes the line away.
+    pub(super) fn finish(&self) {
+        self.line.finish();
     }
 }
 

@@ -12,7 +12,7 @@ use slipdrive::contract::Problem;
 use slipdrive::jobs::Jobs;
 use slipdrive::metrics::Metrics;
 use slipdrive::service::Service;
-use slipdrive::sweep::{self, Ended, Index, MapError, Results, ResultsError, RowFaults, Sweep};
+use slipdrive::sweep::{self, Ended, Index, MapError, Progress, Results, ResultsError, RowFaults, Sweep};
 
 use super::progress_of_rows::ProgressOfRows;
 use crate::EXIT_BAD_INPUT;
@@ -40,6 +40,10 @@ pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
                 Ok(sweep) => sweep,
                 Err(problem) => return Ok(super::refuse(&problem)),
             };
+            #[cfg(feature = "nats")]
+            if arguments.nats.is_asked_for() && !arguments.count {
+                return super::sweep_nats::sweep(&sweep, folders, arguments);
+            }
             match folders {
                 _ if arguments.count => Ok(counted(&sweep, arguments)),
                 [folder] => run(&sweep, folder, arguments),
@@ -49,7 +53,7 @@ pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
     }
 }
 
-fn refused(fault: &str) -> ExitCode {
+pub(super) fn refused(fault: &str) -> ExitCode {
     eprintln!("error: {fault}");
     ExitCode::from(EXIT_BAD_INPUT)
 }
@@ -76,7 +80,7 @@ fn counted(sweep: &Sweep, arguments: &SweepArguments) -> ExitCode {
     }
 }
 
-fn refused_rows(faults: &RowFaults) -> ExitCode {
+pub(super) fn refused_rows(faults: &RowFaults) -> ExitCode {
     for (row, problem) in &faults.first {
         eprintln!("error: row {row}: {problem}");
         for error in problem.errors() {
@@ -119,6 +123,11 @@ fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::R
         Ok(Ended::Stopped) => return Ok(to_be_continued("stopped")),
         Err(error) => return Ok(to_be_continued(&error.to_string())),
     }
+    complete(&progress, folder, arguments)
+}
+
+/// Shows what is complete; the exit code says whether all rows have answers.
+pub(super) fn complete(progress: &Progress, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
     let index = Index::of(std::slice::from_ref(folder))?;
     let shown = write_shown(&index, folder, arguments)?;
     if shown != ExitCode::SUCCESS {
@@ -127,16 +136,16 @@ fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::R
     Ok(if progress.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn workers(arguments: &SweepArguments) -> NonZeroUsize {
+pub(super) fn workers(arguments: &SweepArguments) -> NonZeroUsize {
     arguments.threads.unwrap_or_else(cores)
 }
 
-fn to_be_continued(why: &str) -> ExitCode {
+pub(super) fn to_be_continued(why: &str) -> ExitCode {
     eprintln!("{why}; the same command goes on from here");
     ExitCode::from(EXIT_TO_BE_CONTINUED)
 }
 
-fn refused_folder(error: ResultsError) -> anyhow::Result<ExitCode> {
+pub(super) fn refused_folder(error: ResultsError) -> anyhow::Result<ExitCode> {
     match error {
         ResultsError::Locked { .. } | ResultsError::Foreign { .. } | ResultsError::Empty { .. } => {
             Ok(refused(&error.to_string()))

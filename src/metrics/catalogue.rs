@@ -1,5 +1,7 @@
 //! The families of metrics of the service and its transports: name, kind, labels, help. Kinds of jobs declare their own.
 
+pub mod sweep_workers;
+
 /// A family of metrics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Family {

@@ -7,13 +7,9 @@ use prometheus::{
 
 use super::catalogue::{BUILD_INFO, Family};
 
-/// Optional parts of this build.
-const FEATURES: &str = match (cfg!(feature = "otel"), cfg!(feature = "tls")) {
-    (true, true) => "otel,tls",
-    (true, false) => "otel",
-    (false, true) => "tls",
-    (false, false) => "",
-};
+/// Optional parts, and whether this build has them.
+const FEATURES: [(&str, bool); 3] =
+    [("nats", cfg!(feature = "nats")), ("otel", cfg!(feature = "otel")), ("tls", cfg!(feature = "tls"))];
 
 /// A registry that is being filled.
 #[derive(Clone, Copy)]
@@ -24,7 +20,8 @@ impl<'a> Registration<'a> {
         Self(registry)
     }
 
-    pub(super) fn gauge(self, family: &Family) -> IntGauge {
+    /// A gauge without labels.
+    pub fn gauge(self, family: &Family) -> IntGauge {
         self.added(family, IntGauge::with_opts(opts(family)))
     }
 
@@ -57,7 +54,8 @@ impl<'a> Registration<'a> {
 
     /// What runs and, where the system knows them, the figures of the process.
     pub(super) fn process(self) {
-        self.gauges(&BUILD_INFO).with_label_values(&[env!("CARGO_PKG_VERSION"), FEATURES]).set(1);
+        let features: Vec<_> = FEATURES.iter().filter(|(_, is_built)| *is_built).map(|(name, _)| *name).collect();
+        self.gauges(&BUILD_INFO).with_label_values(&[env!("CARGO_PKG_VERSION"), &features.join(",")]).set(1);
         #[cfg(target_os = "linux")]
         {
             let process = prometheus::process_collector::ProcessCollector::for_self();

@@ -253,6 +253,11 @@ impl Service {
         self.draining.store(true, Ordering::Relaxed);
     }
 
+    /// Takes the announcement back: what was lacking is there again.
+    pub fn revoke_end(&self) {
+        self.draining.store(false, Ordering::Relaxed);
+    }
+
     /// Takes no more work; jobs in flight go on.
     pub fn close(&self) {
         self.queue.close();

@@ -8,13 +8,15 @@
 //!   again.
 //! - [`run`] runs what is missing on the workers of a service.
 //!
-//! A transport takes the place of the last two: it gives a chunk to [`chunk_rows`] of a worker and stores the lines that
-//! come.
+//! `nats`, with the feature of that name, takes the place of the last two: it brings chunks to the [`RowRunner`] of any
+//! worker and keeps the lines that come.
 
 mod axis;
 mod check;
 mod definition;
 mod figure;
+#[cfg(feature = "nats")]
+pub mod nats;
 mod outcome;
 mod path;
 mod results;
@@ -36,7 +38,7 @@ pub use results::{Header, Index, Progress, Results, ResultsError, Status, Stored
 use row_job::RowJob;
 pub use rows::Row;
 use rows::{Rows, Source};
-pub use runner::{Ended, Finished, chunk_rows, run, service_settings};
+pub use runner::{Ended, Finished, RowRunner, run, service_settings};
 use sha2::{Digest, Sha256};
 pub use shard::Shard;
 pub use table::{TableError, write_csv};
@@ -113,7 +115,12 @@ impl Sweep {
 
     /// What names a row wherever its result goes.
     pub fn key(&self, row: u64) -> String {
-        format!("{}-{row}", self.hash)
+        key(&self.hash, row)
+    }
+
+    /// How its rows run.
+    pub fn runner(&self) -> RowRunner {
+        RowRunner { job: Arc::clone(&self.job), sweep: self.hash.clone(), is_warm: self.is_warm() }
     }
 
     /// A row below the count.
@@ -148,6 +155,11 @@ impl Sweep {
     fn job(&self) -> &dyn RowJob {
         &*self.job
     }
+}
+
+/// What names a row of a sweep.
+fn key(sweep: &str, row: u64) -> String {
+    format!("{sweep}-{row}")
 }
 
 /// The object that a file begins with, and where lines follow it, if any do.

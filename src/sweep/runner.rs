@@ -2,20 +2,22 @@
 
 use std::io;
 use std::num::NonZeroUsize;
+use std::sync::Arc;
 use std::time::Duration;
 
-use futures_util::stream::{self, BoxStream, Stream, StreamExt as _};
+use futures_util::stream::{self, BoxStream, StreamExt as _};
 use tokio::time::{MissedTickBehavior, interval};
 
 use super::outcome::Outcome;
 use super::results::{Progress, Results};
+use super::row_job::RowJob;
 use super::warm::Guess;
 use super::{Row, Sweep};
 use crate::contract::Problem;
 use crate::service::{Service, ServiceSettings};
 
 /// How often results are brought to the disk and progress is shown.
-const SYNC_INTERVAL: Duration = Duration::from_secs(1);
+pub(super) const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,8 +50,8 @@ pub async fn run(
     mut show: impl FnMut(&Progress),
     stop: impl Future<Output = ()>,
 ) -> io::Result<Ended> {
-    let (units, in_flight) = (pending(sweep, results)?, in_flight(service));
-    let streams = stream::iter(units).map(|unit| unit.rows(sweep, service));
+    let (units, in_flight, runner) = (pending(sweep, results)?, in_flight(service), sweep.runner());
+    let streams = stream::iter(units).map(|unit| unit.rows(sweep, &runner, service));
     let mut rows = std::pin::pin!(streams.flatten_unordered(in_flight));
     let mut stop = std::pin::pin!(stop);
     let mut ticks = interval(SYNC_INTERVAL);
@@ -71,17 +73,6 @@ pub async fn run(
     results.sync()?;
     show(results.progress());
     Ok(ended)
-}
-
-/// Runs all rows of a chunk and gives them as they end: in order where they begin with each other's plans, else in any
-/// order.
-pub fn chunk_rows<'a>(
-    sweep: &'a Sweep,
-    chunk: u64,
-    service: &'a Service,
-) -> impl Stream<Item = io::Result<Finished>> + 'a {
-    let units: Vec<_> = units_of(sweep, &sweep.chunk(chunk).collect::<Vec<_>>()).collect();
-    stream::iter(units).map(|unit| unit.rows(sweep, service)).flatten_unordered(in_flight(service))
 }
 
 /// Rows that run in order, each after the other.
@@ -122,31 +113,84 @@ fn units_of(sweep: &Sweep, rows: &[u64]) -> impl Iterator<Item = Unit> + use<> {
 }
 
 impl Unit {
-    fn rows<'a>(self, sweep: &'a Sweep, service: &'a Service) -> BoxStream<'a, io::Result<Finished>> {
-        let state = (self.rows.into_iter(), self.before);
-        stream::unfold(state, move |(mut rows, before)| async move {
-            let number = rows.next()?;
-            let finished = run_row(sweep, number, before, service).await;
-            let next = match &finished {
-                Ok(Finished { answer: Ok(answer), .. }) if sweep.is_warm() => Guess::of(sweep.key(number), answer),
-                Ok(_) | Err(_) => None,
+    fn rows<'a>(
+        self,
+        sweep: &'a Sweep,
+        runner: &'a RowRunner,
+        service: &'a Service,
+    ) -> BoxStream<'a, io::Result<Finished>> {
+        // Judged before anything ran: only the file itself can have changed or gone.
+        let read = |number| sweep.row(number).map_err(|problem| io::Error::other(problem.to_string()));
+        runner.in_order(self.rows.into_iter().map(read), self.before, service)
+    }
+}
+
+/// How the rows of a sweep run, wherever they come from.
+#[derive(Clone)]
+pub struct RowRunner {
+    pub(super) job: Arc<dyn RowJob>,
+    /// The hash of the sweep.
+    pub(super) sweep: String,
+    /// Whether a row may begin with the plan of the one before.
+    pub(super) is_warm: bool,
+}
+
+impl RowRunner {
+    /// Runs rows of one chunk and gives them as they end: in order where they begin with each other's plans, else in any
+    /// order.
+    pub fn rows<'a>(&'a self, rows: Vec<Row>, service: &'a Service) -> BoxStream<'a, Finished> {
+        self.rows_after(None, rows, service)
+    }
+
+    /// The same, where the plan of the row before the first is known.
+    pub(super) fn rows_after<'a>(
+        &'a self,
+        before: Option<Guess>,
+        rows: Vec<Row>,
+        service: &'a Service,
+    ) -> BoxStream<'a, Finished> {
+        if self.is_warm {
+            let rows = rows.into_iter().map(Ok);
+            return self.in_order(rows, before, service).filter_map(|finished| async { finished.ok() }).boxed();
+        }
+        stream::iter(rows).map(|row| self.run(row, None, service)).buffer_unordered(in_flight(service)).boxed()
+    }
+
+    /// Rows that run each after the other.
+    fn in_order<'a>(
+        &'a self,
+        rows: impl Iterator<Item = io::Result<Row>> + Send + 'a,
+        before: Option<Guess>,
+        service: &'a Service,
+    ) -> BoxStream<'a, io::Result<Finished>> {
+        stream::unfold((rows, before), move |(mut rows, before)| async move {
+            let row = rows.next()?;
+            let finished = match row {
+                Ok(row) => Ok(self.run(row, before, service).await),
+                Err(error) => Err(error),
             };
+            let next = finished.as_ref().ok().and_then(|finished| self.guess_after(finished));
             Some((finished, (rows, next)))
         })
         .boxed()
     }
-}
 
-async fn run_row(sweep: &Sweep, number: u64, before: Option<Guess>, service: &Service) -> io::Result<Finished> {
-    // Judged before anything ran: only the file itself can have changed or gone.
-    let row = sweep.row(number).map_err(|problem| io::Error::other(problem.to_string()))?;
-    if let Some(before) = before
-        && let Some(descent) = before.descent(&row.request)
-        && let Ok(answer) = sweep.job().run(&descent, service).await
-        && Outcome::of(&answer).status() == Some("converged")
-    {
-        return Ok(Finished { row, warm_start_from: Some(before.key), answer: Ok(answer) });
+    /// What the next row may begin with.
+    pub(super) fn guess_after(&self, finished: &Finished) -> Option<Guess> {
+        let answer = finished.answer.as_ref().ok().filter(|_| self.is_warm)?;
+        Guess::of(super::key(&self.sweep, finished.row.number), answer)
     }
-    let answer = sweep.job().run(&row.request, service).await;
-    Ok(Finished { row, warm_start_from: None, answer })
+
+    /// Runs one row; from the plan of the row before, where that leads to an answer, else as it is.
+    pub(super) async fn run(&self, row: Row, before: Option<Guess>, service: &Service) -> Finished {
+        if let Some(before) = before
+            && let Some(descent) = before.descent(&row.request)
+            && let Ok(answer) = self.job.run(&descent, service).await
+            && Outcome::of(&answer).status() == Some("converged")
+        {
+            return Finished { row, warm_start_from: Some(before.key), answer: Ok(answer) };
+        }
+        let answer = self.job.run(&row.request, service).await;
+        Finished { row, warm_start_from: None, answer }
+    }
 }

@@ -94,7 +94,7 @@ const TABLE: &[Module] = &[
     },
     Module {
         name: "sweep",
-        may_use: &["jobs", "contract", "service", "rules", "plot"],
+        may_use: &["jobs", "contract", "service", "metrics", "rules", "plot"],
         must_not_mention: &["axum", "tonic", "hyper", "tower", "prost", "nalgebra"],
     },
     Module {

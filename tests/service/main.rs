@@ -51,7 +51,10 @@ mod shares;
 mod stopping;
 mod support;
 mod sweep;
+mod sweep_deployment;
 mod sweep_files;
+#[cfg(all(feature = "nats", unix))]
+mod sweep_nats;
 mod time_limits;
 #[cfg(feature = "tls")]
 mod tls;

@@ -5,7 +5,7 @@ use std::fs;
 
 use serde_json::Value;
 use slipdrive::jobs::Jobs;
-use slipdrive::metrics::catalogue;
+use slipdrive::metrics::catalogue::{self, Family, sweep_workers};
 use yaml_rust2::Yaml;
 
 use crate::support::manifests::{deploy, documents, renderings};
@@ -25,9 +25,14 @@ fn metrics_in(text: &str) -> BTreeSet<String> {
     .collect()
 }
 
+/// Those of the service and those of the workers of sweeps.
+fn all_families() -> Vec<Family> {
+    [&Jobs::families(), sweep_workers::ALL].concat()
+}
+
 #[test]
 fn dashboard_rules_and_adapter_ask_for_metrics_that_exist() {
-    let known: BTreeSet<_> = Jobs::families().iter().map(|family| family.name.to_owned()).collect();
+    let known: BTreeSet<_> = all_families().iter().map(|family| family.name.to_owned()).collect();
     let dashboard: Value =
         serde_json::from_str(&fs::read_to_string(deploy("grafana/dashboards/slipdrive.json")).unwrap()).unwrap();
     let panels = dashboard["panels"].as_array().unwrap();
@@ -55,7 +60,7 @@ fn dashboard_rules_and_adapter_ask_for_metrics_that_exist() {
 #[test]
 fn documented_metrics_and_alerts_are_those_that_exist() {
     let document = fs::read_to_string(deploy("../docs/operations.md")).unwrap();
-    let rows: Vec<_> = Jobs::families()
+    let rows: Vec<_> = all_families()
         .iter()
         .map(|family| {
             let labels: Vec<_> = family.labels.iter().map(|label| format!("`{label}`")).collect();

@@ -262,7 +262,8 @@ async fn a_panic_of_a_solve_is_a_failed_row() {
         assert_eq!((progress.done, progress.failed, progress.statuses["converged"]), (5, 1, 4));
     }
     // A transport would run the first chunk so.
-    let chunk: Vec<_> = sweep::chunk_rows(&sweep, 0, &service).map(Result::unwrap).collect().await;
+    let chunk = sweep.chunk(0).map(|row| sweep.row(row).unwrap()).collect();
+    let chunk: Vec<_> = sweep.runner().rows(chunk, &service).collect().await;
     let mut of_chunk: Vec<_> = chunk.iter().map(|finished| (finished.row.number, finished.answer.is_ok())).collect();
     of_chunk.sort_unstable();
     assert_eq!(of_chunk, [(0, true), (1, true), (2, false), (3, true)]);

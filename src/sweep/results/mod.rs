@@ -27,6 +27,8 @@ pub use progress::Progress;
 pub(super) use row_set::RowSet;
 pub use status::{Status, status};
 pub use stored::StoredRow;
+#[cfg(feature = "nats")]
+pub(super) use stored::{failed_line, line};
 
 use super::warm::Guess;
 use super::{Finished, Shard, Sweep};
@@ -103,13 +105,35 @@ impl Results {
     /// # Errors
     /// When it cannot be written whole; what was written of it is taken back.
     pub(super) fn append(&mut self, sweep: &Sweep, finished: &Finished) -> io::Result<()> {
-        if self.part.length() >= LARGEST_PART {
-            self.part = self.part.next(&self.folder)?;
-        }
-        self.part.append(&stored::line(&sweep.key(finished.row.number), finished))?;
+        self.append_line(&stored::line(&sweep.key(finished.row.number), finished))?;
         self.done.insert(finished.row.number);
         self.progress.count(&finished.answer);
         Ok(())
+    }
+
+    /// Appends a line that was written elsewhere, unless its row is there; gives the number of the row, none where it is
+    /// no row of this sweep.
+    ///
+    /// # Errors
+    /// As [`Results::append`].
+    #[cfg(feature = "nats")]
+    pub(super) fn take(&mut self, line: &[u8]) -> io::Result<Option<u64>> {
+        let Some(head) = line.strip_suffix(b"\n").and_then(|line| stored::Head::read(line, &self.header)) else {
+            return Ok(None);
+        };
+        if !self.done.contains(head.row) {
+            self.append_line(line)?;
+            self.done.insert(head.row);
+            self.progress.count_stored(&head);
+        }
+        Ok(Some(head.row))
+    }
+
+    fn append_line(&mut self, line: &[u8]) -> io::Result<()> {
+        if self.part.length() >= LARGEST_PART {
+            self.part = self.part.next(&self.folder)?;
+        }
+        self.part.append(line)
     }
 
     /// Brings what was appended to the disk.

@@ -9,12 +9,12 @@ pub(in crate::sweep) struct RowSet {
 
 impl RowSet {
     /// None of so many.
-    pub(super) fn of(rows: u64) -> Self {
+    pub(in crate::sweep) fn of(rows: u64) -> Self {
         Self { words: vec![0; usize::try_from(rows.div_ceil(64)).unwrap_or_default()], rows }
     }
 
     /// Adds a row; whether it was not there before.
-    pub(super) fn insert(&mut self, row: u64) -> bool {
+    pub(in crate::sweep) fn insert(&mut self, row: u64) -> bool {
         let (word, bit) = place(row);
         match self.words.get_mut(word) {
             Some(word) if *word & bit == 0 => {

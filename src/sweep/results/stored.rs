@@ -8,8 +8,8 @@ use serde_json::{Map, Value};
 
 use super::Header;
 use crate::contract::{Problem, json};
-use crate::sweep::Finished;
 use crate::sweep::outcome::Outcome;
+use crate::sweep::{Finished, Row};
 
 /// A row that was read back.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -33,7 +33,7 @@ pub struct StoredRow {
 
 impl StoredRow {
     /// Reads a line.
-    pub(super) fn read(line: &[u8]) -> Option<Self> {
+    pub(in crate::sweep) fn read(line: &[u8]) -> Option<Self> {
         serde_json::from_slice(line).ok()
     }
 }
@@ -62,8 +62,20 @@ impl<'a> Head<'a> {
 }
 
 /// The line of a row, with its end.
-pub(super) fn line(key: &str, finished: &Finished) -> Vec<u8> {
+pub(in crate::sweep) fn line(key: &str, finished: &Finished) -> Vec<u8> {
     let Finished { row, warm_start_from, answer } = finished;
+    match answer {
+        Ok(answer) => line_with(key, row, warm_start_from.as_deref(), ("answer", answer)),
+        Err(problem) => failed_line(key, row, &problem_object(problem)),
+    }
+}
+
+/// The line of a row that has no answer.
+pub(in crate::sweep) fn failed_line(key: &str, row: &Row, problem: &Value) -> Vec<u8> {
+    line_with(key, row, None, ("problem", &json::write(problem)))
+}
+
+fn line_with(key: &str, row: &Row, warm_start_from: Option<&str>, (name, value): (&str, &[u8])) -> Vec<u8> {
     let mut line = format!("{{\"key\":\"{key}\",\"row\":{},\"axes\":{{", row.number).into_bytes();
     for (index, (name, value)) in row.fields.iter().enumerate() {
         if index > 0 {
@@ -76,18 +88,10 @@ pub(super) fn line(key: &str, finished: &Finished) -> Vec<u8> {
     line.push(b'}');
     if let Some(from) = warm_start_from {
         line.extend_from_slice(b",\"warm_start_from\":");
-        line.extend(json::write(from));
+        line.extend(json::write(&from));
     }
-    match answer {
-        Ok(answer) => {
-            line.extend_from_slice(b",\"answer\":");
-            line.extend_from_slice(answer);
-        }
-        Err(problem) => {
-            line.extend_from_slice(b",\"problem\":");
-            line.extend(json::write(&problem_object(problem)));
-        }
-    }
+    line.extend_from_slice(format!(",\"{name}\":").as_bytes());
+    line.extend_from_slice(value);
     line.extend_from_slice(b"}\n");
     line
 }

@@ -1,0 +1,122 @@
+//! `slipdrive sweep --nats`: a sweep that workers elsewhere run.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use slipdrive::sweep::nats::{self, Broker, Collected, NatsError, Sending};
+use slipdrive::sweep::{Results, Shard, Sweep};
+use tokio::time::sleep;
+
+use super::progress_of_rows::{ProgressLine, ProgressOfRows};
+use super::sweep::{complete, refused, refused_folder, refused_rows, to_be_continued, workers};
+use crate::config::{NatsArguments, SweepArguments};
+use crate::shutdown::Signals;
+
+/// How long to wait until something is tried again.
+const RETRY_PAUSE: Duration = Duration::from_secs(2);
+
+/// Publishes a sweep, collects it, or takes it back.
+///
+/// # Errors
+/// What cannot be read or written, and servers that do not do what they should.
+pub(super) fn sweep(sweep: &Sweep, folders: &[PathBuf], arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    let over = &arguments.nats;
+    if arguments.shard != Shard::WHOLE {
+        return Ok(refused("`--shard` does not go with `--nats`: the workers share the chunks"));
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    if over.cancel {
+        return runtime.block_on(cancel(sweep, &over.nats));
+    }
+    if let Err(faults) = sweep.check(Shard::WHOLE, workers(arguments)) {
+        return Ok(refused_rows(&faults));
+    }
+    match folders {
+        [] => runtime.block_on(async {
+            let published = publish(sweep, Sending::Once, &connected(&over.nats).await?).await?;
+            Ok(published.unwrap_or(ExitCode::SUCCESS))
+        }),
+        [folder] => runtime.block_on(run(sweep, folder, arguments)),
+        _ => Ok(refused("there must be one `--out` for the results")),
+    }
+}
+
+async fn connected(arguments: &NatsArguments) -> Result<Broker, NatsError> {
+    let access = arguments.access().unwrap_or_default();
+    Broker::connect(&access, arguments.limits()).await
+}
+
+/// Publishes what is missing; gives the exit code where not all is published.
+async fn publish(sweep: &Sweep, sending: Sending, broker: &Broker) -> anyhow::Result<Option<ExitCode>> {
+    let mut line = ProgressLine::new(sweep.chunk_count());
+    let mut signals = Signals::listen()?;
+    let show = |published: &nats::Published| line.show(published.published, || published.to_string());
+    let published = nats::publish(sweep, broker, sending, show, signals.next()).await?;
+    line.finish();
+    eprintln!("{published}");
+    Ok(if published.is_complete() { None } else { Some(to_be_continued("stopped")) })
+}
+
+/// Publishes again what the server has lost, however long it is away.
+async fn publish_again(sweep: &Sweep, broker: &Broker) -> anyhow::Result<Option<ExitCode>> {
+    loop {
+        match publish(sweep, Sending::Again, broker).await {
+            Ok(published) => return Ok(published),
+            Err(error) => eprintln!("{error}; trying again"),
+        }
+        let mut signals = Signals::listen()?;
+        tokio::select! {
+            () = signals.next() => return Ok(Some(to_be_continued("stopped"))),
+            () = sleep(RETRY_PAUSE) => {}
+        }
+    }
+}
+
+/// Publishes and collects until all rows are there.
+async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    // A folder that cannot be written to is refused before anything is published.
+    let mut results = match Results::open(folder, sweep.header(Shard::WHOLE)) {
+        Ok(results) => results,
+        Err(error) => return refused_folder(error),
+    };
+    let (broker, is_publisher) = (connected(&arguments.nats.nats).await?, !arguments.nats.collect);
+    let mut unfinished = if is_publisher { publish(sweep, Sending::Once, &broker).await? } else { None };
+    loop {
+        if let Some(code) = unfinished {
+            return Ok(code);
+        }
+        let ended = collect(sweep, &mut results, &broker).await?;
+        let progress = results.progress().clone();
+        eprintln!("{}: {progress}", Path::display(folder));
+        match ended {
+            Collected::Complete => {
+                drop(results);
+                return complete(&progress, folder, arguments);
+            }
+            Collected::Stopped => return Ok(to_be_continued("stopped")),
+            Collected::Cancelled => return Ok(to_be_continued("the sweep is cancelled; without `--collect`")),
+            Collected::Unpublished if is_publisher => {
+                eprintln!("rows without results have no chunks; these are published again");
+                unfinished = publish_again(sweep, &broker).await?;
+            }
+            Collected::Unpublished => {
+                return Ok(to_be_continued("rows without results have no chunks; without `--collect`"));
+            }
+        }
+    }
+}
+
+async fn collect(sweep: &Sweep, results: &mut Results, broker: &Broker) -> anyhow::Result<Collected> {
+    let mut shown = ProgressOfRows::of(results.progress());
+    let mut signals = Signals::listen()?;
+    let ended = nats::collect(sweep.hash(), results, broker, |progress| shown.show(progress), signals.next()).await;
+    shown.finish();
+    Ok(ended?)
+}
+
+async fn cancel(sweep: &Sweep, arguments: &NatsArguments) -> anyhow::Result<ExitCode> {
+    let taken = nats::cancel(sweep.hash(), &connected(arguments).await?).await?;
+    println!("{taken} chunks are taken back; the results stay");
+    Ok(ExitCode::SUCCESS)
+}

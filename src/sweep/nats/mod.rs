@@ -1,0 +1,34 @@
+//! Sweeps over NATS `JetStream`: chunks in a work queue, workers on any number of machines, results in a stream.
+//!
+//! - [`publish`] brings the chunks of a sweep into the queue. A full queue makes it wait.
+//! - A [`Worker`] takes a chunk on lease, runs its rows, publishes each as it ends, and acknowledges the chunk after the
+//!   last. What a killed worker had is delivered again, to whoever has time; rows with results are not run again.
+//! - [`collect`] brings the first result of each row into a folder, in the form of a sweep on one machine.
+//! - [`cancel`] takes the chunks back.
+//!
+//! The results are what counts, and the file of the sweep: chunks that a server loses are published again by whoever
+//! collects with the file at hand, and a worker that finds chunks nobody would get has them delivered anew.
+//!
+//! Each row is published under a subject of its own, on the condition that nothing is there yet: so the first result
+//! stays whoever else comes. Chunks, results and marks name their sweep by its hash, so any number of sweeps share the
+//! streams; chunks name the version of the solver too, and a worker asks for those of its own.
+
+mod broker;
+mod cancel;
+mod chunk;
+mod collect;
+mod lease;
+mod marks;
+mod metrics;
+mod packed;
+mod publish;
+mod result;
+mod subjects;
+mod watchdog;
+mod worker;
+
+pub use broker::{Access, Broker, NatsError, StreamLimits};
+pub use cancel::cancel;
+pub use collect::{Collected, collect};
+pub use publish::{Published, Sending, publish};
+pub use worker::{Worker, WorkerSettings};

@@ -1,0 +1,295 @@
+//! Sweeps over NATS, where a server is installed: what is killed, sent twice or cancelled, and what is there in the end.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::net::TcpListener;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use async_nats::{Client, Subscriber};
+use futures_util::StreamExt as _;
+use serde_json::{Value, json};
+use tokio::time::{sleep, timeout};
+
+use crate::support::folder::Folder;
+use crate::support::process::slipdrive;
+
+/// How long anything may take here.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A process that ends with the test.
+struct Running(Child);
+
+impl Running {
+    fn kill(&mut self) {
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
+
+    /// The exit code, once it ends by itself.
+    async fn code(&mut self) -> Option<i32> {
+        let patience_ends = Instant::now() + PATIENCE;
+        loop {
+            if let Some(status) = self.0.try_wait().unwrap() {
+                return status.code();
+            }
+            assert!(Instant::now() < patience_ends, "it does not end");
+            sleep(Duration::from_millis(20)).await;
+        }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A server with a client and a folder for files.
+struct Nats {
+    folder: Folder,
+    url: String,
+    client: Client,
+    _server: Running,
+}
+
+impl Nats {
+    /// None where no server is installed.
+    async fn start(name: &str) -> Option<Self> {
+        let program = ["nats-server", "/usr/sbin/nats-server"].into_iter().find(|program| {
+            Command::new(program).arg("--version").stdout(Stdio::null()).status().is_ok_and(|status| status.success())
+        });
+        let Some(program) = program else {
+            println!("SKIPPED: no nats-server is installed (Debian package nats-server)");
+            return None;
+        };
+        let folder = Folder::new(name);
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let (store, port) = (folder.file("store"), port.to_string());
+        let server = Command::new(program)
+            .args(["-a", "127.0.0.1", "-p", &port, "-js", "-sd", &store])
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let url = format!("nats://127.0.0.1:{port}");
+        let patience_ends = Instant::now() + PATIENCE;
+        let client = loop {
+            match async_nats::connect(&url).await {
+                Ok(client) => break client,
+                Err(error) => assert!(Instant::now() < patience_ends, "{error}"),
+            }
+            sleep(Duration::from_millis(20)).await;
+        };
+        Some(Self { folder, url, client, _server: Running(server) })
+    }
+
+    fn file(&self, name: &str, sweep: &Value) -> String {
+        fs::write(self.folder.0.join(name), sweep.to_string()).unwrap();
+        self.folder.file(name)
+    }
+
+    fn sweep(&self, arguments: &[&str]) -> Output {
+        slipdrive().arg("sweep").args(arguments).args(["--nats", &self.url]).output().unwrap()
+    }
+
+    fn sweeping(&self, arguments: &[&str]) -> Running {
+        let command = &mut slipdrive();
+        Running(command.arg("sweep").args(arguments).args(["--nats", &self.url]).stderr(Stdio::null()).spawn().unwrap())
+    }
+
+    fn worker(&self, more: &[&str]) -> Running {
+        let command = &mut slipdrive();
+        command.args(["worker", "--threads", "1", "--lease-s", "1", "--nats", &self.url]).args(more);
+        Running(command.stderr(Stdio::null()).spawn().unwrap())
+    }
+
+    async fn heard(&self, subject: &str) -> Subscriber {
+        let heard = self.client.subscribe(subject.to_owned()).await.unwrap();
+        self.client.flush().await.unwrap();
+        heard
+    }
+}
+
+fn drives(rows: u32, more: &Value) -> Value {
+    let mut file = json!({
+        "job": "solve",
+        "request": {"view": "plan", "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}},
+        "axes": [{"field": "maneuver.goal.y_m", "from": 0.5, "to": 2.5, "count": rows}],
+        "chunk_rows": 4,
+    });
+    file.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+    file
+}
+
+/// The rows of a folder by their numbers, each of them once; without what clocks say.
+fn rows(folder: &str) -> BTreeMap<u64, Value> {
+    let mut rows = BTreeMap::new();
+    let parts = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    for part in parts.filter(|path| path.extension().is_some_and(|extension| extension == "jsonl")) {
+        for line in fs::read_to_string(part).unwrap().lines() {
+            let mut row: Value = serde_json::from_str(line).unwrap();
+            if let Some(report) = row.pointer_mut("/answer/report") {
+                report.as_object_mut().unwrap().remove("solve_time_s").unwrap();
+            }
+            let number = row["row"].as_u64().unwrap();
+            assert!(rows.insert(number, row).is_none(), "row {number} is there twice");
+        }
+    }
+    rows
+}
+
+/// The first message of which something is said.
+async fn first<T>(heard: &mut Subscriber, said: impl Fn(&async_nats::Message) -> Option<T>) -> T {
+    let find = async {
+        loop {
+            if let Some(found) = said(&heard.next().await.unwrap()) {
+                return found;
+            }
+        }
+    };
+    timeout(PATIENCE, find).await.unwrap_or_else(|_| panic!("nothing is heard"))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn killed_worker_and_chunks_that_come_twice_leave_one_result_a_row() {
+    let Some(nats) = Nats::start("nats-killed").await else { return };
+    let seeds = json!([{"field": "solver.seed", "from": 0, "to": 499, "count": 500}]);
+    let rest = json!({"view": "plan", "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1},
+        "maneuver": {"goal": {"x_m": 0, "y_m": 0}}});
+    let rests = drives(500, &json!({"axes": seeds, "request": rest, "chunk_rows": 1}));
+    let warm = drives(20, &json!({"warm_start": true}));
+    for (name, sweep) in [("rests", rests), ("drives", drives(20, &json!({}))), ("warm", warm)] {
+        let file = nats.file(&format!("{name}.json"), &sweep);
+        let (out, local) = (nats.folder.file(name), nats.folder.file(&format!("{name}-local")));
+        assert!(slipdrive().args(["sweep", &file, "--out", &local]).output().unwrap().status.success());
+        let (mut chunks, mut results) = (nats.heard("slipdrive.chunk.>").await, nats.heard("slipdrive.result.>").await);
+        let mut collecting = nats.sweeping(&[&file, "--out", &out]);
+        let (subject, payload) = first(&mut chunks, |chunk| Some((chunk.subject.clone(), chunk.payload.clone()))).await;
+        let (mut killed, _other) = (nats.worker(&[]), nats.worker(&[]));
+        first(&mut results, |_| Some(())).await;
+        killed.kill();
+        // Without its id, which the server would know it by.
+        for _ in 0..3 {
+            nats.client.publish(subject.clone(), payload.clone()).await.unwrap();
+        }
+        assert_eq!(collecting.code().await, Some(0), "{name}");
+        assert_eq!(rows(&out), rows(&local), "{name}");
+        let again = nats.sweep(&[&file]);
+        let said = String::from_utf8(again.stderr).unwrap();
+        let chunk_count = sweep["axes"][0]["count"].as_u64().unwrap() / sweep["chunk_rows"].as_u64().unwrap();
+        assert!(said.contains(&format!("0 of {chunk_count} chunks published, {chunk_count} have results")), "{said}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn row_that_kills_its_workers_is_named_and_the_others_are_answered() {
+    let Some(nats) = Nats::start("nats-poison").await else { return };
+    let axes = json!([{"paired": [
+        {"field": "maneuver.goal.y_m", "values": [1, 5, 2]},
+        {"field": "grid.steps", "values": [40, 1000, 40]},
+        {"field": "grid.control_intervals", "values": [8, 100, 8]},
+        {"field": "solver.starts", "values": [1, 24, 1]},
+    ]}]);
+    let file = nats.file("poison.json", &drives(3, &json!({"axes": axes})));
+    let (mut signs, mut marks) = (nats.heard("$JS.ACK.>").await, nats.heard("slipdrive.mark.>").await);
+    let out = nats.folder.file("out");
+    let mut collecting = nats.sweeping(&[&file, "--out", &out]);
+    for delivery in [1, 2] {
+        let mut worker = nats.worker(&[]);
+        first(&mut signs, |sign| (&*sign.payload == b"+WPI" && delivery_of(&sign.subject) == delivery).then_some(()))
+            .await;
+        worker.kill();
+    }
+    for beginning in ["1", "2", "3"] {
+        let mut worker = nats.worker(&[]);
+        first(&mut marks, |mark| {
+            (mark.subject.ends_with(".1") && *mark.payload == *beginning.as_bytes()).then_some(())
+        })
+        .await;
+        worker.kill();
+    }
+    let mut dead = nats.heard("slipdrive.dead.row.>").await;
+    let _worker = nats.worker(&[]);
+    let letter: Value = first(&mut dead, |letter| serde_json::from_slice(&letter.payload).ok()).await;
+    assert_eq!((&letter["row"], &letter["request"]["grid"]["steps"]), (&json!(1), &json!(1000)));
+    assert_eq!(collecting.code().await, Some(1), "complete, with a failure");
+    let rows = rows(&out);
+    assert_eq!(rows[&1]["problem"]["code"], "worker_lost");
+    assert!(rows.len() == 3 && [0, 2].iter().all(|row| rows[row]["answer"]["status"] == "converged"), "{rows:?}");
+}
+
+/// How often a message was delivered, from the subject that its lease is held under.
+fn delivery_of(subject: &str) -> u64 {
+    let words: Vec<_> = subject.split('.').collect();
+    words[if words.len() == 9 { 4 } else { 6 }].parse().unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn cancelled_sweep_leaves_the_queue_and_can_be_published_again() {
+    let Some(nats) = Nats::start("nats-cancelled").await else { return };
+    let file = nats.file("drives.json", &drives(40, &json!({})));
+    let out = nats.folder.file("out");
+    assert!(nats.sweep(&[&file]).status.success());
+    let cancelled = nats.sweep(&[&file, "--cancel"]);
+    assert!(String::from_utf8(cancelled.stdout).unwrap().starts_with("10 chunks are taken back"));
+    let collected = nats.sweep(&[&file, "--collect", "--out", &out]);
+    let said = String::from_utf8(collected.stderr).unwrap();
+    assert!(collected.status.code() == Some(75) && said.contains("cancelled"), "{said}");
+    let mut worker = nats.worker(&[]);
+    assert!(nats.sweep(&[&file, "--out", &out]).status.success());
+    assert_eq!(rows(&out).len(), 40);
+    Command::new("kill").arg(worker.0.id().to_string()).status().unwrap();
+    assert_eq!(worker.code().await, Some(0), "a worker ends in order");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn worker_says_whether_it_is_connected_and_what_it_did() {
+    let Some(nats) = Nats::start("nats-probes").await else { return };
+    let admin = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let _worker = nats.worker(&["--admin", &admin]);
+    let file = nats.file("drives.json", &drives(8, &json!({})));
+    assert!(nats.sweep(&[&file, "--out", &nats.folder.file("out")]).status.success());
+    let get = async |path: &str| {
+        let answer = reqwest::get(format!("http://{admin}{path}")).await.unwrap();
+        (answer.status().as_u16(), answer.text().await.unwrap())
+    };
+    for line in ["slipdrive_sweep_chunks_total{outcome=\"complete\"} 2", "slipdrive_sweep_chunks_in_flight 0"] {
+        let patience_ends = Instant::now() + PATIENCE;
+        while !get("/metrics").await.1.lines().any(|found| found == line) {
+            assert!(Instant::now() < patience_ends, "{line}");
+            sleep(Duration::from_millis(50)).await;
+        }
+    }
+    let text = get("/metrics").await.1;
+    for line in ["slipdrive_sweep_rows_total{outcome=\"answered\"} 8", "slipdrive_sweep_connected 1"] {
+        assert!(text.lines().any(|found| found == line), "{line} in {text}");
+    }
+    for family in slipdrive::metrics::catalogue::sweep_workers::ALL {
+        assert!(text.contains(&format!("# TYPE {} ", family.name)), "{}", family.name);
+    }
+    assert_eq!((get("/livez").await.0, get("/readyz").await.0), (200, 200));
+    drop(nats._server);
+    let patience_ends = Instant::now() + PATIENCE;
+    while get("/readyz").await.0 != 503 {
+        assert!(Instant::now() < patience_ends, "it is ready without a server");
+        sleep(Duration::from_millis(50)).await;
+    }
+    assert_eq!(get("/livez").await.0, 200);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_cannot_be_used_is_said_without_secrets() {
+    let file = ["sweep", "final-time-map", "--nats"];
+    let refused = |url: &str| {
+        let output = slipdrive().args(file).arg(url).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    for url in [format!("nats://user:secret@127.0.0.1:{port}"), "nats://user:secret@[".to_owned()] {
+        let (code, said) = refused(&url);
+        assert!(code == Some(1) && said.contains("NATS") && !said.contains("secret"), "{code:?} {said}");
+    }
+    let worker = slipdrive().arg("worker").output().unwrap();
+    assert_eq!(worker.status.code(), Some(64));
+}
