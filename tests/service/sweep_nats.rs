@@ -51,7 +51,7 @@ struct Nats {
     folder: Folder,
     url: String,
     client: Client,
-    _server: Running,
+    server: Running,
 }
 
 impl Nats {
@@ -81,7 +81,7 @@ impl Nats {
             }
             sleep(Duration::from_millis(20)).await;
         };
-        Some(Self { folder, url, client, _server: Running(server) })
+        Some(Self { folder, url, client, server: Running(server) })
     }
 
     fn file(&self, name: &str, sweep: &Value) -> String {
@@ -269,7 +269,7 @@ async fn worker_says_whether_it_is_connected_and_what_it_did() {
         assert!(text.contains(&format!("# TYPE {} ", family.name)), "{}", family.name);
     }
     assert_eq!((get("/livez").await.0, get("/readyz").await.0), (200, 200));
-    drop(nats._server);
+    drop(nats.server);
     let patience_ends = Instant::now() + PATIENCE;
     while get("/readyz").await.0 != 503 {
         assert!(Instant::now() < patience_ends, "it is ready without a server");
