@@ -8,24 +8,26 @@ Prints the section, which is what the release says of itself. `cargo test --test
 import pathlib, re, sys
 
 VERSION, DATE = sys.argv[1:]
-# File, and what stands before and after its version.
+# File, and what stands before and after its version. Workers of sweeps are services of the same image.
 PLACES = [
     ("Cargo.toml", r'\[package\]\nname = "slipdrive"\nversion = "', '"'),
     ("Cargo.lock", r'name = "slipdrive"\nversion = "', '"'),
     ("clients/python/pyproject.toml", r'\nname = "slipdrive"\nversion = "', '"'),
     ("tests/data/openapi.json", r'"version": "', r'"\n  }'),
     ("Dockerfile", r"ARG VERSION=", r"\n"),
-    ("deploy/compose.yaml", r"image: slipdrive:", r"\n"),
+    ("deploy/compose.yaml", r"image: slipdrive:", r"\n", 2),
     ("deploy/kubernetes/base/deployment.yaml", r"image: slipdrive:", r"\n"),
+    ("deploy/kubernetes/sweeps/indexed-job/job.yaml", r"image: slipdrive:", r"\n"),
+    ("deploy/kubernetes/sweeps/workers/deployment.yaml", r"image: slipdrive:", r"\n"),
     ("deploy/kubernetes/overlays/site/kustomization.yaml", r"newTag: ", r"\n"),
 ]
 
 
-def set_version(path, before, after):
+def set_version(path, before, after, places=1):
     file = pathlib.Path(path)
     text, count = re.subn(f"({before})[0-9][^\\s\"]*(?={after})", lambda found: found[1] + VERSION, file.read_text())
-    if count != 1:
-        sys.exit(f"{path}: {count} places name a version, want 1")
+    if count != places:
+        sys.exit(f"{path}: {count} places name a version, want {places}")
     file.write_text(text)
 
 

@@ -10,14 +10,17 @@ fn text_of(path: &str) -> String {
 #[test]
 fn every_file_names_the_version_of_the_crate() {
     let version = env!("CARGO_PKG_VERSION");
-    for (path, line) in [
-        ("clients/python/pyproject.toml", format!("version = \"{version}\"")),
-        ("Dockerfile", format!("ARG VERSION={version}")),
-        ("deploy/compose.yaml", format!("    image: slipdrive:{version}")),
-        ("deploy/kubernetes/base/deployment.yaml", format!("          image: slipdrive:{version}")),
-        ("deploy/kubernetes/overlays/site/kustomization.yaml", format!("    newTag: {version}")),
+    let image = format!("image: slipdrive:{version}");
+    for (path, line, places) in [
+        ("clients/python/pyproject.toml", &format!("version = \"{version}\""), 1),
+        ("Dockerfile", &format!("ARG VERSION={version}"), 1),
+        ("deploy/compose.yaml", &image, 2),
+        ("deploy/kubernetes/base/deployment.yaml", &image, 1),
+        ("deploy/kubernetes/sweeps/indexed-job/job.yaml", &image, 1),
+        ("deploy/kubernetes/sweeps/workers/deployment.yaml", &image, 1),
+        ("deploy/kubernetes/overlays/site/kustomization.yaml", &format!("newTag: {version}"), 1),
     ] {
-        assert_eq!(text_of(path).lines().filter(|found| **found == line).count(), 1, "{path}: {line}");
+        assert_eq!(text_of(path).lines().filter(|found| found.trim() == line).count(), places, "{path}: {line}");
     }
 }
 
