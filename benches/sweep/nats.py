@@ -377,11 +377,11 @@ def cpu_of_children(run):
 
 def cost(runs, server):
     """Chunks of some seconds; CPU time of all processes of the program, and of the server."""
-    # Automatic steps: 66 ms a row.
-    url, chunks, chunk_rows = f"nats://127.0.0.1:{server.port}", runs.arguments.cost_chunks, 75
+    url, chunks, chunk_rows = f"nats://127.0.0.1:{server.port}", runs.arguments.cost_chunks, runs.arguments.cost_rows
+    request = json.loads(runs.arguments.cost_request)
     rates = {"broker": [], "none": []}
     for turn in range(runs.arguments.turns):
-        sweep = {**solves(chunks, chunk_rows), "request": {"view": "plan", "solver": {"starts": 1}}}
+        sweep = {**solves(chunks, chunk_rows), "request": request}
         # Another sweep each time: results of the one before would be found.
         sweep["axes"][0]["to"] += 0.001 * turn
         file = runs.file(f"cost-{turn}", sweep)
@@ -413,6 +413,8 @@ def main():
     parser.add_argument("--solves", type=int, default=500)
     parser.add_argument("--chaos-s", type=float, default=60)
     parser.add_argument("--cost-chunks", type=int, default=8)
+    parser.add_argument("--cost-rows", type=int, default=75)
+    parser.add_argument("--cost-request", default='{"view": "plan", "solver": {"starts": 1}}')
     parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--port", type=int, default=42_800)
     parser.add_argument("--seed", type=int, default=random.randrange(1 << 30))
