@@ -5,6 +5,7 @@
 pub(crate) mod convert;
 mod error_table;
 mod goal;
+mod gzip;
 mod hexadecimal;
 mod indented;
 pub mod json;
@@ -14,6 +15,7 @@ mod state;
 mod strict_value;
 
 pub use error_table::{ErrorCode, ErrorEntry, GrpcCode};
+pub(crate) use gzip::gzip;
 pub(crate) use hexadecimal::hexadecimal;
 pub use indented::indented;
 pub use problem::{FieldError, Problem};

@@ -4,10 +4,10 @@ use super::contact_timeline::separates;
 use super::friction_law::FrictionLaw;
 use super::moreau_step::{Step, StepModel};
 use super::path_quantity::{PathQuantity, PathSample};
-use super::rollout::{ExactContact, Model, Rollout, Simulator, integrate};
+use super::rollout::{Model, Rollout, Simulator, integrate_under};
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
-use crate::contact::{HeldSolver, SmoothedSolver, WheelPattern};
+use crate::contact::WheelPattern;
 use crate::robot::State;
 use crate::stop::{Stop, Stopped};
 
@@ -79,13 +79,7 @@ fn watch<const N: usize>(
             }
         });
     };
-    let end = match law {
-        FrictionLaw::Exact => integrate(model, rollout, &mut ExactContact::default(), stop, note)?,
-        FrictionLaw::Smoothed(slip_smoothing) => {
-            integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), stop, note)?
-        }
-        FrictionLaw::Held => integrate(model, rollout, &mut HeldSolver::default(), stop, note)?,
-    };
+    let end = integrate_under(law, model, rollout, stop, note)?;
     for (largest, quantity) in maxima.iter_mut().zip(quantities) {
         if quantity.is_per_step_length() {
             largest.value /= dt;

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use nalgebra::Vector2;
 
+use super::friction_law::FrictionLaw;
 use super::moreau_step::{Step, StepContact, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
@@ -148,6 +149,24 @@ pub(super) fn integrate<const N: usize>(
         on_step(index, &step);
     }
     Ok(state)
+}
+
+/// The same under a friction law.
+#[inline]
+pub(super) fn integrate_under<const N: usize>(
+    law: FrictionLaw,
+    model: &StepModel<N>,
+    rollout: &Rollout,
+    stop: Stop,
+    on_step: impl FnMut(usize, &Step<N>),
+) -> Result<State, Stopped> {
+    match law {
+        FrictionLaw::Exact => integrate(model, rollout, &mut ExactContact::default(), stop, on_step),
+        FrictionLaw::Smoothed(slip_smoothing) => {
+            integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), stop, on_step)
+        }
+        FrictionLaw::Held => integrate(model, rollout, &mut HeldSolver::default(), stop, on_step),
+    }
 }
 
 /// The exact solver, warm-started from the last step.

@@ -19,11 +19,10 @@ use super::friction_law::FrictionLaw;
 use super::moreau_step::{Step, StepModel};
 use super::path_extremes::PathExtremes;
 use super::path_quantity::PathQuantity;
-use super::rollout::{ExactContact, Model, Rollout, Simulator, integrate};
+use super::rollout::{Model, Rollout, Simulator, integrate_under};
 use super::step_derivative::StepDerivative;
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
-use crate::contact::{HeldSolver, SmoothedSolver};
 use crate::robot::{BodyVector, PerWheel, State};
 use crate::stop::{Stop, Stopped};
 
@@ -125,13 +124,7 @@ fn record<const N: usize>(
         path.note(index, step, &entry, rollout);
         tape.push(entry);
     };
-    *end = match law {
-        FrictionLaw::Exact => integrate(model, rollout, &mut ExactContact::default(), stop, note)?,
-        FrictionLaw::Smoothed(slip_smoothing) => {
-            integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), stop, note)?
-        }
-        FrictionLaw::Held => integrate(model, rollout, &mut HeldSolver::default(), stop, note)?,
-    };
+    *end = integrate_under(law, model, rollout, stop, note)?;
     Ok(())
 }
 

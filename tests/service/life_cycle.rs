@@ -106,8 +106,6 @@ async fn no_accepted_request_is_lost_in_a_drain() {
 async fn after_the_drain_delay_new_callers_are_sent_elsewhere_and_work_in_flight_ends() {
     let mut server = ServerProcess::start(&["--drain-timeout-s", "50", "--queue-length", "4"], &[]);
     let client = client();
-    let channel = Endpoint::from_shared(format!("http://{}", server.grpc)).unwrap().connect().await.unwrap();
-    let mut grpc = ManeuverServiceClient::new(channel);
     let slow = r#"{"maneuver": {"goal": {"y_m": 5}}, "grid": {"steps": 2000},
         "solver": {"starts": 64, "time_limit_s": 2}}"#;
     let (running, waiting) = (spawn_post(&client, &server, slow), spawn_post(&client, &server, slow));
@@ -116,6 +114,9 @@ async fn after_the_drain_delay_new_callers_are_sent_elsewhere_and_work_in_flight
     server.log_line(&["taking no more work"]);
     let refused = post(&client, server.url("/solve"), SHORT).await;
     assert!(refused.0 == 503 && refused.1.contains("\"unavailable\""), "{}", refused.0);
+    // A new connection: those of before are closed, beneath a request if it comes at that moment.
+    let channel = Endpoint::from_shared(format!("http://{}", server.grpc)).unwrap().connect().await.unwrap();
+    let mut grpc = ManeuverServiceClient::new(channel);
     let refused = grpc.solve(pb::SolveRequest::default()).await.unwrap_err();
     assert_eq!(refused.code(), Code::Unavailable, "{refused}");
     assert_eq!(readiness(&client, &server).await, 503);

@@ -18,27 +18,11 @@ use slipdrive::sweep::{self, Ended, Results, Shard, Sweep};
 
 use crate::support::folder::Folder;
 use crate::support::process::slipdrive;
+use crate::support::sweeps::{self, drives, lines, rests};
 use crate::support::{FakeSolver, HANG_BOUND, small_solution};
 
-/// Drives of 0.5 to 2.5 m on coarse grids from one start: about 10 ms each.
-fn drives(rows: u32, more: &Value) -> Value {
-    let mut file = json!({
-        "job": "solve",
-        "request": {"view": "plan", "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}},
-        "axes": [{"field": "maneuver.goal.y_m", "from": 0.5, "to": 2.5, "count": rows}],
-        "chunk_rows": 4,
-    });
-    file.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
-    file
-}
-
-/// Maneuvers that end where they begin: no search.
-fn rests(rows: u32) -> Value {
-    drives(rows, &json!({"axes": [{"field": "solver.seed", "from": 0, "to": rows - 1, "count": rows}]}))
-}
-
 fn written(folder: &Folder, name: &str, file: &Value) -> String {
-    fs::write(folder.0.join(name), file.to_string()).unwrap();
+    folder.write(name, &file.to_string());
     folder.file(name)
 }
 
@@ -60,22 +44,11 @@ fn refused(arguments: &[&str]) -> String {
     said
 }
 
-/// The rows of some folders by their keys, each of them once; without what clocks say.
-fn rows(folders: &[&str]) -> BTreeMap<String, Value> {
-    let mut rows = BTreeMap::new();
-    for line in folders.iter().flat_map(|folder| lines(folder)) {
-        let mut row: Value = serde_json::from_str(&line).unwrap_or_else(|error| panic!("{error}: {line}"));
-        row.pointer_mut("/answer/report").unwrap().as_object_mut().unwrap().remove("solve_time_s").unwrap();
-        let key = row["key"].as_str().unwrap().to_owned();
-        assert!(rows.insert(key.clone(), row).is_none(), "{key} is there twice");
-    }
+/// The rows of some folders, all of them answered.
+fn rows(folders: &[&str]) -> BTreeMap<u64, Value> {
+    let rows = sweeps::rows(folders);
+    assert!(rows.values().all(|row| row.get("problem").is_none()), "{rows:?}");
     rows
-}
-
-fn lines(folder: &str) -> Vec<String> {
-    let parts = fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path());
-    let parts = parts.filter(|path| path.extension().is_some_and(|extension| extension == "jsonl"));
-    parts.flat_map(|part| fs::read_to_string(part).unwrap().lines().map(str::to_owned).collect::<Vec<_>>()).collect()
 }
 
 /// Starts a run and gives it when its folder has so many rows.
@@ -130,9 +103,9 @@ fn warm_chains_do_not_depend_on_threads_or_on_where_they_were_cut() {
     let [one, two] = ["one", "two"].map(|name| folder.file(name));
     done(&[&file, "--out", &two, "--threads", "2"]);
     let expected = rows(&[&two]);
-    for (key, row) in &expected {
-        let (hash, number) = key.rsplit_once('-').unwrap();
-        let number: u64 = number.parse().unwrap();
+    for (number, row) in &expected {
+        let (hash, of_key) = row["key"].as_str().unwrap().rsplit_once('-').unwrap();
+        assert_eq!(of_key, number.to_string());
         let from = row.get("warm_start_from").and_then(Value::as_str);
         if number.is_multiple_of(6) {
             assert_eq!(from, None, "a chunk begins with a search");

@@ -1,7 +1,5 @@
 //! Sweeps over NATS, where a server is installed: what is killed, sent twice or cancelled, and what is there in the end.
 
-use std::collections::BTreeMap;
-use std::fs;
 use std::net::TcpListener;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -13,6 +11,7 @@ use tokio::time::{sleep, timeout};
 
 use crate::support::folder::Folder;
 use crate::support::process::slipdrive;
+use crate::support::sweeps::{drives, rests, rows};
 
 /// How long anything may take here.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -85,7 +84,7 @@ impl Nats {
     }
 
     fn file(&self, name: &str, sweep: &Value) -> String {
-        fs::write(self.folder.0.join(name), sweep.to_string()).unwrap();
+        self.folder.write(name, &sweep.to_string());
         self.folder.file(name)
     }
 
@@ -111,34 +110,6 @@ impl Nats {
     }
 }
 
-fn drives(rows: u32, more: &Value) -> Value {
-    let mut file = json!({
-        "job": "solve",
-        "request": {"view": "plan", "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}},
-        "axes": [{"field": "maneuver.goal.y_m", "from": 0.5, "to": 2.5, "count": rows}],
-        "chunk_rows": 4,
-    });
-    file.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
-    file
-}
-
-/// The rows of a folder by their numbers, each of them once; without what clocks say.
-fn rows(folder: &str) -> BTreeMap<u64, Value> {
-    let mut rows = BTreeMap::new();
-    let parts = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    for part in parts.filter(|path| path.extension().is_some_and(|extension| extension == "jsonl")) {
-        for line in fs::read_to_string(part).unwrap().lines() {
-            let mut row: Value = serde_json::from_str(line).unwrap();
-            if let Some(report) = row.pointer_mut("/answer/report") {
-                report.as_object_mut().unwrap().remove("solve_time_s").unwrap();
-            }
-            let number = row["row"].as_u64().unwrap();
-            assert!(rows.insert(number, row).is_none(), "row {number} is there twice");
-        }
-    }
-    rows
-}
-
 /// The first message of which something is said.
 async fn first<T>(heard: &mut Subscriber, said: impl Fn(&async_nats::Message) -> Option<T>) -> T {
     let find = async {
@@ -154,10 +125,8 @@ async fn first<T>(heard: &mut Subscriber, said: impl Fn(&async_nats::Message) ->
 #[tokio::test(flavor = "multi_thread")]
 async fn killed_worker_and_chunks_that_come_twice_leave_one_result_a_row() {
     let Some(nats) = Nats::start("nats-killed").await else { return };
-    let seeds = json!([{"field": "solver.seed", "from": 0, "to": 499, "count": 500}]);
-    let rest = json!({"view": "plan", "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1},
-        "maneuver": {"goal": {"x_m": 0, "y_m": 0}}});
-    let rests = drives(500, &json!({"axes": seeds, "request": rest, "chunk_rows": 1}));
+    let mut rests = rests(500);
+    rests["chunk_rows"] = json!(1);
     let warm = drives(20, &json!({"warm_start": true}));
     for (name, sweep) in [("rests", rests), ("drives", drives(20, &json!({}))), ("warm", warm)] {
         let file = nats.file(&format!("{name}.json"), &sweep);
@@ -174,7 +143,7 @@ async fn killed_worker_and_chunks_that_come_twice_leave_one_result_a_row() {
             nats.client.publish(subject.clone(), payload.clone()).await.unwrap();
         }
         assert_eq!(collecting.code().await, Some(0), "{name}");
-        assert_eq!(rows(&out), rows(&local), "{name}");
+        assert_eq!(rows(&[&out]), rows(&[&local]), "{name}");
         let again = nats.sweep(&[&file]);
         let said = String::from_utf8(again.stderr).unwrap();
         let chunk_count = sweep["axes"][0]["count"].as_u64().unwrap() / sweep["chunk_rows"].as_u64().unwrap();
@@ -214,7 +183,7 @@ async fn row_that_kills_its_workers_is_named_and_the_others_are_answered() {
     let letter: Value = first(&mut dead, |letter| serde_json::from_slice(&letter.payload).ok()).await;
     assert_eq!((&letter["row"], &letter["request"]["grid"]["steps"]), (&json!(1), &json!(1000)));
     assert_eq!(collecting.code().await, Some(1), "complete, with a failure");
-    let rows = rows(&out);
+    let rows = rows(&[&out]);
     assert_eq!(rows[&1]["problem"]["code"], "worker_lost");
     assert!(rows.len() == 3 && [0, 2].iter().all(|row| rows[row]["answer"]["status"] == "converged"), "{rows:?}");
 }
@@ -238,7 +207,7 @@ async fn cancelled_sweep_leaves_the_queue_and_can_be_published_again() {
     assert!(collected.status.code() == Some(75) && said.contains("cancelled"), "{said}");
     let mut worker = nats.worker(&[]);
     assert!(nats.sweep(&[&file, "--out", &out]).status.success());
-    assert_eq!(rows(&out).len(), 40);
+    assert_eq!(rows(&[&out]).len(), 40);
     Command::new("kill").arg(worker.0.id().to_string()).status().unwrap();
     assert_eq!(worker.code().await, Some(0), "a worker ends in order");
 }

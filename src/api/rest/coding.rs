@@ -5,12 +5,11 @@
 //! length would not be known. Streams are not coded, since their lines would wait for each other. Bodies hold no secrets
 //! of the server, so their length tells nobody anything (BREACH).
 
-use std::io::Write as _;
-
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use flate2::Compression;
-use flate2::write::GzEncoder;
+
+use crate::contract::gzip;
 
 /// Shorter bodies fit a packet as they are.
 const LEAST_BYTES: usize = 1024;
@@ -69,14 +68,6 @@ pub(super) fn with_head(mut response: Response, coding: Coding, is_negotiable: b
         response.headers_mut().extend(IN_GZIP);
     }
     response
-}
-
-/// The bytes in gzip; the same each time.
-pub(super) fn gzip(bytes: &[u8], level: Compression) -> Vec<u8> {
-    let mut encoder = GzEncoder::new(Vec::with_capacity(bytes.len() / 2), level);
-    // Writing to memory cannot fail.
-    let _ = encoder.write_all(bytes);
-    encoder.finish().unwrap_or_default()
 }
 
 /// A whole body, coded.

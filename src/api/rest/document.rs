@@ -10,7 +10,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::coding::{self, Coding};
 use crate::api::server::Shared;
-use crate::contract::hexadecimal;
+use crate::contract::{gzip, hexadecimal};
 
 /// Nothing is loaded or called but from this server, and nothing of it stands in the pages themselves.
 const POLICY: HeaderValue = HeaderValue::from_static(
@@ -59,7 +59,7 @@ impl Document {
     }
 
     fn gzip(&self) -> Bytes {
-        coding::gzip(&self.bytes, Compression::best()).into()
+        gzip(&self.bytes, Compression::best()).into()
     }
 
     /// Whether `If-None-Match` names it (RFC 9110, section 13.1.2), also as one that is only alike.

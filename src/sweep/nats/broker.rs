@@ -6,6 +6,9 @@ use std::time::Duration;
 
 use async_nats::jetstream::consumer::pull;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer};
+use async_nats::jetstream::context::PublishError;
+use async_nats::jetstream::message::PublishMessage;
+use async_nats::jetstream::publish::PublishAck;
 use async_nats::jetstream::stream::{Config, DirectGetErrorKind, DiscardPolicy, RetentionPolicy, Stream};
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Event, ServerAddr};
@@ -92,7 +95,7 @@ impl Default for StreamLimits {
 /// A connection, and the streams.
 #[derive(Debug, Clone)]
 pub struct Broker {
-    pub(super) context: Context,
+    context: Context,
     pub(super) chunks: Stream<()>,
     pub(super) results: Stream<()>,
     pub(super) marks: Stream<()>,
@@ -122,6 +125,14 @@ impl Broker {
 
     pub(super) fn client(&self) -> Client {
         self.context.client()
+    }
+
+    /// Sends a message and waits until the server says that its stream has it.
+    ///
+    /// # Errors
+    /// When the server refuses it or does not answer.
+    pub(super) async fn send(&self, subject: String, message: PublishMessage) -> Result<PublishAck, PublishError> {
+        self.context.send_publish(subject, message).await?.await
     }
 
     /// Largest content of a message, bytes.

@@ -46,6 +46,6 @@ pub(super) async fn resume(sweep: &str, sending: Sending, broker: &Broker) -> Re
 async fn put(sweep: &str, state: &'static [u8], broker: &Broker) -> Result<u64, NatsError> {
     let message = PublishMessage::build().payload(state.into());
     let failed = NatsError::failed("the state of the sweep cannot be set");
-    let sent = broker.context.send_publish(subjects::state(sweep), message).await.map_err(|error| failed(&error))?;
-    Ok(sent.await.map_err(|error| failed(&error))?.sequence)
+    let sent = broker.send(subjects::state(sweep), message).await;
+    Ok(sent.map_err(|error| failed(&error))?.sequence)
 }

@@ -62,10 +62,7 @@ impl Mark {
         let message = PublishMessage::build()
             .payload(self.beginnings.to_string().into())
             .expected_last_subject_sequence(self.place);
-        let sent = match broker.context.send_publish(subjects::mark(&self.sweep, self.row), message).await {
-            Ok(sent) => sent.await,
-            Err(error) => Err(error),
-        };
+        let sent = broker.send(subjects::mark(&self.sweep, self.row), message).await;
         sent.map(|stored| stored.sequence).map_err(|error| (error.kind(), why(&error)))
     }
 }
@@ -77,8 +74,8 @@ impl Mark {
 pub(super) async fn bury(sweep: &str, row: &Row, broker: &Broker) -> Result<(), NatsError> {
     let failed = NatsError::failed("a dead letter cannot be written");
     let content = serde_json::json!({"key": key(sweep, row.number), "row": row.number, "request": row.request});
-    let sent = broker.context.publish(subjects::dead_row(sweep, row.number), json::write(&content).into()).await;
-    sent.map_err(|error| failed(&error))?.await.map_err(|error| failed(&error))?;
+    let message = PublishMessage::build().payload(json::write(&content).into());
+    broker.send(subjects::dead_row(sweep, row.number), message).await.map_err(|error| failed(&error))?;
     Ok(())
 }
 

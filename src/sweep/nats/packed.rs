@@ -1,20 +1,18 @@
 //! What messages carry: compressed.
 
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, Read as _};
 
 use flate2::Compression;
 use flate2::read::GzDecoder;
-use flate2::write::GzEncoder;
+
+use crate::contract::gzip;
 
 /// Most bytes that a message may become: more than the largest chunk or answer has.
 const MOST_UNPACKED_BYTES: u64 = 256 << 20;
 
 pub(super) fn packed(content: &[u8]) -> Vec<u8> {
     // Answers are digits: higher levels cost twice the time and save a twentieth.
-    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
-    // Writing to memory does not fail.
-    let _ = encoder.write_all(content);
-    encoder.finish().unwrap_or_default()
+    gzip(content, Compression::fast())
 }
 
 /// The content of a message.

@@ -133,10 +133,7 @@ async fn publish_chunk(
         PublishMessage::build().payload(content.into()).message_id(format!("{}-{chunk}-{generation}", sweep.hash()));
     let subject = subjects::chunk(SOLVER_VERSION, sweep.hash(), chunk);
     loop {
-        let sent = match broker.context.send_publish(subject.clone(), message.clone()).await {
-            Ok(sent) => sent.await,
-            Err(error) => Err(error),
-        };
+        let sent = broker.send(subject.clone(), message.clone()).await;
         if published.borrow_mut().count(&sent) {
             return Ok(());
         }

@@ -59,11 +59,7 @@ impl RowResult {
     pub(super) async fn publish(&self, sweep: &str, broker: &Broker) -> Result<(), String> {
         // Nothing may be there yet: the first result stays.
         let message = PublishMessage::build().payload(self.message.clone().into()).expected_last_subject_sequence(0);
-        let sent = match broker.context.send_publish(subjects::result(sweep, self.row), message).await {
-            Ok(sent) => sent.await,
-            Err(error) => Err(error),
-        };
-        match sent {
+        match broker.send(subjects::result(sweep, self.row), message).await {
             Ok(_) => Ok(()),
             Err(error) if error.kind() == PublishErrorKind::WrongLastSequence => Ok(()),
             Err(error) => Err(why(&error)),

@@ -9,6 +9,7 @@ use async_nats::connection::State;
 use async_nats::jetstream::AckKind;
 use async_nats::jetstream::Message;
 use async_nats::jetstream::consumer::PullConsumer;
+use async_nats::jetstream::message::PublishMessage;
 use futures_util::StreamExt as _;
 use futures_util::future::join_all;
 use tokio::sync::{broadcast, watch};
@@ -30,7 +31,6 @@ const CANCELS_AHEAD: usize = 64;
 const PULL_GRACE: Duration = Duration::from_secs(5);
 /// How long what is finished may take to be published when the worker ends.
 const LAST_RESULTS: Duration = Duration::from_secs(10);
-
 /// How long the server may take to hear how a chunk ended; then it comes again, which costs little.
 const LAST_WORD: Duration = Duration::from_secs(5);
 /// How long a chunk waits that could not be run here although the worker goes on.
@@ -198,11 +198,8 @@ impl Worker {
 
     /// Keeps a message that is no chunk.
     async fn bury(&self, place: u64, content: Vec<u8>) {
-        let sent = match self.broker.context.publish(subjects::dead_message(place), content.into()).await {
-            Ok(sent) => sent.await,
-            Err(error) => Err(error),
-        };
-        if let Err(error) = sent {
+        let message = PublishMessage::build().payload(content.into());
+        if let Err(error) = self.broker.send(subjects::dead_message(place), message).await {
             tracing::error!(error = %error, "a dead letter cannot be written");
         }
     }

@@ -12,6 +12,7 @@ pub(crate) mod process;
 pub(crate) mod protobuf;
 pub(crate) mod readers;
 pub(crate) mod slow_simulation;
+pub(crate) mod sweeps;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Condvar, Mutex};
