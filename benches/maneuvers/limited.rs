@@ -110,13 +110,14 @@ impl Comparison {
     fn print(&self) {
         let (excess, replay_excess) = self.excess();
         println!(
-            "{:<13} {:>9.4} s (free {:>9.4}) {:>8.1} ms (free {:>7.1}) active {:>3.0} % excess {excess:+.1e} replay \
+            "{:<13} {:>9.4} s (free {:>9.4}) {:>8.1} ms (free {:>7.1}) {:>5} rollouts active {:>3.0} % excess {excess:+.1e} replay \
              {replay_excess:+.1e}  {}",
             self.limited.status.as_str(),
             self.limited.schedule.final_time,
             self.free.schedule.final_time,
             self.limited_ms,
             self.free_ms,
+            self.limited.report.rollouts,
             1e2 * self.active_share,
             self.name,
         );

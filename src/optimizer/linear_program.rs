@@ -17,7 +17,8 @@
 //! k x k matrix is a vertex, and the last program's choice is a good start for the next one, whatever has changed (a warm start). One
 //! iteration takes a basic variable or a row that contradicts its place and moves the multipliers along the edge that frees
 //! it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
-//! Method", 2003). Rows that stay slack cost no more than a scalar product.
+//! Method", 2003). Rows that stay slack cost no more than a scalar product. In programs of many rows multipliers, gradients and
+//! point move along the edge, and are computed afresh where the simplex would end.
 
 mod basis;
 mod beginning;
@@ -65,6 +66,8 @@ pub struct ElasticSolver {
     gradient: DVector<f64>,
     slope: DVector<f64>,
     x: DVector<f64>,
+    /// The largest gradient of a basic variable, when they were last computed afresh.
+    gradient_error: f64,
     kinks: Vec<Kink>,
     perturbation: Perturbation,
 }
@@ -151,6 +154,7 @@ impl ElasticSolver {
                 *range += coefficient.abs() * width;
             }
         }
+        self.basis.is_kept = rows > Basis::SMALL;
         self.is_basic.clear();
         self.is_basic.resize(columns, false);
         self.rest.clear();
@@ -164,21 +168,20 @@ impl ElasticSolver {
         self.value.neg_mut();
         self.x.fill(0.0);
         self.perturbation = Perturbation::default();
-        let (mut stalled, mut was_perturbed) = (0, false);
+        let (mut stalled, mut was_perturbed, mut is_afresh) = (0, false, true);
         for _ in 0..ITERATION_FACTOR * (rows + columns) {
             stop.check()?;
             *iterations += 1;
-            if !self.basis.invert(program) {
+            if !is_afresh {
+                self.update_point(program, false);
+            } else if !self.basis.invert(program) {
                 return Ok(false);
-            }
-            self.update_multipliers(program);
-            if self.drop_row_beyond_box(program) {
+            } else if !self.compute_afresh(program) {
                 continue;
             }
-            self.update_gradient(program);
-            self.update_point(program);
             let Some(leaving) = self.leaving(program) else {
-                if self.basis.forget_updates() {
+                if !is_afresh || self.has_drifted() && self.basis.forget_updates() {
+                    is_afresh = true;
                     continue;
                 }
                 if !self.perturbation.is_none() && !was_perturbed {
@@ -190,16 +193,44 @@ impl ElasticSolver {
                 return Ok(true);
             };
             self.update_direction(program, leaving);
-            let Some(kink) = self.first_kink_without_rise(program, leaving) else { return Ok(false) };
+            let Some(kink) = self.first_kink_without_rise(program, leaving) else {
+                if is_afresh && !self.basis.forget_updates() {
+                    return Ok(false);
+                }
+                is_afresh = true;
+                continue;
+            };
             let rises = kink.step * self.rise(program, leaving) > self.rounding(program);
             stalled = if rises { 0 } else { stalled + 1 };
+            self.multiplier.axpy(kink.step, &self.direction, 1.0);
+            self.gradient.axpy(kink.step, &self.slope, 1.0);
             self.exchange(program, leaving, kink.at);
+            is_afresh = !self.basis.has_inverse();
             // As many iterations as there are variables without progress are no accident.
             if stalled > columns {
                 self.perturbation = Perturbation::new(program);
+                is_afresh = true;
             }
         }
         Ok(false)
+    }
+
+    /// Multipliers, gradients and point of the vertex; false when a row had to be dropped, which makes it another
+    /// vertex.
+    fn compute_afresh(&mut self, program: &ElasticProgram) -> bool {
+        self.update_multipliers(program);
+        if self.drop_row_beyond_box(program) {
+            return false;
+        }
+        self.update_gradient(program);
+        self.update_point(program, true);
+        if self.basis.is_updated() {
+            // Corrects what the updates have lost.
+            self.value.copy_from(program.target);
+            self.value.gemv(1.0, program.matrix, &self.x, -1.0);
+            self.update_point(program, false);
+        }
+        true
     }
 
     /// What the objective may miss.
@@ -258,19 +289,28 @@ impl ElasticSolver {
                 self.gradient.axpy(*multiplier, &coefficients, 1.0);
             }
         }
+        self.gradient_error = 0.0;
         for column in &self.basis.basic {
+            self.gradient_error = self.gradient_error.max(self.gradient[*column].abs());
             self.gradient[*column] = 0.0;
         }
     }
 
-    /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows.
-    fn update_point(&mut self, program: &ElasticProgram) {
+    /// Whether an inverse that was updated has lost its digits: what it should make zero is not.
+    fn has_drifted(&self) -> bool {
+        let is_off = |row: &usize| self.value[*row].abs() > TOLERANCE * self.range[*row];
+        self.gradient_error > GRADIENT_TOLERANCE || self.basis.tight.iter().any(is_off)
+    }
+
+    /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows, from where they are or afresh.
+    fn update_point(&mut self, program: &ElasticProgram, is_afresh: bool) {
         for (column, coefficients) in program.matrix.column_iter().enumerate() {
             if self.gradient[column].abs() > GRADIENT_TOLERANCE {
                 self.rest[column] = Rest::by(self.gradient[column]);
             }
             let x = match self.rest[column] {
-                _ if self.is_basic[column] => 0.0,
+                _ if self.is_basic[column] && is_afresh => 0.0,
+                _ if self.is_basic[column] => continue,
                 Rest::Lower => program.lower[column],
                 Rest::Zero => 0.0,
                 Rest::Upper => program.upper[column],
@@ -285,7 +325,7 @@ impl ElasticSolver {
             DVector::from_iterator(self.basis.tight.len(), self.basis.tight.iter().map(|row| self.value[*row]));
         let basic = &self.basis.inverse * missing;
         for (column, x) in self.basis.basic.iter().zip(basic.iter()) {
-            self.x[*column] = -x;
+            self.x[*column] -= x;
             self.value.axpy(-x, &program.matrix.column(*column), 1.0);
         }
     }

@@ -1,7 +1,7 @@
 //! Tight rows, basic variables and the inverse of their matrix.
 //!
-//! A large inverse is updated by the row or column that changes (product form), at the cost of one of its squares in place of its
-//! cube, and inverted afresh after some updates, where a pivot is small, and before an answer is trusted.
+//! In programs of many rows the inverse is updated by the row or column that changes (product form), at the cost of one of its squares
+//! in place of its cube, and made afresh where a pivot is small or an answer shows that it has lost its digits.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -17,13 +17,24 @@ pub(super) struct Basis {
     /// Inverse of the basic columns of the tight rows: a row per basic variable, a column per tight row.
     pub(super) inverse: DMatrix<f64>,
     is_inverted: bool,
-    /// Since the last inversion.
-    updates: usize,
+    /// Whether the inverse is updated, not made afresh.
+    pub(super) is_kept: bool,
+    is_updated: bool,
 }
 
 impl Basis {
-    /// Matrices up to this size are inverted afresh each time: there an update saves next to nothing.
+    /// Programs of up to so many rows have their inverse made afresh each time: there an update saves next to nothing.
     pub(super) const SMALL: usize = 24;
+
+    /// Whether the inverse is there and need not be made.
+    pub(super) fn has_inverse(&self) -> bool {
+        self.is_kept && self.is_inverted
+    }
+
+    /// Whether the inverse was updated since it was made.
+    pub(super) fn is_updated(&self) -> bool {
+        self.is_updated
+    }
 
     pub(super) fn clear(&mut self) {
         self.tight.clear();
@@ -59,23 +70,20 @@ impl Basis {
         let matrix = DMatrix::from_fn(size, size, |row, column| program.matrix[(self.tight[row], self.basic[column])]);
         let Some(inverse) = matrix.try_inverse() else { return false };
         self.inverse = inverse;
-        (self.is_inverted, self.updates) = (true, 0);
+        (self.is_inverted, self.is_updated) = (true, false);
         self.inverse.iter().all(|value| value.is_finite())
     }
 
     /// Whether the inverse was updated, and is therefore to be made afresh.
     pub(super) fn forget_updates(&mut self) -> bool {
-        let was_updated = self.updates > 0;
-        if was_updated {
-            self.is_inverted = false;
-        }
-        was_updated
+        self.is_inverted &= !self.is_updated;
+        self.is_updated
     }
 
     /// Another variable becomes basic in place of one.
     pub(super) fn replace_column(&mut self, program: &ElasticProgram, position: usize, column: usize) {
         self.basic[position] = column;
-        if !self.is_large() {
+        if !self.may_keep() {
             return;
         }
         let change = &self.inverse * self.tight_part(program, column);
@@ -89,7 +97,7 @@ impl Basis {
     /// Another row becomes tight in place of one.
     pub(super) fn replace_row(&mut self, program: &ElasticProgram, position: usize, row: usize) {
         self.tight[position] = row;
-        if !self.is_large() {
+        if !self.may_keep() {
             return;
         }
         let change = self.inverse.tr_mul(&self.basic_part(program, row));
@@ -102,7 +110,7 @@ impl Basis {
 
     /// A row becomes tight and a variable basic.
     pub(super) fn add(&mut self, program: &ElasticProgram, row: usize, column: usize) {
-        if !self.is_large() {
+        if !self.may_keep() {
             return self.push(row, column);
         }
         let size = self.tight.len();
@@ -126,7 +134,7 @@ impl Basis {
     pub(super) fn remove(&mut self, tight: usize, basic: usize) {
         self.tight.remove(tight);
         self.basic.remove(basic);
-        if !self.is_large() {
+        if !self.may_keep() {
             return;
         }
         let pivot = self.inverse[(basic, tight)];
@@ -139,17 +147,16 @@ impl Basis {
         }
     }
 
-    /// Whether there is an inverse that is worth updating; else it is to be made afresh.
-    fn is_large(&mut self) -> bool {
-        self.is_inverted &= self.tight.len() > Self::SMALL;
+    /// Whether there is an inverse that is to be updated; else it is made afresh.
+    fn may_keep(&mut self) -> bool {
+        self.is_inverted &= self.is_kept;
         self.is_inverted
     }
 
     /// Whether the inverse can be updated by this pivot; else it is to be made afresh.
     fn may_update(&mut self, pivot: f64, largest: f64) -> bool {
-        self.updates += 1;
-        // Rounding grows with each update, and so many cost about as much as an inversion.
-        self.is_inverted = self.updates <= Self::SMALL && pivot.abs() > DEPENDENT * largest;
+        self.is_updated = true;
+        self.is_inverted = pivot.abs() > DEPENDENT * largest;
         self.is_inverted
     }
 

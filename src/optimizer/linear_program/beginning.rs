@@ -1,6 +1,7 @@
 //! Where the simplex begins: at a vertex of its own, or at that of the last program.
 
-use super::basis::Basis;
+use nalgebra::DMatrix;
+
 use super::{DEPENDENT, ElasticSolver, RowPlace};
 use crate::optimizer::elastic_program::ElasticProgram;
 
@@ -28,7 +29,7 @@ impl ElasticSolver {
         let columns = program.cost.len();
         let is_free = |column: &usize| *column < columns && program.width(*column) > 0.0;
         let columns: Vec<usize> = basic.into_iter().filter(is_free).collect();
-        let is_whole = candidates.len() == columns.len() && candidates.len() > Basis::SMALL;
+        let is_whole = candidates.len() == columns.len() && self.basis.is_kept;
         if is_whole && self.basis.adopt(program, &candidates, &columns) {
             for (row, column) in candidates.into_iter().zip(columns) {
                 self.place[row] = RowPlace::Tight;
@@ -41,17 +42,15 @@ impl ElasticSolver {
 
     /// Makes rows tight and variables basic, pair by pair with complete pivoting, while they are independent.
     fn pair(&mut self, program: &ElasticProgram, mut rows: Vec<usize>, mut columns: Vec<usize>) {
+        // What is left of the matrix after each elimination is that of the first rows and columns, in their order.
         let mut rest = program.matrix.select_rows(&rows).select_columns(&columns);
         let largest = rest.amax();
-        while !rows.is_empty() && !columns.is_empty() {
-            let (row, column) = rest.iamax_full();
+        while let Some((row, column)) = largest_entry(&rest, (rows.len(), columns.len())) {
             let pivot = rest[(row, column)];
             if pivot.abs() <= DEPENDENT * largest {
                 break;
             }
-            let eliminated = rest.column(column) * rest.row(row) / pivot;
-            rest -= eliminated;
-            rest = rest.remove_row(row).remove_column(column);
+            eliminate(&mut rest, (rows.len(), columns.len()), (row, column));
             let (row, column) = (rows.remove(row), columns.remove(column));
             self.place[row] = RowPlace::Tight;
             self.is_basic[column] = true;
@@ -62,5 +61,34 @@ impl ElasticSolver {
     pub(super) fn remember(&mut self, program: &ElasticProgram) {
         self.known.clear();
         self.known.extend(program.row_name.iter().copied().zip(self.place.iter().copied()));
+    }
+}
+
+/// The first of the entries of largest magnitude, by columns; none where there are no rows or columns.
+fn largest_entry(matrix: &DMatrix<f64>, (rows, columns): (usize, usize)) -> Option<(usize, usize)> {
+    let (mut largest, mut place) = (-1.0, None);
+    for column in 0..columns {
+        for (row, entry) in matrix.column(column).iter().take(rows).enumerate() {
+            if entry.abs() > largest {
+                (largest, place) = (entry.abs(), Some((row, column)));
+            }
+        }
+    }
+    place
+}
+
+/// Eliminates a row and a column, and closes the gaps that they leave.
+fn eliminate(matrix: &mut DMatrix<f64>, (rows, columns): (usize, usize), (row, column): (usize, usize)) {
+    let pivot_column = matrix.column(column).into_owned();
+    let pivot = pivot_column[row];
+    for from in (0..columns).filter(|from| *from != column) {
+        let of_row = matrix[(row, from)];
+        let to = from - usize::from(from > column);
+        for from_row in 0..row {
+            matrix[(from_row, to)] = matrix[(from_row, from)] - pivot_column[from_row] * of_row / pivot;
+        }
+        for from_row in row + 1..rows {
+            matrix[(from_row - 1, to)] = matrix[(from_row, from)] - pivot_column[from_row] * of_row / pivot;
+        }
     }
 }
