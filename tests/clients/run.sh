@@ -17,11 +17,12 @@ finish() {
 }
 trap finish EXIT
 
-# step NAME COMMAND...: one line when it goes well, all of its output when it does not.
+# step NAME COMMAND...: one line when it goes well, all of its output when it does not. The timeout is against hangs alone: the
+# slowest step takes minutes on a busy machine.
 step() {
   local name=$1 begin=$SECONDS
   shift
-  if timeout 300 "$@" >"$work/output" 2>&1; then
+  if timeout 900 "$@" >"$work/output" 2>&1; then
     echo "ok      $name ($((SECONDS - begin)) s)"
   else
     local code=$?
