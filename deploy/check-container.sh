@@ -2,7 +2,7 @@
 # Builds the image and runs it as a hardened pod would: no root, nothing to write to, no capabilities, seccomp, 256 MB.
 # One line a check; exit 1 if one fails, 77 (as test suites skip) when buildah or podman is missing.
 #
-# Needs, as root: buildah, podman, runc, catatonit, curl, python3, iproute2, util-linux; the base images that the Dockerfile
+# Needs, as root: buildah, podman, runc, catatonit, curl, openssl, python3, iproute2, util-linux; the base images that the Dockerfile
 # names, in local storage or within reach.
 # Env: IMAGE (localhost/slipdrive)  MEMORY (256m)  MAX_MB (48)  PULL (--pull-never to use local base images alone)
 #      BUILD (yes; no: checks the image as it is)
@@ -28,7 +28,7 @@ events_logger = "file"
 CONF
 export CONTAINERS_CONF=$work/containers.conf
 clean() {
-    podman rm -f -t 0 "$name" "$name-bare" >/dev/null 2>&1
+    podman rm -f -t 0 "$name" "$name-bare" "$name-tls" >/dev/null 2>&1
     ip netns del "$probe" 2>/dev/null
     rm -rf "$work"
 }
@@ -86,6 +86,26 @@ podman exec "$name" /usr/local/bin/slipdrive health >/dev/null 2>&1
 is "the health command, inside" $? 0
 of_image '{{json .Config.Healthcheck.Test}}' | grep -q '"CMD","/usr/local/bin/slipdrive","health"' &&
     ok "the HEALTHCHECK is that command" || fault "the HEALTHCHECK is $(of_image '{{json .Config.Healthcheck.Test}}')"
+
+# TLS without an admin port: the health command finds out by itself.
+mkdir "$work/tls"
+openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 1 -subj /CN=localhost \
+    -addext subjectAltName=DNS:localhost -keyout "$work/tls/key.pem" -out "$work/tls/chain.pem" 2>"$work/openssl.log"
+chown -R 65532 "$work/tls"
+chmod 711 "$work"
+podman run -d --name "$name-tls" --network none --read-only --cap-drop ALL --health-interval disable \
+    -v "$work/tls:/tls:ro" -e SLIPDRIVE_TLS_CERTIFICATE=/tls/chain.pem -e SLIPDRIVE_TLS_KEY=/tls/key.pem \
+    -e SLIPDRIVE_ALLOW_UNAUTHENTICATED=true "$IMAGE" >/dev/null 2>"$work/tls.log" || cat "$work/tls.log"
+for _ in $(seq 50); do
+    podman healthcheck run "$name-tls" >/dev/null 2>&1 && break
+    sleep 0.2
+done
+podman healthcheck run "$name-tls" >/dev/null 2>&1
+is "the HEALTHCHECK with TLS and no admin port" $? 0
+tls_pid=$(podman inspect -f '{{.State.Pid}}' "$name-tls")
+is "ready over TLS" "$(nsenter -t "$tls_pid" -n curl -s -m 10 -o /dev/null -w '%{http_code}' --cacert "$work/tls/chain.pem" \
+    https://localhost:8080/readyz)" 200
+podman rm -f -t 0 "$name-tls" >/dev/null 2>&1
 podman cp "$name:/usr/local/share/slipdrive/slipdrive.cdx.json" "$work/bill.json" 2>"$work/cp.log" || cat "$work/cp.log"
 is "the bill of materials is CycloneDX and names tokio" "$(python3 -c 'import json, sys
 bill = json.load(open(sys.argv[1]))
