@@ -108,8 +108,8 @@ make_image() {
     }
     # A folder that keeps its digest on the way to a registry: skopeo copy --preserve-digests dir:... docker://...
     rm -rf "$OUT/image"
-    buildah push --quiet --compression-format gzip --digestfile "$OUT/image.digest" \
-        "$image" "dir:$OUT/image"
+    buildah push --quiet --compression-format gzip "$image" "dir:$OUT/image"
+    deploy/strip-image.py "$OUT/image" >"$OUT/image.digest"
     container=$(buildah from --pull-never "$image")
     mount=$(buildah mount "$container")
     cp "$mount/usr/local/share/slipdrive/slipdrive.cdx.json" "$OUT/slipdrive-$VERSION.cdx.json"
