@@ -45,7 +45,8 @@ impl ElasticSolver {
         // What is left of the matrix after each elimination is that of the first rows and columns, in their order.
         let mut rest = program.matrix.select_rows(&rows).select_columns(&columns);
         let largest = rest.amax();
-        while let Some((row, column)) = largest_entry(&rest, (rows.len(), columns.len())) {
+        while !rows.is_empty() && !columns.is_empty() {
+            let (row, column) = rest.view((0, 0), (rows.len(), columns.len())).iamax_full();
             let pivot = rest[(row, column)];
             if pivot.abs() <= DEPENDENT * largest {
                 break;
@@ -62,19 +63,6 @@ impl ElasticSolver {
         self.known.clear();
         self.known.extend(program.row_name.iter().copied().zip(self.place.iter().copied()));
     }
-}
-
-/// The first of the entries of largest magnitude, by columns; none where there are no rows or columns.
-fn largest_entry(matrix: &DMatrix<f64>, (rows, columns): (usize, usize)) -> Option<(usize, usize)> {
-    let (mut largest, mut place) = (-1.0, None);
-    for column in 0..columns {
-        for (row, entry) in matrix.column(column).iter().take(rows).enumerate() {
-            if entry.abs() > largest {
-                (largest, place) = (entry.abs(), Some((row, column)));
-            }
-        }
-    }
-    place
 }
 
 /// Eliminates a row and a column, and closes the gaps that they leave.
