@@ -151,6 +151,24 @@ impl<'a> ShootingProblem<'a> {
         *shortest = shortest.max(time.min(LONGEST_FINAL_TIME));
     }
 
+    /// Counts this time, s, as 1 from now on.
+    pub fn set_time_unit(&mut self, time_unit: f64) {
+        self.time_unit = time_unit;
+        let final_time_index = self.cost.len() - 1;
+        self.cost[final_time_index] = 1.0 / time_unit;
+    }
+
+    /// Rolls out on a grid of so many steps from now on.
+    pub fn set_step_count(&mut self, step_count: usize) {
+        self.step_count = step_count;
+        self.recorded = None;
+    }
+
+    /// Steps of the grid.
+    pub fn step_count(&self) -> usize {
+        self.step_count
+    }
+
     /// Aims at the goal heading in the winding of `heading`, rad; nothing where the heading is free.
     pub fn aim_at_heading(&mut self, heading: f64) {
         for row in self.rows.iter_mut().filter(|row| row.component == StateComponent::Heading.index()) {

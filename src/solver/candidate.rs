@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::local_search::STRICT_PENALTY;
 use super::progress::is_nearer;
 use crate::optimizer::{CriticalityMeasure, CriticalitySettings};
 use crate::shooting::{LIMIT_TOLERANCE, ShootingProblem};
@@ -23,8 +22,8 @@ pub(super) struct Candidate {
     pub(super) breaks_limits: bool,
     /// The winding of the goal heading that it meets.
     pub(super) goal_heading: Option<f64>,
-    /// Its merit under a smoothed law, where it is no plan yet.
-    pub(super) smoothed_merit: Option<f64>,
+    /// Its final time and what its violations cost under the law of its last descent, s.
+    pub(super) merit: f64,
     /// Its criticality measure, where the search has computed it.
     pub(super) stationarity: Option<Arc<Stationarity>>,
 }
@@ -34,14 +33,20 @@ pub(super) struct Candidate {
 pub(super) struct Stationarity {
     /// Penalty parameter of the goal errors in the merit.
     pub(super) penalty_parameter: f64,
+    /// What the merit counts as 1, s.
+    pub(super) time_unit: f64,
     pub(super) measure: CriticalityMeasure,
 }
 
 impl Stationarity {
     /// The settings for a plan of this final time: the search goes on until half of what counts is predicted.
-    pub(super) fn settings(problem: &ShootingProblem, final_time: f64, goal_tolerance: f64) -> CriticalitySettings {
+    pub(super) fn settings(
+        problem: &ShootingProblem,
+        penalty_parameter: f64,
+        (final_time, goal_tolerance): (f64, f64),
+    ) -> CriticalitySettings {
         CriticalitySettings {
-            penalty_parameter: STRICT_PENALTY,
+            penalty_parameter,
             negligible_decrease: 0.5 * CRITICALITY_TOLERANCE * final_time / problem.time_unit(),
             residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
             inequality_tolerance: LIMIT_TOLERANCE,
@@ -51,7 +56,7 @@ impl Stationarity {
 
 impl Candidate {
     pub(super) fn new(decision: DVector<f64>, goal_error: f64, breaks_limits: bool, goal_heading: Option<f64>) -> Self {
-        Self { decision, goal_error, breaks_limits, goal_heading, smoothed_merit: None, stationarity: None }
+        Self { decision, goal_error, breaks_limits, goal_heading, merit: f64::INFINITY, stationarity: None }
     }
 
     pub(super) fn final_time(&self) -> f64 {

@@ -7,6 +7,7 @@ use nalgebra::{DVector, SVector};
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
 use super::goal_miss::goal_missed;
 use super::limit_uses::{largest_excess, limit_uses, motion_with_limits};
+use super::local_search::STRICT_PENALTY;
 use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
 use super::search::SearchResult;
 use super::sensitivity::{Sensitivity, sensitivity};
@@ -97,9 +98,10 @@ impl Optimality {
         };
         let unknown = Self::unknown(&best.decision);
         let Some(known) = known else { return Ok(unknown) };
-        let Stationarity { penalty_parameter, measure } = &*known;
+        let Stationarity { penalty_parameter, time_unit, measure } = &*known;
+        problem.set_time_unit(*time_unit);
         let sign_violations = sign_violations(problem, &best.decision, &measure.model, *penalty_parameter, cut)?;
-        let decrease = problem.time_unit() * measure.prediction;
+        let decrease = time_unit * measure.prediction;
         let measure = if decrease.is_finite() { decrease } else { unknown.measure };
         // At the shortest final time no faster plan was looked for.
         let is_faster_excluded = best.final_time() <= SHORTEST_FINAL_TIME;
@@ -124,13 +126,14 @@ fn measured(
     (is_urgent, cut): (bool, Stop),
 ) -> Result<Option<Stationarity>, Stopped> {
     let mut budget = Budget::new(cut, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
-    let settings = Stationarity::settings(problem, best.final_time(), goal_tolerance);
-    let penalty_parameter = settings.penalty_parameter;
+    let settings = Stationarity::settings(problem, STRICT_PENALTY, (best.final_time(), goal_tolerance));
     match criticality_measure(problem, (&best.decision, &mut ElasticSolver::new()), &settings, &mut budget) {
         Ok(CriticalityMeasure { interruption: Some(Interruption::Stopped), .. }) | Err(Interruption::Stopped) => {
             Err(Stopped)
         }
-        Ok(measure) => Ok(Some(Stationarity { penalty_parameter, measure })),
+        Ok(measure) => {
+            Ok(Some(Stationarity { penalty_parameter: STRICT_PENALTY, time_unit: problem.time_unit(), measure }))
+        }
         Err(Interruption::RolloutLimit) => Ok(None),
     }
 }

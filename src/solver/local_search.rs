@@ -18,8 +18,10 @@ use crate::stop::Stop;
 /// First penalty parameter: standing still costs this many times the final time of a first guess, more than any multiplier of
 /// most maneuvers. Larger ones follow curved constraints in smaller steps.
 const PENALTY: f64 = 30.0;
-/// Penalty parameter of the criticality measure.
+/// First penalty parameter of the criticality measure.
 pub(super) const STRICT_PENALTY: f64 = PENALTY_GROWTH * PENALTY;
+/// Penalty parameters from this one on do not grow.
+pub(super) const LARGEST_PENALTY: f64 = STRICT_PENALTY * PENALTY;
 /// Descents end where less than this share of a first guess's final time is predicted: the rounding of the merit.
 const FINE: f64 = 1e-7;
 /// The same of rough descents: below that the last third of the rollouts would gain little.
@@ -138,7 +140,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     pub(super) fn descent(&self, smallest_prediction: f64) -> SequentialLinearSettings {
         SequentialLinearSettings {
             penalty_parameter: PENALTY,
-            largest_penalty_parameter: STRICT_PENALTY * PENALTY,
+            largest_penalty_parameter: LARGEST_PENALTY,
             first_radius: 1.0,
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
             inequality_tolerance: LIMIT_TOLERANCE,
@@ -153,7 +155,14 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     fn candidate(&self, result: &SequentialLinearResult) -> Candidate {
         let goal_error = self.scales.largest_goal_error(&result.constraints.residual);
         let breaks_limits = self.problem.breaks_limits(&result.constraints);
-        Candidate::new(result.x.clone(), goal_error, breaks_limits, self.goal_heading)
+        let candidate = Candidate::new(result.x.clone(), goal_error, breaks_limits, self.goal_heading);
+        Candidate { merit: self.merit(result), ..candidate }
+    }
+
+    /// The final time and what violations cost, s.
+    pub(super) fn merit(&self, result: &SequentialLinearResult) -> f64 {
+        let violation = PENALTY * result.constraints.violation_sum();
+        result.x[result.x.len() - 1] + self.problem.time_unit() * violation
     }
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {

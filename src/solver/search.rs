@@ -18,16 +18,16 @@ use crate::stop::{Stop, Stopped};
 /// Local optima whose final times differ by less than this share count as one.
 const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
-/// Where fewer than half of the starts come near the best merit, more are tried: up to this multiple of the requested number.
-const MORE_STARTS: usize = 2;
-
-/// A start whose smoothed merit is this multiple of the best one has lost its goal: its penalty exceeds its final time.
-const LOST_MERIT: f64 = 2.0;
-
-/// After the first look at all starts; each begins with the better half of the last one.
-const HEATS: [Heat; 2] = [Heat::Smooth, Heat::Descend];
+/// Where too few starts lead to the best merit, more are tried: up to this multiple of the requested number.
+const MORE_STARTS: usize = 3;
+/// One in so many of the requested starts must lead to the best merit: what is found only once, of 24, is seldom the best there is.
+const STARTS_A_FIND: usize = 12;
+/// The better ones of so many starts, of three, go thoroughly through smoothed laws.
+const THOROUGH: (usize, usize) = (2, 3);
+/// One optimum for so many requested starts goes on under the exact law, and half of these are polished.
+const STARTS_AN_OPTIMUM: usize = 4;
 /// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
-const FIRST_HOPS: usize = 8;
+const FIRST_HOPS: usize = 12;
 
 /// The result of the search, and its cost.
 #[derive(Debug)]
@@ -68,8 +68,10 @@ impl SearchResult {
         let shift = |candidate: &Candidate| {
             friction_shift(input, (&schedule_from_decision(&candidate.decision), self.step_count), stop)
         };
-        let shifts: Vec<_> =
-            distinct(optima).into_iter().map(|first| shift(&optima[first])).collect::<Result<_, _>>()?;
+        let shifts: Vec<_> = distinct(optima, Candidate::final_time)
+            .into_iter()
+            .map(|first| shift(&optima[first]))
+            .collect::<Result<_, _>>()?;
         if input.settings.choice == Choice::Steadiest {
             let fastest = self.plans.first().map_or(0.0, Candidate::final_time);
             let latest = (1.0 + input.settings.choose_within) * fastest;
@@ -101,19 +103,14 @@ pub(super) fn search(
     let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
     let progress = BestProgress::new(control, settings.goal_tolerance);
     let mut race = Race::new(input, problem, rollout_limit, (control, &progress));
-    let mut optima: Vec<Candidate> = Vec::new();
-    for block in starts.chunks(settings.start_count) {
-        let arrived = race.heats(block, &mut optima);
-        if race.found.interruption.is_some() || 2 * arrived >= block.len() && !optima.is_empty() {
-            break;
-        }
-    }
+    let mut optima = Vec::new();
+    race.starts(&starts, &mut optima);
     if starts[..race.found.tried].iter().any(|start| start.strategy == Strategy::Smoothed) {
         race.finals(&mut optima);
     }
     race.release_torques(&mut optima);
     let found = race.found;
-    let optima = fastest_first(optima);
+    let optima = feasible(optima, settings.goal_tolerance);
     let mut result = SearchResult {
         plans: plans(found.best.iter().chain(&optima), settings.goal_tolerance),
         best: found.best,
@@ -156,15 +153,16 @@ pub(super) fn further_optima(
     let progress = BestProgress::new(control, settings.goal_tolerance);
     let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, (control, &progress));
     race.found.tried = result.starts_tried;
-    let mut optima = Vec::new();
+    let (mut smoothed, mut optima) = (Vec::new(), Vec::new());
     // Searches of several grids count their starts each time, and some maneuvers have few.
-    race.heats(starts.get(result.starts_tried..).unwrap_or_default(), &mut optima);
+    race.heats(starts.get(result.starts_tried..).unwrap_or_default(), &mut smoothed, &mut optima);
+    race.descend(&mut smoothed, &mut optima);
     result.iterations += race.found.iterations;
     result.rollouts += race.found.rollouts;
     if let Some(interruption) = race.found.interruption {
         result.stop_reason = interruption.into();
     }
-    fastest_first(optima)
+    feasible(optima, settings.goal_tolerance)
 }
 
 /// A search in rounds, each of which is over before the next one begins: so the answer does not depend on who runs which part.
@@ -187,47 +185,74 @@ impl<'a> Race<'a> {
         Self { input, problem: problem.clone(), rollout_limit, control, progress, found: Total::default() }
     }
 
-    /// From starts to local optima, which join the others; returns how many starts come near the best merit.
-    ///
-    /// In each heat the better half of the last one goes on: merits under smoothing tell which starts lead to the fastest plans.
-    fn heats(&mut self, starts: &[Start], optima: &mut Vec<Candidate>) -> usize {
+    /// From starts to local optima, in blocks of the requested number, until the best one has been found more than by chance, and
+    /// one is a plan.
+    fn starts(&mut self, starts: &[Start], optima: &mut Vec<Candidate>) {
+        let settings = &self.input.settings;
+        let (requested, mut smoothed) = (settings.start_count, Vec::new());
+        let mut blocks = starts.chunks(requested).peekable();
+        while let Some(block) = blocks.next() {
+            self.heats(block, &mut smoothed, optima);
+            let is_found_again = times_found(&smoothed) * STARTS_A_FIND >= requested;
+            if is_found_again || smoothed.is_empty() || blocks.peek().is_none() {
+                self.descend(&mut smoothed, optima);
+                if optima.iter().any(|optimum| optimum.is_feasible(settings.goal_tolerance)) {
+                    return;
+                }
+            }
+            if self.found.interruption.is_some() {
+                return;
+            }
+        }
+    }
+
+    /// From starts to what they lead to, thoroughly for those with the better merits after a first look. Smoothed ones join the
+    /// others, best first.
+    fn heats(&mut self, starts: &[Start], smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
         let first = self.found.tried;
         let number = |index: usize| (first + index + 1, first + starts.len());
         let locals = self.round(starts.len(), &|index, search| search.run_from(&starts[index], number(index)));
         self.found.tried = first + locals.len();
-        let (mut smooth, exact): (Vec<_>, Vec<_>) =
-            locals.into_iter().partition(|(_, local)| local.smoothed_merit.is_some());
-        self.keep_plans(exact, optima);
-        let best = smooth.iter().map(|(_, local)| merit(local)).fold(f64::INFINITY, f64::min);
-        let arrived = optima.len() + smooth.iter().filter(|(_, local)| merit(local) < LOST_MERIT * best).count();
-        let mut count = starts.len();
-        for heat in HEATS {
-            if self.found.interruption.is_some() {
-                return arrived;
-            }
-            smooth.sort_by(|(_, a), (_, b)| merit(a).total_cmp(&merit(b)));
-            count = count.div_ceil(2);
-            smooth.truncate(count);
-            let locals = self.round(smooth.len(), &|index, search| {
-                let (start, local) = &smooth[index];
-                search.go_on(local, heat, number(*start))
-            });
-            smooth = locals.into_iter().map(|(index, local)| (smooth[index].0, local)).collect();
+        let (mut rough, exact): (Vec<_>, Vec<_>) =
+            locals.into_iter().partition(|(index, _)| starts[*index].strategy == Strategy::Smoothed);
+        optima.extend(exact.into_iter().map(|(_, local)| local));
+        if self.found.interruption.is_some() {
+            return;
         }
-        self.keep_plans(smooth, optima);
-        arrived
+        best_first(&mut rough, |(_, local)| local);
+        rough.truncate((THOROUGH.0 * starts.len()).div_ceil(THOROUGH.1));
+        let locals = self.round(rough.len(), &|index, search| {
+            let (start, local) = &rough[index];
+            search.go_on(local, Heat::Smooth, number(*start))
+        });
+        let is_first = smoothed.is_empty();
+        smoothed.extend(locals.into_iter().map(|(index, local)| Smoothed { number: number(rough[index].0), local }));
+        best_first(smoothed, |smoothed| &smoothed.local);
+        if let Some(best) = smoothed.first().filter(|_| is_first) {
+            // The first guess of a small maneuver may be twenty times as slow: laws and tolerances would be too fine.
+            self.problem.set_time_unit(best.local.merit.min(self.problem.time_unit()));
+        }
     }
 
-    fn keep_plans(&self, locals: Vec<(usize, Candidate)>, optima: &mut Vec<Candidate>) {
-        let tolerance = self.input.settings.goal_tolerance;
-        optima.extend(locals.into_iter().map(|(_, local)| local).filter(|local| local.is_feasible(tolerance)));
+    /// The best distinct optima of smoothed laws under the exact law, where they join the others.
+    fn descend(&mut self, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
+        if self.found.interruption.is_some() {
+            return;
+        }
+        let smoothed = std::mem::take(smoothed);
+        let mut chosen = distinct(&smoothed, |smoothed| smoothed.local.merit);
+        chosen.truncate(self.input.settings.start_count.div_ceil(STARTS_AN_OPTIMUM));
+        let locals = self.round(chosen.len(), &|index, search| {
+            let Smoothed { number, local } = &smoothed[chosen[index]];
+            search.go_on(local, Heat::Descend, *number)
+        });
+        optima.extend(locals.into_iter().map(|(_, local)| local));
     }
 
     /// Improves the fastest distinct optima, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
     /// Talwalkar 2016).
     fn finals(&mut self, optima: &mut Vec<Candidate>) {
-        // Half of those that the heats left.
-        let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 << HEATS.len()), FIRST_HOPS);
+        let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * STARTS_AN_OPTIMUM), FIRST_HOPS);
         for stream in 0.. {
             self.polish(optima, count, (hops, stream));
             if count == 1 || self.found.interruption.is_some() {
@@ -250,8 +275,8 @@ impl<'a> Race<'a> {
         if self.found.interruption.is_some() {
             return;
         }
-        *optima = fastest_first(std::mem::take(optima));
-        let mut chosen = distinct(optima);
+        best_first(optima, |optimum| optimum);
+        let mut chosen = distinct(optima, |optimum| optimum.merit);
         chosen.truncate(count);
         let locals =
             self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), hops, stream));
@@ -284,22 +309,35 @@ impl<'a> Race<'a> {
 
 type RoundResult = Result<Candidate, Interruption>;
 
-/// The merit under a smoothed law.
-fn merit(candidate: &Candidate) -> f64 {
-    candidate.smoothed_merit.unwrap_or(f64::INFINITY)
+/// Where a start led under smoothed laws, and its number.
+struct Smoothed {
+    number: (usize, usize),
+    local: Candidate,
 }
 
-pub(super) fn fastest_first(mut optima: Vec<Candidate>) -> Vec<Candidate> {
+/// How many of sorted optima are the best one.
+fn times_found(smoothed: &[Smoothed]) -> usize {
+    let Some(best) = smoothed.first() else { return 0 };
+    smoothed.iter().take_while(|other| !is_distinct(best.local.merit, other.local.merit)).count()
+}
+
+/// Sorts by merits: a plan that misses its goal by little may become the best one.
+fn best_first<T>(optima: &mut [T], of: impl Fn(&T) -> &Candidate) {
+    optima.sort_by(|a, b| of(a).merit.total_cmp(&of(b).merit));
+}
+
+/// Those that meet the goal, fastest first.
+fn feasible(mut optima: Vec<Candidate>, goal_tolerance: f64) -> Vec<Candidate> {
+    optima.retain(|optimum| optimum.is_feasible(goal_tolerance));
     optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
     optima
 }
 
-/// The first of each group of sorted optima whose final times are nearly equal.
-fn distinct(optima: &[Candidate]) -> Vec<usize> {
+/// The first of each group of sorted optima whose times are nearly equal.
+fn distinct<T>(optima: &[T], time: impl Fn(&T) -> f64) -> Vec<usize> {
     let mut firsts: Vec<usize> = Vec::new();
     for (index, optimum) in optima.iter().enumerate() {
-        let follows = |first: &usize| is_distinct(optima[*first].final_time(), optimum.final_time());
-        if firsts.last().is_none_or(follows) {
+        if firsts.last().is_none_or(|first| is_distinct(time(&optima[*first]), time(optimum))) {
             firsts.push(index);
         }
     }
@@ -322,7 +360,7 @@ impl From<Interruption> for StopReason {
 
 /// The groups of sorted optima.
 fn grouped(optima: &[Candidate]) -> Vec<DistinctOptimum> {
-    let firsts = distinct(optima);
+    let firsts = distinct(optima, Candidate::final_time);
     let ends = firsts.iter().skip(1).copied().chain([optima.len()]);
     let of = |(&first, end): (&usize, usize)| DistinctOptimum {
         final_time: optima[first].final_time(),
@@ -359,7 +397,7 @@ mod tests {
     #[test]
     fn near_final_times_count_as_one_optimum() {
         let optimum = |final_time: f64| Candidate::new(DVector::from_element(1, final_time), 0.0, false, None);
-        let optima = grouped(&fastest_first([2.931, 2.836, 2.930].map(optimum).to_vec()));
+        let optima = grouped(&feasible([2.931, 2.836, 2.930].map(optimum).to_vec(), 0.0));
         let groups: Vec<_> = optima.iter().map(|group| (group.final_time, group.count)).collect();
         assert_eq!(groups, [(2.836, 1), (2.930, 2)]);
     }

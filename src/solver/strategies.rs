@@ -10,13 +10,14 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, keep_better};
-use super::local_search::{LocalSearch, linear_programs};
+use super::local_search::{LARGEST_PENALTY, LocalSearch, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
 use super::search::is_distinct;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
-    Ending, Interruption, Problem, Restoration, SequentialLinearSettings, criticality_measure, minimise_sequentially,
+    Ending, Interruption, PENALTY_GROWTH, Problem, Restoration, SequentialLinearSettings, criticality_measure,
+    minimise_sequentially,
 };
 use crate::shooting::decision_from_schedule;
 
@@ -26,6 +27,8 @@ const SMOOTHING: [f64; 3] = [0.24, 0.08, 0.024];
 /// Most linear programs of a start under the first smoothing, before starts are compared, and under each smoothing afterwards.
 const ROUGH_ITERATION_LIMIT: usize = 15;
 const SMOOTHED_ITERATION_LIMIT: usize = 40;
+/// Steps per control interval of the grid on which starts are compared: under smoothed laws these do.
+const COARSE_STEPS: usize = 2;
 /// First trust radius from a start, whose torques may be far from the optimum.
 const START_RADIUS: f64 = 0.5;
 /// First trust radius of all other descents: large enough to leave a kink.
@@ -72,7 +75,7 @@ impl LocalSearch<'_, '_, '_> {
             (Method::SequentialLinear, Strategy::Warm) => self.warmly(&guess),
             (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
             (Method::SequentialLinear, Strategy::Smoothed) => {
-                self.smoothed(&guess, &SMOOTHING[..1], (START_RADIUS, ROUGH_ITERATION_LIMIT))
+                self.coarsely(|search| search.smoothed(&guess, &SMOOTHING[..1], (START_RADIUS, ROUGH_ITERATION_LIMIT)))
             }
         }
     }
@@ -84,6 +87,7 @@ impl LocalSearch<'_, '_, '_> {
     pub(super) fn adapt(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Refinement);
         self.aim(candidate.goal_heading);
+        self.problem.set_time_unit(candidate.final_time());
         self.warmly(&candidate.decision)
     }
 
@@ -101,7 +105,9 @@ impl LocalSearch<'_, '_, '_> {
         self.start = number;
         self.aim(from.goal_heading);
         match heat {
-            Heat::Smooth => self.smoothed(&from.decision, &SMOOTHING, (RADIUS, SMOOTHED_ITERATION_LIMIT)),
+            Heat::Smooth => {
+                self.coarsely(|search| search.smoothed(&from.decision, &SMOOTHING, (RADIUS, SMOOTHED_ITERATION_LIMIT)))
+            }
             Heat::Descend => self.descend_until(&from.decision, RADIUS, (self.rough(), f64::INFINITY)),
         }
     }
@@ -218,27 +224,40 @@ impl LocalSearch<'_, '_, '_> {
     }
 
     /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find it
-    /// too.
+    /// too. Where that leads to no better plan, the merit trades the goal for time, and its penalty parameter is too small.
     fn settle(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
         let tolerance = self.settings.goal_tolerance;
+        let mut penalty_parameter = STRICT_PENALTY;
         loop {
-            let settings = Stationarity::settings(self.problem, best.final_time(), tolerance);
+            let settings = Stationarity::settings(self.problem, penalty_parameter, (best.final_time(), tolerance));
             let from = (&best.decision, linear_programs(self.problem, &mut self.programs));
             let mut measure = criticality_measure(self.problem, from, &settings, &mut self.budget)?;
             if let Some(interruption) = measure.interruption {
                 return Err(interruption);
             }
             let Some(better) = measure.better.take() else {
-                let penalty_parameter = settings.penalty_parameter;
-                self.note_stationarity(best, Stationarity { penalty_parameter, measure });
+                let time_unit = self.problem.time_unit();
+                self.note_stationarity(best, Stationarity { penalty_parameter, time_unit, measure });
                 return Ok(());
             };
             let next = self.descend(&better, measure.radius)?;
-            if !next.is_better_than(best, tolerance) {
+            if next.is_better_than(best, tolerance) {
+                *best = next;
+            } else if penalty_parameter < LARGEST_PENALTY {
+                penalty_parameter *= PENALTY_GROWTH;
+            } else {
                 return Ok(());
             }
-            *best = next;
         }
+    }
+
+    /// On a coarse grid, where that does to tell starts apart.
+    fn coarsely<T>(&mut self, run: impl FnOnce(&mut Self) -> T) -> T {
+        let step_count = self.problem.step_count();
+        self.problem.set_step_count(step_count.min(COARSE_STEPS * self.settings.control_count));
+        let found = run(self);
+        self.problem.set_step_count(step_count);
+        found
     }
 
     /// Through smoothed laws, with the merit under the last one.
@@ -266,13 +285,12 @@ impl LocalSearch<'_, '_, '_> {
             if let Ending::Interrupted(interruption) = result.ending {
                 return Err(interruption);
             }
+            merit = self.merit(&result);
             decision = result.x;
-            let violation = settings.penalty_parameter * result.constraints.violation_sum();
-            merit = decision[decision.len() - 1] / self.problem.time_unit() + violation;
             first_radius = RADIUS;
         }
         let candidate = Candidate::new(decision, f64::INFINITY, true, self.goal_heading);
-        Ok(Candidate { smoothed_merit: Some(merit), ..candidate })
+        Ok(Candidate { merit, ..candidate })
     }
 }
 

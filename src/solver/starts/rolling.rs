@@ -1,0 +1,148 @@
+//! Rolling without slip: turns, drives and braking in segments of constant torque.
+
+use nalgebra::Vector2;
+
+use super::super::segments::Segment;
+use super::super::settings::SolveInput;
+use crate::robot::{Motor, PerWheel, RobotParameters, State};
+use crate::shooting::ManeuverLimits;
+
+/// Torques of the plans, as shares of their limits: away from the limit, every torque can move both ways.
+pub(super) const AMPLITUDES: [f64; 2] = [0.8, 0.5];
+/// Distances and speeds below this, m, m/s or rad/s, count as none.
+pub(super) const REST: f64 = 1e-9;
+
+/// Pose of the axle midpoint.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pose {
+    pub(super) position: Vector2<f64>,
+    pub(super) heading: f64,
+}
+
+/// Inertias and torques of rolling without slip, from which the legs are computed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rolling {
+    torque: PerWheel<f64>,
+    /// Force of both torques at the floor, N.
+    force: f64,
+    /// Moment of both torques about the axle midpoint, N m.
+    moment: f64,
+    /// kg
+    mass: f64,
+    /// About the axle midpoint, kg m2.
+    yaw_inertia: f64,
+    /// What speed and yaw rate may be, m/s and rad/s.
+    top_speed: f64,
+    top_yaw_rate: f64,
+}
+
+impl Rolling {
+    pub(super) fn new(input: &SolveInput, amplitude: f64) -> Self {
+        let robot = input.robot.parameters();
+        let axle = robot.axle_midpoint();
+        let half_track = robot.track_width / 2.0;
+        let axle_load = robot.total_mass() * robot.gravity
+            - robot.chassis_mass * robot.gravity * robot.center_of_mass_forward / robot.axle_to_front_support;
+        let grip = robot.wheel_friction_coefficient * axle_load / 2.0 * robot.wheel_radius;
+        let limits = &input.maneuver.limits;
+        let share = amplitude * limits.grip_utilization.unwrap_or(1.0);
+        let limited = |limit: f64| share * limit.min(if grip > 0.0 { grip } else { f64::INFINITY });
+        let limit = input.robot.torques_near_grip(input.maneuver.torque_limit);
+        let torque = PerWheel::new(limited(limit.left), limited(limit.right));
+        let spin = 2.0 * robot.wheel_spin_inertia / robot.wheel_radius.powi(2);
+        let force = (torque.left + torque.right) / robot.wheel_radius;
+        let rim_speed = robot.wheel_radius * top_wheel_rate(robot, limits, torque);
+        Self {
+            torque,
+            force,
+            moment: force * half_track,
+            mass: robot.total_mass() + spin,
+            yaw_inertia: robot.chassis_yaw_inertia
+                + robot.chassis_mass * axle.norm_squared()
+                + 2.0 * robot.wheel_diametral_inertia
+                + (2.0 * robot.wheel_mass + spin) * half_track * half_track,
+            top_speed: rim_speed.min(limits.speed.unwrap_or(f64::INFINITY)),
+            top_yaw_rate: (rim_speed / half_track).min(limits.yaw_rate.unwrap_or(f64::INFINITY)),
+        }
+        .gentle(limits)
+    }
+
+    /// With as much of the torques as the limits of the accelerations allow.
+    fn gentle(mut self, limits: &ManeuverLimits) -> Self {
+        let largest = |limit: Option<f64>, acceleration: f64| limit.map_or(1.0, |limit| limit / acceleration);
+        let along = self.force / self.mass;
+        let share = largest(limits.acceleration, along)
+            .min(largest(limits.deceleration, along))
+            .min(largest(limits.yaw_acceleration, self.moment / self.yaw_inertia));
+        if share < 1.0 {
+            self.torque = PerWheel::new(share * self.torque.left, share * self.torque.right);
+            (self.force, self.moment) = (share * self.force, share * self.moment);
+        }
+        self
+    }
+
+    /// Full effort over half the distance, full braking over the rest; at the top speed in between.
+    pub(super) fn drive(&self, distance: f64, segments: &mut Vec<Segment>) {
+        let sign = distance.signum();
+        let torque = PerWheel::new(sign * self.torque.left, sign * self.torque.right);
+        let half = (distance.abs() * self.mass / self.force).sqrt();
+        push_trapezoid((half, distance.abs() / self.top_speed), torque, segments);
+    }
+
+    /// Positive angles turn left: the right wheel drives forward.
+    pub(super) fn turn(&self, angle: f64, segments: &mut Vec<Segment>) {
+        let sign = angle.signum();
+        let torque = PerWheel::new(-sign * self.torque.left, sign * self.torque.right);
+        let half = (angle.abs() * self.yaw_inertia / self.moment).sqrt();
+        push_trapezoid((half, angle.abs() / self.top_yaw_rate), torque, segments);
+    }
+
+    /// Brakes a moving state to rest; returns where the axle then stands.
+    pub(super) fn brake(&self, state: &State, segments: &mut Vec<Segment>) -> Pose {
+        let q = &state.configuration;
+        let forward = Vector2::new(-q.heading.sin(), q.heading.cos());
+        let speed = forward.dot(&Vector2::new(state.velocity.x, state.velocity.y));
+        let yaw_rate = state.velocity.yaw_rate;
+        let mut pose = Pose { position: Vector2::new(q.x, q.y), heading: q.heading };
+        if speed.abs() > REST {
+            let duration = speed.abs() * self.mass / self.force;
+            let sign = -speed.signum();
+            let torque = PerWheel::new(sign * self.torque.left, sign * self.torque.right);
+            segments.push(Segment { duration, torque });
+            pose.position += forward * (speed * duration / 2.0);
+        }
+        if yaw_rate.abs() > REST {
+            let duration = yaw_rate.abs() * self.yaw_inertia / self.moment;
+            let sign = -yaw_rate.signum();
+            segments
+                .push(Segment { duration, torque: PerWheel::new(-sign * self.torque.left, sign * self.torque.right) });
+            pose.heading += yaw_rate * duration / 2.0;
+        }
+        pose
+    }
+}
+
+/// The rate at which a wheel may turn under its torque, rad/s.
+fn top_wheel_rate(robot: &RobotParameters, limits: &ManeuverLimits, torque: PerWheel<f64>) -> f64 {
+    let of_motor = |motor: Motor| {
+        let share = torque.left.max(torque.right) / motor.stall_torque;
+        motor.free_speed * (1.0 - share).max(1.0 - AMPLITUDES[0])
+    };
+    let of_motor = robot.motor.map_or(f64::INFINITY, of_motor);
+    of_motor.min(limits.wheel_rate.unwrap_or(f64::INFINITY))
+}
+
+/// Full effort and full braking of a half each; where that passes the top speed, at which the way takes `at_top_speed`, coasting in
+/// between. Times in s.
+fn push_trapezoid((half, at_top_speed): (f64, f64), torque: PerWheel<f64>, segments: &mut Vec<Segment>) {
+    if half > 0.0 {
+        let braking = PerWheel::new(-torque.left, -torque.right);
+        // The speed in the middle is the way over a half; at the top speed the effort is as much shorter.
+        let effort = half * (half / at_top_speed).min(1.0);
+        segments.push(Segment { duration: effort, torque });
+        if effort < half {
+            segments.push(Segment { duration: at_top_speed - effort, torque: PerWheel::new(0.0, 0.0) });
+        }
+        segments.push(Segment { duration: effort, torque: braking });
+    }
+}

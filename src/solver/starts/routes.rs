@@ -1,0 +1,172 @@
+//! Plans of turns and drives that would reach the goal if the wheels rolled without slip.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use nalgebra::Vector2;
+
+use super::super::segments::{Segment, schedule_from_segments};
+use super::super::settings::SolveInput;
+use super::rolling::{AMPLITUDES, Pose, REST, Rolling};
+use super::{Start, Strategy};
+use crate::robot::{PerWheel, RobotParameters, State, Velocity};
+use crate::shooting::{Maneuver, StateComponent, wrapped_angle};
+
+/// Angles between two drives: a right angle, halved up to so often.
+const HALVINGS: i32 = 20;
+
+/// Plans of turns and drives, fastest first.
+pub(super) fn rolling_plans(input: &SolveInput) -> Vec<Start> {
+    let mut plans: Vec<(f64, Start)> = Vec::new();
+    for amplitude in AMPLITUDES {
+        let route = Route::new(input, amplitude);
+        let through_one_drive = route.through_one_drive();
+        let fastest = through_one_drive.iter().map(|plan| plan.0).fold(f64::INFINITY, f64::min);
+        plans.extend(through_one_drive);
+        plans.extend(route.through_two_drives().into_iter().filter(|plan| plan.0 < fastest));
+    }
+    plans.sort_by(|a, b| a.0.total_cmp(&b.0));
+    plans.into_iter().map(|(_, start)| start).collect()
+}
+
+/// Turning or driving from rest to rest.
+#[derive(Debug, Clone, Copy)]
+enum Leg {
+    /// rad, positive to the left.
+    Turn(f64),
+    /// m, positive forwards.
+    Drive(f64),
+}
+
+/// What lies between braking from the motion of the start and gaining that of the goal.
+struct Route<'a> {
+    input: &'a SolveInput,
+    rolling: Rolling,
+    first: Vec<Segment>,
+    last: Vec<Segment>,
+    start: Pose,
+    goal: Pose,
+}
+
+impl<'a> Route<'a> {
+    fn new(input: &'a SolveInput, amplitude: f64) -> Self {
+        let (maneuver, robot) = (&input.maneuver, input.robot.parameters());
+        let rolling = Rolling::new(input, amplitude);
+        let (mut first, mut last) = (Vec::new(), Vec::new());
+        let start = rolling.brake(&axle_state(&maneuver.start, maneuver, robot), &mut first);
+        let goal_state = goal_state(maneuver, start.heading);
+        let goal = rolling.brake(&axle_state(&backwards(&goal_state), maneuver, robot), &mut last);
+        Self { input, rolling, first, last: time_reversed(last), start, goal }
+    }
+
+    /// Turn, drive, turn: forwards and backwards, each turn either way round.
+    fn through_one_drive(&self) -> Vec<(f64, Start)> {
+        let leg = self.goal.position - self.start.position;
+        let heading_is_free = self.input.maneuver.goal.value(StateComponent::Heading).is_none();
+        let mut plans = Vec::new();
+        for direction in [1.0, -1.0] {
+            // Forward is (-sin, cos) of the heading.
+            let course =
+                if leg.norm() > REST { (-leg.x * direction).atan2(leg.y * direction) } else { self.start.heading };
+            for turn in either_way(wrapped_angle(course - self.start.heading)) {
+                let heading = self.start.heading + turn;
+                let second_turn = if heading_is_free { 0.0 } else { wrapped_angle(self.goal.heading - heading) };
+                for second in either_way(second_turn) {
+                    plans.push(self.plan(&[Leg::Turn(turn), Leg::Drive(direction * leg.norm()), Leg::Turn(second)]));
+                }
+            }
+        }
+        plans
+    }
+
+    /// There and back again in two directions, one of which is that of the start or of the goal: so a robot moves aside by less than
+    /// its size. Of the angles between both drives, and of their signs, those of the fastest plans.
+    fn through_two_drives(&self) -> Vec<(f64, Start)> {
+        let mut plans = Vec::new();
+        for side in [1.0, -1.0] {
+            let angles = || (0..HALVINGS).map(|halvings| side * FRAC_PI_2 * 0.5_f64.powi(halvings));
+            let first = angles().map(|angle| (self.start.heading + angle, self.goal.heading));
+            let second = angles().map(|angle| (self.start.heading, self.goal.heading + angle));
+            plans.extend(self.fastest_through(first));
+            plans.extend(self.fastest_through(second));
+        }
+        plans
+    }
+
+    fn fastest_through(&self, headings: impl Iterator<Item = (f64, f64)>) -> Option<(f64, Start)> {
+        let plans = headings.filter_map(|headings| self.legs_through(headings)).map(|legs| self.plan(&legs));
+        plans.min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Two drives with these headings; none if they are parallel.
+    fn legs_through(&self, (one, other): (f64, f64)) -> Option<[Leg; 5]> {
+        let forward = |heading: f64| Vector2::new(-heading.sin(), heading.cos());
+        let leg = self.goal.position - self.start.position;
+        let across = forward(one).perp(&forward(other));
+        let (there, back) = (leg.perp(&forward(other)) / across, forward(one).perp(&leg) / across);
+        (there.is_finite() && back.is_finite()).then(|| {
+            [
+                Leg::Turn(wrapped_angle(one - self.start.heading)),
+                Leg::Drive(there),
+                Leg::Turn(wrapped_angle(other - one)),
+                Leg::Drive(back),
+                Leg::Turn(wrapped_angle(self.goal.heading - other)),
+            ]
+        })
+    }
+
+    /// Time in s and plan.
+    fn plan(&self, legs: &[Leg]) -> (f64, Start) {
+        let mut segments = self.first.clone();
+        let mut heading = self.start.heading;
+        for leg in legs {
+            match *leg {
+                Leg::Turn(angle) => {
+                    heading += angle;
+                    self.rolling.turn(angle, &mut segments);
+                }
+                Leg::Drive(distance) => self.rolling.drive(distance, &mut segments),
+            }
+        }
+        segments.extend(&self.last);
+        let final_time = segments.iter().map(|segment| segment.duration).sum();
+        let winding = heading - self.goal.heading;
+        let goal_heading = self.input.maneuver.goal.value(StateComponent::Heading);
+        let goal_heading = goal_heading.map(|goal| goal + (winding / TAU).round() * TAU);
+        let schedule = schedule_from_segments(&segments, self.input.settings.control_count);
+        (final_time, Start { schedule, goal_heading, strategy: Strategy::Smoothed })
+    }
+}
+
+/// The turn itself, and the other way round where that is at most three times as long.
+fn either_way(turn: f64) -> impl Iterator<Item = f64> {
+    let other = (turn.abs() > FRAC_PI_2).then(|| turn - TAU.copysign(turn));
+    [turn].into_iter().chain(other)
+}
+
+/// A motion run backwards: the same torques in the opposite order bring rest to the state.
+fn time_reversed(segments: Vec<Segment>) -> Vec<Segment> {
+    segments.into_iter().rev().collect()
+}
+
+fn backwards(state: &State) -> State {
+    let mut reversed = *state;
+    let u = &mut reversed.velocity;
+    (u.x, u.y, u.yaw_rate) = (-u.x, -u.y, -u.yaw_rate);
+    u.wheel_rate = PerWheel::new(-u.wheel_rate.left, -u.wheel_rate.right);
+    reversed
+}
+
+/// A state at the reference point as one of the axle midpoint.
+fn axle_state(state: &State, maneuver: &Maneuver, robot: &RobotParameters) -> State {
+    state.moved_by(robot.axle_midpoint() - maneuver.reference_point.offset(robot))
+}
+
+/// The goal with free components taken from the start, at rest where speeds are free.
+fn goal_state(maneuver: &Maneuver, heading: f64) -> State {
+    let mut goal = State { velocity: Velocity::default(), ..maneuver.start }.to_vector();
+    goal[StateComponent::Heading.index()] = heading;
+    for (component, value) in maneuver.goal.constrained() {
+        goal[component.index()] = value;
+    }
+    State::from_vector(&goal)
+}
