@@ -22,7 +22,7 @@ const DISTINCT_FINAL_TIME: f64 = 1e-3;
 const MORE_STARTS: usize = 3;
 /// One in so many of the requested starts must lead to the best merit: what is found only once, of 24, is seldom the best there is.
 const STARTS_A_FIND: usize = 12;
-/// The better ones of so many starts, of three, go thoroughly through smoothed laws.
+/// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
 const THOROUGH: (usize, usize) = (2, 3);
 /// One optimum for so many requested starts goes on under the exact law, and half of these are polished.
 const STARTS_AN_OPTIMUM: usize = 4;
@@ -189,18 +189,13 @@ impl<'a> Race<'a> {
     /// one is a plan.
     fn starts(&mut self, starts: &[Start], optima: &mut Vec<Candidate>) {
         let settings = &self.input.settings;
-        let (requested, mut smoothed) = (settings.start_count, Vec::new());
-        let mut blocks = starts.chunks(requested).peekable();
-        while let Some(block) = blocks.next() {
+        let mut smoothed = Vec::new();
+        for block in starts.chunks(settings.start_count) {
             self.heats(block, &mut smoothed, optima);
-            let is_found_again = times_found(&smoothed) * STARTS_A_FIND >= requested;
-            if is_found_again || smoothed.is_empty() || blocks.peek().is_none() {
-                self.descend(&mut smoothed, optima);
-                if optima.iter().any(|optimum| optimum.is_feasible(settings.goal_tolerance)) {
-                    return;
-                }
-            }
-            if self.found.interruption.is_some() {
+            self.descend(&mut smoothed, optima);
+            let is_found_again = smoothed.is_empty() || times_found(&smoothed) * STARTS_A_FIND >= settings.start_count;
+            let has_plan = optima.iter().any(|optimum| optimum.is_feasible(settings.goal_tolerance));
+            if is_found_again && has_plan || self.found.interruption.is_some() {
                 return;
             }
         }
@@ -226,7 +221,9 @@ impl<'a> Race<'a> {
             search.go_on(local, Heat::Smooth, number(*start))
         });
         let is_first = smoothed.is_empty();
-        smoothed.extend(locals.into_iter().map(|(index, local)| Smoothed { number: number(rough[index].0), local }));
+        let arrived =
+            |(index, local): (usize, Candidate)| Smoothed { number: number(rough[index].0), local, has_gone_on: false };
+        smoothed.extend(locals.into_iter().map(arrived));
         best_first(smoothed, |smoothed| &smoothed.local);
         if let Some(best) = smoothed.first().filter(|_| is_first) {
             // The first guess of a small maneuver may be twenty times as slow: laws and tolerances would be too fine.
@@ -234,16 +231,18 @@ impl<'a> Race<'a> {
         }
     }
 
-    /// The best distinct optima of smoothed laws under the exact law, where they join the others.
-    fn descend(&mut self, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
+    /// The best distinct optima of smoothed laws under the exact law, where they join the others. After each block of starts, so that
+    /// a search which is stopped has a plan.
+    fn descend(&mut self, smoothed: &mut [Smoothed], optima: &mut Vec<Candidate>) {
         if self.found.interruption.is_some() {
             return;
         }
-        let smoothed = std::mem::take(smoothed);
-        let mut chosen = distinct(&smoothed, |smoothed| smoothed.local.merit);
+        let mut chosen = distinct(smoothed, |smoothed| smoothed.local.merit);
         chosen.truncate(self.input.settings.start_count.div_ceil(STARTS_AN_OPTIMUM));
+        chosen.retain(|index| !std::mem::replace(&mut smoothed[*index].has_gone_on, true));
+        let smoothed = &*smoothed;
         let locals = self.round(chosen.len(), &|index, search| {
-            let Smoothed { number, local } = &smoothed[chosen[index]];
+            let Smoothed { number, local, .. } = &smoothed[chosen[index]];
             search.go_on(local, Heat::Descend, *number)
         });
         optima.extend(locals.into_iter().map(|(_, local)| local));
@@ -309,10 +308,13 @@ impl<'a> Race<'a> {
 
 type RoundResult = Result<Candidate, Interruption>;
 
-/// Where a start led under smoothed laws, and its number.
+/// Where a start led under smoothed laws.
 struct Smoothed {
+    /// The start's, and how many there are.
     number: (usize, usize),
     local: Candidate,
+    /// Under the exact law.
+    has_gone_on: bool,
 }
 
 /// How many of sorted optima are the best one.
