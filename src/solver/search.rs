@@ -403,4 +403,14 @@ mod tests {
         let groups: Vec<_> = optima.iter().map(|group| (group.final_time, group.count)).collect();
         assert_eq!(groups, [(2.836, 1), (2.930, 2)]);
     }
+
+    #[test]
+    fn an_optimum_is_found_again_by_its_merit() {
+        let smoothed = |merit: f64| {
+            let local = Candidate { merit, ..Candidate::new(DVector::from_element(1, 1.0), 0.0, true, None) };
+            Smoothed { number: (1, 1), local, has_gone_on: false }
+        };
+        assert_eq!(times_found(&[]), 0);
+        assert_eq!(times_found(&[2.000, 2.001, 2.01].map(smoothed)), 2);
+    }
 }

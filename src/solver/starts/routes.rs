@@ -170,3 +170,44 @@ fn goal_state(maneuver: &Maneuver, heading: f64) -> State {
     }
     State::from_vector(&goal)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solver::settings::SolveParameters;
+
+    /// The route to a pose of the axle midpoint, from rest at the origin.
+    fn input(x: f64, y: f64) -> SolveInput {
+        let mut parameters = SolveParameters::default();
+        parameters.maneuver.goal.set(StateComponent::X, Some(x));
+        parameters.maneuver.goal.set(StateComponent::Y, Some(y));
+        SolveInput::new(parameters).unwrap()
+    }
+
+    #[test]
+    fn two_drives_lead_to_the_goal() {
+        let input = input(0.3, -0.2);
+        let route = Route::new(&input, AMPLITUDES[0]);
+        let (mut position, mut heading) = (route.start.position, route.start.heading);
+        for leg in route.legs_through((0.4, -0.7)).unwrap() {
+            match leg {
+                Leg::Turn(angle) => heading += angle,
+                Leg::Drive(distance) => position += distance * Vector2::new(-heading.sin(), heading.cos()),
+            }
+        }
+        assert!((position - route.goal.position).norm() < 1e-12, "{position} in place of {}", route.goal.position);
+        assert!((heading - route.goal.heading).abs() < 1e-12);
+        assert!(route.legs_through((0.4, 0.4)).is_none(), "parallel drives");
+    }
+
+    #[test]
+    fn two_drives_are_for_moving_aside() {
+        let fastest = |plans: Vec<(f64, Start)>| plans.iter().map(|plan| plan.0).fold(f64::INFINITY, f64::min);
+        let ratio = |input: &SolveInput| {
+            let route = Route::new(input, AMPLITUDES[0]);
+            fastest(route.through_two_drives()) / fastest(route.through_one_drive())
+        };
+        assert!(ratio(&input(1e-3, 0.0)) < 0.5, "a millimetre aside");
+        assert!(ratio(&input(0.0, 1.0)) >= 1.0, "straight ahead");
+    }
+}
