@@ -250,7 +250,7 @@ impl<'a> Race<'a> {
 
     /// Improves the fastest distinct optima, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
     /// Talwalkar 2016).
-    fn finals(&mut self, optima: &mut Vec<Candidate>) {
+    fn finals(&mut self, optima: &mut [Candidate]) {
         let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * STARTS_AN_OPTIMUM), FIRST_HOPS);
         for stream in 0.. {
             self.polish(optima, count, (hops, stream));
@@ -262,7 +262,7 @@ impl<'a> Race<'a> {
     }
 
     /// The best plan with all torques, where those near the grip are not all.
-    fn release_torques(&mut self, optima: &mut Vec<Candidate>) {
+    fn release_torques(&mut self, optima: &mut [Candidate]) {
         if self.problem.has_torque_beyond_grip() {
             self.problem.release_torques();
             self.polish(optima, 1, (0, 0));
@@ -270,7 +270,7 @@ impl<'a> Race<'a> {
     }
 
     /// Polishes the fastest distinct optima, so many of them.
-    fn polish(&mut self, optima: &mut Vec<Candidate>, count: usize, (hops, stream): (usize, u64)) {
+    fn polish(&mut self, optima: &mut [Candidate], count: usize, (hops, stream): (usize, u64)) {
         if self.found.interruption.is_some() {
             return;
         }
