@@ -1,7 +1,7 @@
 //! A maneuver as a direct single-shooting problem: from a decision vector to scaled goal errors, to path constraints, and
 //! to their Jacobian.
 //!
-//! Cost and constraint values are dimensionless: the cost is the final time over that of a first guess, the residuals are goal
+//! Cost and constraint values are dimensionless: the cost is the final time over a unit of time, the residuals are goal
 //! errors over what the start misses, normal forces are shares of the weight. So all tolerances of the search are shares.
 //! Headings become lengths by the track width w, speeds by the time sqrt(w / g).
 

@@ -15,14 +15,14 @@ use crate::optimizer::{
 use crate::shooting::{GoalScales, LIMIT_TOLERANCE, Penalty, ShootingProblem};
 use crate::stop::Stop;
 
-/// First penalty parameter: standing still costs this many times the final time of a first guess, more than any multiplier of
-/// most maneuvers. Larger ones follow curved constraints in smaller steps.
+/// First penalty parameter: standing still costs this many times the unit of time, more than any multiplier of most
+/// maneuvers. Larger ones follow curved constraints in smaller steps.
 const PENALTY: f64 = 30.0;
 /// First penalty parameter of the criticality measure.
 pub(super) const STRICT_PENALTY: f64 = PENALTY_GROWTH * PENALTY;
 /// Penalty parameters from this one on do not grow.
 pub(super) const LARGEST_PENALTY: f64 = STRICT_PENALTY * PENALTY;
-/// Descents end where less than this share of a first guess's final time is predicted: the rounding of the merit.
+/// Descents end where less than this share of the unit of time is predicted: the rounding of the merit.
 const FINE: f64 = 1e-7;
 /// The same of rough descents: below that the last third of the rollouts would gain little.
 const ROUGH: f64 = 1e-5;
@@ -79,7 +79,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         self.descend_until(guess, radius, (self.fine(), f64::INFINITY))
     }
 
-    /// The least predicted decrease of each step, as a share of a first guess's final time.
+    /// The least predicted decrease of each step, as a share of the unit of time.
     fn fine(&self) -> f64 {
         if self.problem.has_path_limits() { ROUGH } else { FINE }
     }
@@ -94,8 +94,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         if self.problem.has_path_limits() { ROUGH_WITH_LIMITS } else { FINE }
     }
 
-    /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, as a share of a first guess's
-    /// final time, and a final time below the one to beat, s.
+    /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, as a share of the unit of
+    /// time, and a final time below the one to beat, s.
     pub(super) fn descend_until(
         &mut self,
         guess: &DVector<f64>,

@@ -93,8 +93,10 @@ impl<'a> Route<'a> {
     }
 
     fn fastest_through(&self, headings: impl Iterator<Item = (f64, f64)>) -> Option<(f64, Start)> {
-        let plans = headings.filter_map(|headings| self.legs_through(headings)).map(|legs| self.plan(&legs));
-        plans.min_by(|a, b| a.0.total_cmp(&b.0))
+        let timed = headings
+            .filter_map(|headings| self.legs_through(headings))
+            .map(|legs| (duration(&self.segments(&legs)), legs));
+        timed.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, legs)| self.plan(&legs))
     }
 
     /// Two drives with these headings; none if they are parallel.
@@ -116,25 +118,31 @@ impl<'a> Route<'a> {
 
     /// Time in s and plan.
     fn plan(&self, legs: &[Leg]) -> (f64, Start) {
+        let segments = self.segments(legs);
+        let turned: f64 = legs.iter().map(|leg| if let Leg::Turn(angle) = leg { *angle } else { 0.0 }).sum();
+        let winding = self.start.heading + turned - self.goal.heading;
+        let goal_heading = self.input.maneuver.goal.value(StateComponent::Heading);
+        let goal_heading = goal_heading.map(|goal| goal + (winding / TAU).round() * TAU);
+        let schedule = schedule_from_segments(&segments, self.input.settings.control_count);
+        (duration(&segments), Start { schedule, goal_heading, strategy: Strategy::Smoothed })
+    }
+
+    fn segments(&self, legs: &[Leg]) -> Vec<Segment> {
         let mut segments = self.first.clone();
-        let mut heading = self.start.heading;
         for leg in legs {
             match *leg {
-                Leg::Turn(angle) => {
-                    heading += angle;
-                    self.rolling.turn(angle, &mut segments);
-                }
+                Leg::Turn(angle) => self.rolling.turn(angle, &mut segments),
                 Leg::Drive(distance) => self.rolling.drive(distance, &mut segments),
             }
         }
         segments.extend(&self.last);
-        let final_time = segments.iter().map(|segment| segment.duration).sum();
-        let winding = heading - self.goal.heading;
-        let goal_heading = self.input.maneuver.goal.value(StateComponent::Heading);
-        let goal_heading = goal_heading.map(|goal| goal + (winding / TAU).round() * TAU);
-        let schedule = schedule_from_segments(&segments, self.input.settings.control_count);
-        (final_time, Start { schedule, goal_heading, strategy: Strategy::Smoothed })
+        segments
     }
+}
+
+/// s
+fn duration(segments: &[Segment]) -> f64 {
+    segments.iter().map(|segment| segment.duration).sum()
 }
 
 /// The turn itself, and the other way round where that is at most three times as long.
