@@ -222,6 +222,11 @@ impl RobotParameters {
         [0.5 * (axle - difference), 0.5 * (axle + difference), front]
     }
 
+    /// The time in which gravity moves something by half of the track width, from rest: what is short and long for the robot, s.
+    pub fn natural_time(&self) -> f64 {
+        (self.track_width / self.gravity).sqrt()
+    }
+
     /// Mass of the whole robot, kg.
     pub fn total_mass(&self) -> f64 {
         self.chassis_mass + 2.0 * self.wheel_mass

@@ -383,8 +383,7 @@ fn goal_rows(maneuver: &Maneuver, robot: &RobotParameters) -> (Vec<GoalRow>, f64
 
 /// Scales turn every residual into metres.
 fn residual_scale(component: StateComponent, robot: &RobotParameters) -> f64 {
-    let (length, radius) = (robot.track_width, robot.wheel_radius);
-    let time = (length / robot.gravity).sqrt();
+    let (length, radius, time) = (robot.track_width, robot.wheel_radius, robot.natural_time());
     match component {
         StateComponent::X | StateComponent::Y => 1.0,
         StateComponent::Heading => length,

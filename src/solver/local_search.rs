@@ -40,6 +40,8 @@ pub(super) struct LocalSearch<'a, 'b, 'c> {
     pub(super) control: &'a RunControl<'c>,
     pub(super) budget: Budget<'c>,
     pub(super) programs: ElasticSolver,
+    /// Steps of the grid on which starts are compared.
+    pub(super) coarse_step_count: usize,
     /// (running start, number of starts).
     pub(super) start: (usize, usize),
     pub(super) goal_heading: Option<f64>,
@@ -63,6 +65,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             control,
             budget,
             programs: ElasticSolver::new(),
+            coarse_step_count: usize::MAX,
             start: (0, 0),
             goal_heading: None,
             best: None,

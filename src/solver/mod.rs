@@ -72,8 +72,8 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopp
     let settings = &input.settings;
     let (mut problem, mut bound) = problem_on(input, &simulator, settings.step_count);
     let mut result = search::search(input, &problem, (settings.step_count, settings.rollout_limit), control);
-    if let Refinement::UntilConfirmed { step_limit } = settings.refinement {
-        refinement::refine(input, &simulator, step_limit, control, &mut result);
+    if let Refinement::UntilConfirmed { .. } = settings.refinement {
+        refinement::refine(input, &simulator, control, &mut result);
         (problem, bound) = problem_on(input, &simulator, result.step_count);
     }
     let _phase = control.enter(Phase::Certificate);

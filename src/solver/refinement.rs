@@ -31,16 +31,10 @@ const ATTEMPT_LIMIT: usize = 3;
 /// Refines the grid of the best decision, or of a slower one where only that can be executed.
 ///
 /// The best decision stays, on the finest grid on which it meets the goal, where no plan can.
-pub(super) fn refine(
-    input: &SolveInput,
-    simulator: &Simulator,
-    step_limit: usize,
-    control: &RunControl,
-    result: &mut SearchResult,
-) {
+pub(super) fn refine(input: &SolveInput, simulator: &Simulator, control: &RunControl, result: &mut SearchResult) {
     let quiet = PhasesOnly(control);
     let control = control.of_part(control.stop(), &quiet);
-    let mut refiner = Refiner { input, simulator, step_limit, control: &control, result };
+    let mut refiner = Refiner { input, simulator, control: &control, result };
     let outcome = refiner.run();
     result.refinement = match result.stop_reason {
         StopReason::Stopped | StopReason::RolloutLimit if outcome != RefinementOutcome::WithinTolerance => {
@@ -53,7 +47,6 @@ pub(super) fn refine(
 struct Refiner<'a, 'b, 'c> {
     input: &'a SolveInput,
     simulator: &'a Simulator,
-    step_limit: usize,
     control: &'a RunControl<'c>,
     result: &'b mut SearchResult,
 }
@@ -145,7 +138,7 @@ impl Refiner<'_, '_, '_> {
 
     /// Whether the allowed steps may do for the plan.
     fn may_fit_step_limit(&self, plan: &Plan) -> bool {
-        plan.needed_steps(self.input) <= UNCERTAINTY * self.step_limit as f64
+        plan.needed_steps(self.input) <= UNCERTAINTY * self.finest() as f64
     }
 
     /// The plan on the finest grid that it needs and reaches.
@@ -210,10 +203,8 @@ impl Refiner<'_, '_, '_> {
         Ok(Plan { candidate, step_count, replayed })
     }
 
-    /// The finest allowed grid on which all control intervals are equally long.
     fn finest(&self) -> usize {
-        let control_count = self.input.settings.control_count;
-        if self.step_limit < control_count { self.step_limit } else { self.step_limit / control_count * control_count }
+        self.input.settings.finest_step_count()
     }
 
     fn next_factor(&self, plan: &Plan) -> usize {

@@ -26,6 +26,12 @@ const STARTS_A_FIND: usize = 12;
 const THOROUGH: (usize, usize) = (2, 3);
 /// One optimum for so many requested starts goes on under the exact law, and half of these are polished.
 const STARTS_AN_OPTIMUM: usize = 4;
+/// Fewest steps per control interval of the grid on which starts are compared.
+const COARSE_STEPS: usize = 2;
+/// Its longest step, as a share of the robot's natural time.
+const LONGEST_STEP: f64 = 0.25;
+/// A best plan that misses the goal by more than so many tolerances is not near it.
+const FAR: f64 = 1e3;
 /// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
 const FIRST_HOPS: usize = 12;
 
@@ -105,7 +111,8 @@ pub(super) fn search(
     let mut race = Race::new(input, problem, rollout_limit, (control, &progress));
     let mut optima = Vec::new();
     race.starts(&starts, &mut optima);
-    if starts[..race.found.tried].iter().any(|start| start.strategy == Strategy::Smoothed) {
+    let is_smoothed = starts[..race.found.tried].iter().any(|start| start.strategy == Strategy::Smoothed);
+    if is_smoothed && !race.is_too_coarse() {
         race.finals(&mut optima);
     }
     race.release_torques(&mut optima);
@@ -169,6 +176,7 @@ pub(super) fn further_optima(
 struct Race<'a> {
     input: &'a SolveInput,
     problem: ShootingProblem<'a>,
+    coarse_step_count: usize,
     rollout_limit: u64,
     control: &'a RunControl<'a>,
     progress: &'a BestProgress<'a>,
@@ -182,11 +190,13 @@ impl<'a> Race<'a> {
         rollout_limit: u64,
         (control, progress): (&'a RunControl<'a>, &'a BestProgress<'a>),
     ) -> Self {
-        Self { input, problem: problem.clone(), rollout_limit, control, progress, found: Total::default() }
+        let coarse_step_count = coarse_step_count(input, problem.time_unit());
+        let problem = problem.clone();
+        Self { input, problem, coarse_step_count, rollout_limit, control, progress, found: Total::default() }
     }
 
     /// From starts to local optima, in blocks of the requested number, until the best one has been found more than by chance, and
-    /// one is a plan.
+    /// one is a plan, or until a finer grid should come first.
     fn starts(&mut self, starts: &[Start], optima: &mut Vec<Candidate>) {
         let settings = &self.input.settings;
         let mut smoothed = Vec::new();
@@ -195,10 +205,18 @@ impl<'a> Race<'a> {
             self.descend(&mut smoothed, optima);
             let is_found_again = smoothed.is_empty() || times_found(&smoothed) * STARTS_A_FIND >= settings.start_count;
             let has_plan = optima.iter().any(|optimum| optimum.is_feasible(settings.goal_tolerance));
-            if is_found_again && has_plan || self.found.interruption.is_some() {
+            if is_found_again && has_plan || self.is_too_coarse() || self.found.interruption.is_some() {
                 return;
             }
         }
+    }
+
+    /// Whether finer grids may follow, and no start came near the goal: on a long maneuver the steps are then too long for the robot
+    /// to keep its course.
+    fn is_too_coarse(&self) -> bool {
+        let settings = &self.input.settings;
+        let misses = |best: &Candidate| best.goal_error > FAR * settings.goal_tolerance;
+        self.problem.step_count() < settings.finest_step_count() && self.found.best.as_ref().is_none_or(misses)
     }
 
     /// From starts to what they lead to, thoroughly for those with the better merits after a first look. Smoothed ones join the
@@ -262,10 +280,12 @@ impl<'a> Race<'a> {
     }
 
     /// The best plan with all torques, where those near the grip are not all.
-    fn release_torques(&mut self, optima: &mut [Candidate]) {
-        if self.problem.has_torque_beyond_grip() {
+    fn release_torques(&mut self, optima: &mut Vec<Candidate>) {
+        let Some(best) = self.found.best.clone() else { return };
+        if self.problem.has_torque_beyond_grip() && self.found.interruption.is_none() {
             self.problem.release_torques();
-            self.polish(optima, 1, (0, 0));
+            let locals = self.round(1, &|_, search| search.polish(best.clone(), 0, 0));
+            optima.extend(locals.into_iter().map(|(_, local)| local));
         }
     }
 
@@ -293,6 +313,7 @@ impl<'a> Race<'a> {
         let run_part: &RunPart = &|index, control, rollout_limit| {
             let mut problem = self.problem.clone();
             let mut local_search = LocalSearch::new(&mut problem, &self.input.settings, control, rollout_limit);
+            local_search.coarse_step_count = self.coarse_step_count;
             let local = run(index, &mut local_search);
             let (best, iterations, rollouts) = local_search.into_parts();
             PartOutcome { local, best, iterations, rollouts }
@@ -304,6 +325,16 @@ impl<'a> Race<'a> {
         self.found.follow(total, tolerance);
         locals
     }
+}
+
+/// Steps of the grid on which starts are compared: under smoothed laws these do.
+fn coarse_step_count(input: &SolveInput, final_time: f64) -> usize {
+    let control_count = input.settings.control_count;
+    let interval = final_time / control_count as f64;
+    let needed = (interval / (LONGEST_STEP * input.robot.parameters().natural_time())).ceil();
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and whole")]
+    let needed = needed as usize;
+    needed.max(COARSE_STEPS).saturating_mul(control_count)
 }
 
 type RoundResult = Result<Candidate, Interruption>;

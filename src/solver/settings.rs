@@ -125,6 +125,18 @@ impl SolverSettings {
     pub fn first_step_count(control_count: usize) -> usize {
         Self::PAPER_STEP_COUNT.checked_next_multiple_of(control_count).unwrap_or(Self::PAPER_STEP_COUNT)
     }
+
+    /// Steps of the finest grid that may be tried: with automatic steps the last one within their limit on which all control
+    /// intervals are equally long.
+    pub fn finest_step_count(&self) -> usize {
+        match self.refinement {
+            Refinement::UntilConfirmed { step_limit } if step_limit >= self.control_count => {
+                step_limit / self.control_count * self.control_count
+            }
+            Refinement::UntilConfirmed { step_limit } => step_limit,
+            Refinement::Fixed => self.step_count,
+        }
+    }
 }
 
 impl Default for SolverSettings {

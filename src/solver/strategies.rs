@@ -27,8 +27,6 @@ const SMOOTHING: [f64; 3] = [0.24, 0.08, 0.024];
 /// Most linear programs of a start under the first smoothing, before starts are compared, and under each smoothing afterwards.
 const ROUGH_ITERATION_LIMIT: usize = 15;
 const SMOOTHED_ITERATION_LIMIT: usize = 40;
-/// Steps per control interval of the grid on which starts are compared: under smoothed laws these do.
-const COARSE_STEPS: usize = 2;
 /// First trust radius from a start, whose torques may be far from the optimum.
 const START_RADIUS: f64 = 0.5;
 /// First trust radius of all other descents: large enough to leave a kink.
@@ -251,10 +249,10 @@ impl LocalSearch<'_, '_, '_> {
         }
     }
 
-    /// On a coarse grid, where that does to tell starts apart.
+    /// On the coarse grid, where that does to tell starts apart.
     fn coarsely<T>(&mut self, run: impl FnOnce(&mut Self) -> T) -> T {
         let step_count = self.problem.step_count();
-        self.problem.set_step_count(step_count.min(COARSE_STEPS * self.settings.control_count));
+        self.problem.set_step_count(self.coarse_step_count.min(step_count));
         let found = run(self);
         self.problem.set_step_count(step_count);
         found
