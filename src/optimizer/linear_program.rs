@@ -33,8 +33,10 @@ use ratio_test::{Kink, KinkAt};
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
 use crate::stop::{Stop, Stopped};
 
-/// Gradients closer to zero are rounding of the multipliers.
+/// Gradients closer to zero are rounding of the multipliers, and so are those within so many times the largest of a basic variable,
+/// which should be zero: where rows are nearly dependent, as those of rolling wheels are, it is far from that.
 const GRADIENT_TOLERANCE: f64 = 1e-11;
+const GRADIENT_MARGIN: f64 = 10.0;
 /// The objective may exceed that of staying by this share of the largest penalty, its own rounding.
 const ROUNDING: f64 = 1e-13;
 /// Smaller shares are rounding: of a variable's or row's range that is violated, of the penalty parameter by which a multiplier
@@ -296,6 +298,11 @@ impl ElasticSolver {
         }
     }
 
+    /// Gradients closer to zero are rounding.
+    fn gradient_tolerance(&self) -> f64 {
+        GRADIENT_TOLERANCE.max(GRADIENT_MARGIN * self.gradient_error)
+    }
+
     /// Whether an inverse that was updated has lost its digits: what it should make zero is not.
     fn has_drifted(&self) -> bool {
         let is_off = |row: &usize| self.value[*row].abs() > TOLERANCE * self.range[*row];
@@ -305,7 +312,7 @@ impl ElasticSolver {
     /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows, from where they are or afresh.
     fn update_point(&mut self, program: &ElasticProgram, is_afresh: bool) {
         for (column, coefficients) in program.matrix.column_iter().enumerate() {
-            if self.gradient[column].abs() > GRADIENT_TOLERANCE {
+            if self.gradient[column].abs() > self.gradient_tolerance() {
                 self.rest[column] = Rest::by(self.gradient[column]);
             }
             let x = match self.rest[column] {

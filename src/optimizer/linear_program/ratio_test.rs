@@ -1,6 +1,6 @@
 //! The bound flipping ratio test: how far the multipliers move along an edge of the dual, and what stops them.
 
-use super::{ElasticSolver, GRADIENT_TOLERANCE, Leaving, Rest, TOLERANCE};
+use super::{ElasticSolver, Leaving, Rest, TOLERANCE};
 use crate::optimizer::elastic_program::ElasticProgram;
 
 /// A kink of D along the edge.
@@ -70,7 +70,7 @@ impl ElasticSolver {
                     Rest::Zero if next == Rest::Lower => -program.lower[column],
                     Rest::Zero => program.upper[column],
                 };
-                let is_zero = gradient.abs() <= GRADIENT_TOLERANCE;
+                let is_zero = gradient.abs() <= self.gradient_tolerance();
                 let step = if is_zero { 0.0 } else { -gradient / slope };
                 let (fall, pivot) = (slope.abs() * width, slope.abs());
                 kinks.push(Kink { step, fall, pivot, at: KinkAt::Variable(column) });

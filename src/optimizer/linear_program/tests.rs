@@ -62,6 +62,26 @@ fn degenerate_vertices_and_parallel_rows_do_not_cycle() {
 }
 
 #[test]
+fn rows_that_are_nearly_dependent_do_not_stall() {
+    // As on rolling wheels: velocities follow from the wheel rates, but for a slip that is smaller by orders of magnitude.
+    let (free, rows, columns, slip) = (3, 8, 81, 1e-6);
+    let mut cost = vec![0.0; columns];
+    cost[columns - 1] = 1.0;
+    for case in 0..20 {
+        let wave = |row: usize, column: usize| {
+            ((7 * row + 3 * column + 11 * case) as f64 + 0.37 * (row * column) as f64).sin()
+        };
+        let rolling = |row: usize, column: usize| wave(row % free, column) + 0.5 * wave((row + 1) % free, column);
+        let matrix = DMatrix::from_fn(rows, columns, |row, column| {
+            if row < free { wave(row, column) } else { 10.0 * (rolling(row, column) + slip * wave(row, column)) }
+        });
+        let target: Vec<f64> = (0..rows).map(|row| 1e-6 * wave(row, case)).collect();
+        let solution = solve(&matrix, &target, &cost, 1.0, 30.0);
+        assert!(solution.iterations < 2 * (rows + columns), "{} iterations", solution.iterations);
+    }
+}
+
+#[test]
 fn each_iteration_asks_whether_it_is_stopped() {
     let (rows, columns) = (6, 60);
     let matrix = DMatrix::from_fn(rows, columns, |row, column| ((7 * row + 3 * column) as f64).sin());
