@@ -311,8 +311,9 @@ impl ElasticSolver {
 
     /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows, from where they are or afresh.
     fn update_point(&mut self, program: &ElasticProgram, is_afresh: bool) {
+        let gradient_tolerance = self.gradient_tolerance();
         for (column, coefficients) in program.matrix.column_iter().enumerate() {
-            if self.gradient[column].abs() > self.gradient_tolerance() {
+            if self.gradient[column].abs() > gradient_tolerance {
                 self.rest[column] = Rest::by(self.gradient[column]);
             }
             let x = match self.rest[column] {

@@ -13,9 +13,14 @@ pub(super) struct Segment {
     pub(super) torque: PerWheel<f64>,
 }
 
+/// s
+pub(super) fn duration(segments: &[Segment]) -> f64 {
+    segments.iter().map(|segment| segment.duration).sum()
+}
+
 /// Equal control intervals that keep the impulse of the segments: each takes the mean over its span.
 pub(super) fn schedule_from_segments(segments: &[Segment], control_count: usize) -> TorqueSchedule {
-    let final_time: f64 = segments.iter().map(|segment| segment.duration).sum();
+    let final_time = duration(segments);
     let interval = final_time / control_count as f64;
     let mut schedule = TorqueSchedule {
         final_time: final_time.clamp(SHORTEST_FINAL_TIME, LONGEST_FINAL_TIME),

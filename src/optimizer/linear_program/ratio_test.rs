@@ -59,6 +59,7 @@ impl ElasticSolver {
         kinks.clear();
         let total: f64 = self.direction.iter().zip(self.range.iter()).map(|(change, range)| change.abs() * range).sum();
         let smallest = TOLERANCE * total;
+        let gradient_tolerance = self.gradient_tolerance();
         for (column, (&gradient, &slope)) in self.gradient.iter().zip(self.slope.iter()).enumerate() {
             if self.is_basic[column] || slope.abs() * program.width(column) <= smallest {
                 continue;
@@ -70,7 +71,7 @@ impl ElasticSolver {
                     Rest::Zero if next == Rest::Lower => -program.lower[column],
                     Rest::Zero => program.upper[column],
                 };
-                let is_zero = gradient.abs() <= self.gradient_tolerance();
+                let is_zero = gradient.abs() <= gradient_tolerance;
                 let step = if is_zero { 0.0 } else { -gradient / slope };
                 let (fall, pivot) = (slope.abs() * width, slope.abs());
                 kinks.push(Kink { step, fall, pivot, at: KinkAt::Variable(column) });

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use nalgebra::Vector2;
 
-use super::super::segments::{Segment, schedule_from_segments};
+use super::super::segments::{Segment, duration, schedule_from_segments};
 use super::super::settings::SolveInput;
 use super::rolling::{AMPLITUDES, Pose, REST, Rolling};
 use super::{Start, Strategy};
@@ -138,11 +138,6 @@ impl<'a> Route<'a> {
         segments.extend(&self.last);
         segments
     }
-}
-
-/// s
-fn duration(segments: &[Segment]) -> f64 {
-    segments.iter().map(|segment| segment.duration).sum()
 }
 
 /// The turn itself, and the other way round where that is at most three times as long.
