@@ -49,7 +49,8 @@ fn counts(seed: u64) -> Counts {
     let end_state = allocations(|| end = Some(simulator.end_state(&rollout, Stop::never())));
     let end_state_by_fixed_point =
         allocations(|| end = Some(simulator.end_state_by_fixed_point(&rollout, Stop::never())));
-    let mut sensitivity = EndSensitivity::watching(vec![PathQuantity::YawRate, PathQuantity::WheelRate { wheel: 0 }]);
+    let quantities = vec![PathQuantity::YawRate, PathQuantity::WheelRate { wheel: 0 }];
+    let mut sensitivity = EndSensitivity::watching(quantities, 20);
     simulator.end_sensitivity(&rollout, FrictionLaw::Exact, &mut sensitivity, Stop::never()).unwrap();
     let laws = [FrictionLaw::Exact, FrictionLaw::Smoothed(0.03), FrictionLaw::Held];
     let later_sensitivities = laws

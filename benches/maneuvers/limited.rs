@@ -259,10 +259,10 @@ fn active_share(input: &SolveInput, plan: &Solution) -> f64 {
     let step_count = plan.report.step_count;
     let rollout = Rollout { start: &start, schedule: &plan.schedule, step_count };
     let law = if limits.forbids_slip { FrictionLaw::Held } else { FrictionLaw::Exact };
-    let mut motion = EndSensitivity::watching(limits.quantities());
+    let mut motion = EndSensitivity::watching(limits.quantities(), CONTROL_COUNT);
     Simulator::new(&input.robot).record(&rollout, law, &mut motion, Stop::never()).expect("nothing stops it");
     let mut is_active = [false; CONTROL_COUNT];
-    for (limit, index) in motion.path.of_others(CONTROL_COUNT) {
+    for (limit, index) in motion.path.of_others() {
         if limits.path[limit].excess(motion.path.value(index)) > -ACTIVE {
             is_active[slipdrive::simulation::control_interval(motion.path.step(index), step_count, CONTROL_COUNT)] =
                 true;

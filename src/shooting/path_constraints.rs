@@ -61,11 +61,11 @@ impl PathConstraints {
 
     /// Number of values for a schedule.
     pub(super) fn count(&self, extremes: &PathExtremes, control_count: usize) -> usize {
-        extremes.count(control_count) + self.torque_rate.count(control_count)
+        extremes.count() + self.torque_rate.count(control_count)
     }
 
     pub(super) fn write_values(&self, extremes: &PathExtremes, schedule: &TorqueSchedule, values: &mut DVector<f64>) {
-        let (path, torque_rate) = values.as_mut_slice().split_at_mut(extremes.count(schedule.control_count()));
+        let (path, torque_rate) = values.as_mut_slice().split_at_mut(extremes.count());
         for (index, value) in path.iter_mut().enumerate() {
             let constraint = &self.path[extremes.place(index)];
             *value = constraint.offset + extremes.value(index) / constraint.unit;
@@ -77,12 +77,11 @@ impl PathConstraints {
     pub(super) fn select_working_set(
         &self,
         extremes: &PathExtremes,
-        schedule: &TorqueSchedule,
         (values, radius): (&DVector<f64>, f64),
         working_set: &mut Vec<usize>,
     ) -> usize {
         working_set.clear();
-        let path_count = extremes.count(schedule.control_count());
+        let path_count = extremes.count();
         let is_near = |index: &usize| {
             let place = extremes.place(*index);
             let share = if place < CONTACT_COUNT { 1.0 } else { (radius / WHOLE_MARGIN_RADIUS).min(1.0) };
@@ -110,12 +109,12 @@ impl PathConstraints {
         schedule: &TorqueSchedule,
         row: Row,
     ) {
-        self.torque_rate.write_row(index - extremes.count(schedule.control_count()), schedule, row);
+        self.torque_rate.write_row(index - extremes.count(), schedule, row);
     }
 
     /// Whether any is missed by more than its tolerance.
-    pub(super) fn are_broken(&self, extremes: &PathExtremes, control_count: usize, values: &DVector<f64>) -> bool {
-        let path_count = extremes.count(control_count);
+    pub(super) fn are_broken(&self, extremes: &PathExtremes, values: &DVector<f64>) -> bool {
+        let path_count = extremes.count();
         let tolerance = |index: usize| {
             if index < path_count { self.path[extremes.place(index)].tolerance } else { LIMIT_TOLERANCE }
         };

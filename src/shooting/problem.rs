@@ -105,7 +105,7 @@ impl<'a> ShootingProblem<'a> {
         lower[final_time_index] = SHORTEST_FINAL_TIME;
         let (rows, length_unit) = goal_rows(maneuver, parameters);
         let path_constraints = PathConstraints::new(simulator.robot(), maneuver.limits, limits);
-        let sensitivity = EndSensitivity::watching(limits.quantities());
+        let sensitivity = EndSensitivity::watching(limits.quantities(), control_count);
         Self {
             simulator,
             start: maneuver.start_at_center_of_mass(parameters),
@@ -212,8 +212,7 @@ impl<'a> ShootingProblem<'a> {
 
     /// Whether a point with these constraint values breaks the limits of the maneuver, beyond their tolerance.
     pub fn breaks_limits(&self, constraints: &Constraints) -> bool {
-        let control_count = self.schedule.control_count();
-        self.path_constraints.are_broken(&self.sensitivity.path, control_count, &constraints.inequality)
+        self.path_constraints.are_broken(&self.sensitivity.path, &constraints.inequality)
     }
 
     /// Rolls out, unless the last rollout was the same: a search linearises at points that it has just evaluated.
@@ -342,8 +341,7 @@ impl Problem for ShootingProblem<'_> {
         let path = &self.sensitivity.path;
         self.path_constraints.write_values(path, &self.schedule, &mut constraints.inequality);
         let values = &constraints.inequality;
-        let near = (values, radius);
-        let near_path_count = self.path_constraints.select_working_set(path, &self.schedule, near, working_set);
+        let near_path_count = self.path_constraints.select_working_set(path, (values, radius), working_set);
         jacobian.resize_vertically_mut(self.rows.len() + working_set.len(), 0.0);
         self.write_goal_rows(linearisation);
         self.write_path_rows(&rollout, linearisation, near_path_count, stop)
@@ -399,6 +397,17 @@ mod tests {
     use super::*;
     use crate::robot::Robot;
     use crate::shooting::ReferencePoint;
+
+    #[test]
+    fn constraints_are_laid_out_before_any_rollout() {
+        let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
+        let problem =
+            ShootingProblem::new(&simulator, (&Maneuver::forward_drive(), &PathLimits::default()), (50, 5), 1.0);
+        // A search that is stopped before its first rollout asks for both.
+        let constraints = problem.constraints();
+        assert_eq!(constraints.inequality.len(), 3 * 5);
+        assert!(!problem.breaks_limits(&constraints));
+    }
 
     #[test]
     fn jacobian_agrees_with_differences_at_the_axle_midpoint() {

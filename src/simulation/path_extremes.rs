@@ -45,9 +45,11 @@ const LAST: usize = 2;
 const NONE: Extreme = Extreme { value: f64::NEG_INFINITY, step: 0 };
 
 impl PathExtremes {
-    /// Of the normal forces and of other quantities, before any rollout.
-    pub(super) fn new(others: Vec<PathQuantity>) -> Self {
-        Self { others, ..Self::default() }
+    /// Of the normal forces and of other quantities, before any rollout of a schedule of so many control intervals.
+    pub(super) fn new(others: Vec<PathQuantity>, control_count: usize) -> Self {
+        let mut extremes = Self { others, ..Self::default() };
+        extremes.forget_values(control_count);
+        extremes
     }
 
     /// Whether there are quantities other than normal forces.
@@ -55,9 +57,9 @@ impl PathExtremes {
         !self.others.is_empty()
     }
 
-    /// Number of values for a schedule.
-    pub fn count(&self, control_count: usize) -> usize {
-        CONTACT_COUNT * control_count.min(STRETCH_LIMIT) + PLACES * self.others.len() * control_count
+    /// Number of values.
+    pub fn count(&self) -> usize {
+        self.unloading.len() + PLACES * self.largest.len()
     }
 
     /// The place of a value's quantity: the contact of a normal force, else 3 more than its place among the other quantities.
@@ -77,8 +79,8 @@ impl PathExtremes {
     }
 
     /// The values of the other quantities: the place of each among these, and its index.
-    pub fn of_others(&self, control_count: usize) -> impl Iterator<Item = (usize, usize)> {
-        (self.unloading.len()..self.count(control_count)).map(|index| (self.place(index) - CONTACT_COUNT, index))
+    pub fn of_others(&self) -> impl Iterator<Item = (usize, usize)> {
+        (self.unloading.len()..self.count()).map(|index| (self.place(index) - CONTACT_COUNT, index))
     }
 
     /// A value, in the unit of its quantity.
@@ -105,14 +107,17 @@ impl PathExtremes {
     }
 
     pub(super) fn clear(&mut self, rollout: &Rollout) {
-        let control_count = rollout.schedule.control_count();
         self.step_count = rollout.step_count;
         self.step_length = rollout.schedule.final_time / rollout.step_count as f64;
+        self.forget_values(rollout.schedule.control_count());
+        self.samples.clear();
+    }
+
+    fn forget_values(&mut self, control_count: usize) {
         self.unloading.clear();
         self.unloading.resize(CONTACT_COUNT * control_count.min(STRETCH_LIMIT), NONE);
         self.largest.clear();
         self.largest.resize(self.others.len() * control_count, [NONE; PLACES]);
-        self.samples.clear();
     }
 
     /// Notes a step with its torques.

@@ -288,7 +288,7 @@ mod tests {
         let rollout = Rollout { start: &start, schedule: &schedule, step_count: 60 };
         let mut sensitivity = EndSensitivity::default();
         simulator.record(&rollout, law, &mut sensitivity, Stop::never()).unwrap();
-        let chosen: Vec<usize> = (0..sensitivity.path.count(12)).collect();
+        let chosen: Vec<usize> = (0..sensitivity.path.count()).collect();
         let backwards = simulator.path_sensitivity(&rollout, law, &sensitivity, &chosen, Stop::never()).unwrap();
         let motion = (&rollout, law);
         let forwards = match &*simulator.model(&rollout) {

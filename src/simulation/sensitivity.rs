@@ -49,9 +49,9 @@ pub struct EndSensitivity {
 }
 
 impl EndSensitivity {
-    /// With the path extremes of these quantities beside the normal forces.
-    pub fn watching(others: Vec<PathQuantity>) -> Self {
-        Self { path: PathExtremes::new(others), ..Self::default() }
+    /// With the path extremes of these quantities beside the normal forces, for schedules of so many control intervals.
+    pub fn watching(others: Vec<PathQuantity>, control_count: usize) -> Self {
+        Self { path: PathExtremes::new(others, control_count), ..Self::default() }
     }
 }
 

@@ -67,7 +67,7 @@ fn quantities(cases: &mut RandomCases, robot: &RobotParameters) -> Vec<PathQuant
 /// What a rollout is made of: its path extremes, and what must stay the same for a difference to be a derivative.
 fn rolled_out(case: &Case, schedule: &TorqueSchedule) -> (EndSensitivity, Vec<[bool; 3]>) {
     let rollout = Rollout { start: &case.start, schedule, step_count: STEP_COUNT };
-    let mut motion = EndSensitivity::watching(case.quantities.to_vec());
+    let mut motion = EndSensitivity::watching(case.quantities.to_vec(), CONTROL_COUNT);
     case.simulator.end_sensitivity(&rollout, case.law, &mut motion, Stop::never()).unwrap();
     let modes = if case.law == FrictionLaw::Exact {
         let trajectory = case.simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap();
@@ -82,7 +82,7 @@ fn rolled_out(case: &Case, schedule: &TorqueSchedule) -> (EndSensitivity, Vec<[b
 /// Compares every row of one rollout; returns how many entries were comparable.
 fn compare(case: &Case, schedule: &TorqueSchedule, tolerance: f64, label: &str) -> usize {
     let (here, modes) = rolled_out(case, schedule);
-    let chosen: Vec<usize> = (0..here.path.count(CONTROL_COUNT)).collect();
+    let chosen: Vec<usize> = (0..here.path.count()).collect();
     let rollout = Rollout { start: &case.start, schedule, step_count: STEP_COUNT };
     let rows = case.simulator.path_sensitivity(&rollout, case.law, &here, &chosen, Stop::never()).unwrap();
     let mut compared = 0;
@@ -177,11 +177,11 @@ fn maxima_are_the_largest_values_that_are_noted_for_derivatives() {
         let rollout = Rollout { start: &start, schedule: &schedule, step_count: STEP_COUNT };
         for law in [FrictionLaw::Exact, FrictionLaw::Held, FrictionLaw::Smoothed(0.05)] {
             let maxima = simulator.path_maxima(&rollout, law, &quantities, Stop::never()).unwrap();
-            let mut noted = EndSensitivity::watching(quantities.clone());
+            let mut noted = EndSensitivity::watching(quantities.clone(), CONTROL_COUNT);
             simulator.record(&rollout, law, &mut noted, Stop::never()).unwrap();
             assert_eq!(maxima.end, noted.end, "seed {seed}, {law:?}");
             for (place, (quantity, found)) in quantities.iter().zip(&maxima.maxima).enumerate() {
-                let values = noted.path.of_others(CONTROL_COUNT).filter(|(of, _)| *of == place);
+                let values = noted.path.of_others().filter(|(of, _)| *of == place);
                 let largest = values.map(|(_, index)| noted.path.value(index)).fold(f64::NEG_INFINITY, f64::max);
                 // Values that hardly exceed those at the ends of their interval are not noted.
                 let above = found.value - largest;
