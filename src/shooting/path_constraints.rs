@@ -1,7 +1,7 @@
 //! Path constraints of the search: what a plan must keep on the way, as inequalities.
 //!
-//! A constraint is `quantity / unit + offset <= 0` for the values that [`PathExtremes`] has of its quantity, so all values are
-//! shares of what is allowed. Changes of the torques, which no rollout is needed for, follow after these.
+//! A constraint is `quantity / unit + offset <= 0` for the values that [`PathExtremes`] has of its quantity: normal forces in weights,
+//! limits in [`LIMIT_UNIT`] times what is allowed. Changes of the torques, which no rollout is needed for, follow after these.
 
 use nalgebra::{DVector, Dyn, MatrixViewMut, U1};
 
@@ -14,6 +14,10 @@ use crate::simulation::{PathDerivative, PathExtremes, TorqueSchedule};
 /// How exactly the search keeps its limits, as a share of each, of the weight for normal forces: a thousandth of what counts, and
 /// far above the rounding of a rollout.
 pub const LIMIT_TOLERANCE: f64 = 1e-6;
+/// A limit is violated by 1 where it is exceeded by so many times what it allows. A plan gets slower by at most about the share by
+/// which its limits are tightened, all of them together, so that a violation may cost less than one of the goal: steps along limits
+/// that are curved are then longer.
+const LIMIT_UNIT: f64 = 100.0;
 /// Contacts with less than this share of the weight above their least load may fall below it within one step of the search.
 const NORMAL_LOAD_MARGIN: f64 = 0.1;
 /// What follows speeds and positions changes little within one step of the search.
@@ -57,6 +61,11 @@ impl PathConstraints {
     /// Whether there are others than least loads.
     pub(super) fn has_limits(&self) -> bool {
         self.path.len() > CONTACT_COUNT || !self.torque_rate.is_empty()
+    }
+
+    /// The smallest tolerance of a limit, or that of normal forces where there is none.
+    pub(super) fn tolerance(&self) -> f64 {
+        if self.has_limits() { LIMIT_TOLERANCE / LIMIT_UNIT } else { LIMIT_TOLERANCE }
     }
 
     /// Number of values for a schedule.
@@ -126,8 +135,9 @@ impl PathConstraint {
     /// Kept with a margin of the tolerance, so that what the search accepts exceeds no limit.
     fn of_limit(limit: &PathLimit) -> Self {
         let margin = if limit.quantity.jumps_with_torque() { JUMP_MARGIN } else { SMOOTH_MARGIN };
-        let offset = LIMIT_TOLERANCE - limit.largest / limit.unit;
-        Self { unit: limit.unit, offset, tolerance: LIMIT_TOLERANCE, margin }
+        let offset = (LIMIT_TOLERANCE - limit.largest / limit.unit) / LIMIT_UNIT;
+        let [tolerance, margin] = [LIMIT_TOLERANCE, margin].map(|share| share / LIMIT_UNIT);
+        Self { unit: LIMIT_UNIT * limit.unit, offset, tolerance, margin }
     }
 }
 

@@ -210,6 +210,11 @@ impl<'a> ShootingProblem<'a> {
         GoalScales(self.rows.iter().map(|row| row.scale).collect())
     }
 
+    /// Inequalities violated by at most this much are met.
+    pub fn inequality_tolerance(&self) -> f64 {
+        self.path_constraints.tolerance()
+    }
+
     /// Whether a point with these constraint values breaks the limits of the maneuver, beyond their tolerance.
     pub fn breaks_limits(&self, constraints: &Constraints) -> bool {
         self.path_constraints.are_broken(&self.sensitivity.path, &constraints.inequality)

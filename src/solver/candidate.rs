@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::progress::is_nearer;
 use crate::optimizer::{CriticalityMeasure, CriticalitySettings};
-use crate::shooting::{LIMIT_TOLERANCE, ShootingProblem};
+use crate::shooting::ShootingProblem;
 
 /// Largest accepted criticality measure, as a share of the final time.
 pub(super) const CRITICALITY_TOLERANCE: f64 = 1e-4;
@@ -49,7 +49,7 @@ impl Stationarity {
             penalty_parameter,
             negligible_decrease: 0.5 * CRITICALITY_TOLERANCE * final_time / problem.time_unit(),
             residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
-            inequality_tolerance: LIMIT_TOLERANCE,
+            inequality_tolerance: problem.inequality_tolerance(),
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::optimizer::{
     Budget, Constraints, ElasticSolver, Ending, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem, Restoration,
     SequentialLinearResult, SequentialLinearSettings, StepRatios, minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{GoalScales, LIMIT_TOLERANCE, Penalty, ShootingProblem};
+use crate::shooting::{GoalScales, Penalty, ShootingProblem};
 use crate::stop::Stop;
 
 /// First penalty parameter: standing still costs this many times the unit of time, more than any multiplier of most
@@ -24,11 +24,9 @@ pub(super) const STRICT_PENALTY: f64 = PENALTY_GROWTH * PENALTY;
 pub(super) const LARGEST_PENALTY: f64 = STRICT_PENALTY * PENALTY;
 /// Descents end where less than this share of the unit of time is predicted: the rounding of the merit.
 const FINE: f64 = 1e-7;
-/// The same of rough descents: below that the last third of the rollouts would gain little.
-const ROUGH: f64 = 1e-5;
-/// The same of rough descents with limits, whose other descents are [`ROUGH`]: steps along curved constraints stay short, and the last
-/// ten thousandth would take most of the linear programs. `converged` allows as much.
-const ROUGH_WITH_LIMITS: f64 = 1e-4;
+/// The same of rough descents, below which the last third of the rollouts would gain little, and of all descents with limits, where
+/// steps along curved constraints stay short. `converged` allows ten times as much.
+pub(super) const ROUGH: f64 = 1e-5;
 /// The tolerance of the restoration, as a share of the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
@@ -87,16 +85,6 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         if self.problem.has_path_limits() { ROUGH } else { FINE }
     }
 
-    /// That of a rough descent.
-    pub(super) fn rough(&self) -> f64 {
-        if self.problem.has_path_limits() { ROUGH_WITH_LIMITS } else { ROUGH }
-    }
-
-    /// That of a direct start: rough with limits, since what the hops leave is descended from once more.
-    pub(super) fn direct(&self) -> f64 {
-        if self.problem.has_path_limits() { ROUGH_WITH_LIMITS } else { FINE }
-    }
-
     /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, as a share of the unit of
     /// time, and a final time below the one to beat, s.
     pub(super) fn descend_until(
@@ -111,12 +99,12 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             ..self.descent(smallest_prediction)
         };
         let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
-        let tolerance = self.settings.goal_tolerance;
+        let (tolerance, inequality_tolerance) = (self.settings.goal_tolerance, self.problem.inequality_tolerance());
         // The latest feasible point is the fastest one since the penalty parameter last grew: the merit only falls.
         let mut passed = None;
         let mut report_improvement = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
-            let breaks_limits = constraints.largest_inequality_violation() > LIMIT_TOLERANCE;
+            let breaks_limits = constraints.largest_inequality_violation() > inequality_tolerance;
             if goal_error > tolerance || !breaks_limits {
                 report(control, start, x, goal_error);
             }
@@ -146,7 +134,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             largest_penalty_parameter: LARGEST_PENALTY,
             first_radius: 1.0,
             feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
-            inequality_tolerance: LIMIT_TOLERANCE,
+            inequality_tolerance: self.problem.inequality_tolerance(),
             smallest_prediction,
             merit_to_beat: f64::INFINITY,
             step_ratios: if self.problem.has_path_limits() { StepRatios::CURVES } else { StepRatios::BOUNDS },

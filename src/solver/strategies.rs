@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, keep_better};
-use super::local_search::{LARGEST_PENALTY, LocalSearch, STRICT_PENALTY, linear_programs};
+use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
 use super::search::is_distinct;
 use super::settings::Method;
@@ -106,7 +106,7 @@ impl LocalSearch<'_, '_, '_> {
             Heat::Smooth => {
                 self.coarsely(|search| search.smoothed(&from.decision, &SMOOTHING, (RADIUS, SMOOTHED_ITERATION_LIMIT)))
             }
-            Heat::Descend => self.descend_until(&from.decision, RADIUS, (self.rough(), f64::INFINITY)),
+            Heat::Descend => self.descend_until(&from.decision, RADIUS, (ROUGH, f64::INFINITY)),
         }
     }
 
@@ -137,13 +137,13 @@ impl LocalSearch<'_, '_, '_> {
     /// From a local optimum back through smoothed laws, to leave the kink on which it lies, and down to a faster one.
     fn around(&mut self, decision: &DVector<f64>) -> Result<Candidate, Interruption> {
         let smoothed = self.smoothed(decision, &SMOOTHING[1..], (RADIUS, SMOOTHED_ITERATION_LIMIT))?;
-        self.descend_until(&smoothed.decision, RADIUS, (self.rough(), f64::INFINITY))
+        self.descend_until(&smoothed.decision, RADIUS, (ROUGH, f64::INFINITY))
     }
 
     /// Under the exact law, then from perturbed copies of the best point; through smoothing where the exact law does not lead
     /// to the goal.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let mut best = self.descend_until(guess, START_RADIUS, (self.direct(), f64::INFINITY))?;
+        let mut best = self.descend(guess, START_RADIUS)?;
         if !best.is_feasible(self.settings.goal_tolerance) {
             let smoothed = self.smoothed(guess, &SMOOTHING, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
             let next = self.descend(&smoothed.decision, RADIUS)?;
@@ -180,7 +180,7 @@ impl LocalSearch<'_, '_, '_> {
         for perturbation in [Perturbation::Shift, Perturbation::Noise].iter().cycle().take(hops) {
             let perturbed = self.perturbed(&best.decision, *perturbation, &mut rng);
             let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
-            let next = self.descend_until(&perturbed, RADIUS, (self.rough(), time_to_beat))?;
+            let next = self.descend_until(&perturbed, RADIUS, (ROUGH, time_to_beat))?;
             keep_better(best, next, tolerance);
         }
         Ok(())
@@ -273,7 +273,7 @@ impl LocalSearch<'_, '_, '_> {
                 first_radius,
                 iteration_limit,
                 restoration: Restoration::Skip,
-                ..self.descent(self.rough())
+                ..self.descent(ROUGH)
             };
             self.problem.set_slip_smoothing(smoothing);
             let from = (&decision, linear_programs(self.problem, &mut self.programs));
