@@ -44,6 +44,8 @@ pub(super) struct PathConstraints {
 struct PathConstraint {
     /// What counts as 1, in the unit of the quantity.
     unit: f64,
+    /// The same as a share of the weight or of what a limit allows.
+    share: f64,
     offset: f64,
     /// By how much it may be missed.
     tolerance: f64,
@@ -121,6 +123,13 @@ impl PathConstraints {
         self.torque_rate.write_row(index - extremes.count(), schedule, row);
     }
 
+    /// Sum of the squared violations, as shares of the weight and of what limits allow.
+    pub(super) fn squared_violation(&self, extremes: &PathExtremes, values: &DVector<f64>) -> f64 {
+        let path_count = extremes.count();
+        let share = |index: usize| if index < path_count { self.path[extremes.place(index)].share } else { 1.0 };
+        values.iter().enumerate().map(|(index, value)| (share(index) * value.max(0.0)).powi(2)).sum()
+    }
+
     /// Whether any is missed by more than its tolerance.
     pub(super) fn are_broken(&self, extremes: &PathExtremes, values: &DVector<f64>) -> bool {
         let path_count = extremes.count();
@@ -137,7 +146,7 @@ impl PathConstraint {
         let margin = if limit.quantity.jumps_with_torque() { JUMP_MARGIN } else { SMOOTH_MARGIN };
         let offset = (LIMIT_TOLERANCE - limit.largest / limit.unit) / LIMIT_UNIT;
         let [tolerance, margin] = [LIMIT_TOLERANCE, margin].map(|share| share / LIMIT_UNIT);
-        Self { unit: LIMIT_UNIT * limit.unit, offset, tolerance, margin }
+        Self { unit: LIMIT_UNIT * limit.unit, share: LIMIT_UNIT, offset, tolerance, margin }
     }
 }
 
@@ -151,6 +160,7 @@ fn least_loads(robot: &Robot, limits: ManeuverLimits) -> [PathConstraint; CONTAC
     let least = limits.least_normal_loads(robot).sup(&tolerance);
     std::array::from_fn(|contact| PathConstraint {
         unit,
+        share: 1.0,
         offset: least[contact],
         tolerance: tolerance[contact],
         margin: NORMAL_LOAD_MARGIN,

@@ -1,9 +1,9 @@
 //! The paper's penalty (section 4): weighted squared end-state errors, time, and squared torque violations; and squared
-//! violations of the normal forces' lower limits, which do not occur in the paper's case.
+//! violations of the normal forces' lower limits and of the limits on the way, which the paper's case does not have.
 //!
 //! ```text
 //! penalty(y) = t_f + goal_penalty sum (length_unit scale_i error_i)^2 + torque_penalty sum (violation_j / limit_j)^2
-//!            + normal_force_penalty sum max(inequality_k, 0)^2
+//!            + path_penalty sum max(inequality_k, 0)^2
 //! ```
 //!
 //! The rollout itself runs with torques clamped to their limits, so that every iterate is a plan within the limits.
@@ -18,8 +18,8 @@ use crate::stop::{Stop, Stopped};
 const GOAL_PENALTY: f64 = 150.0;
 /// Penalty parameter of squared torque violations relative to the limit, s.
 const TORQUE_PENALTY: f64 = 1.0;
-/// Penalty parameter of squared normal-force violations relative to the weight, s.
-const NORMAL_FORCE_PENALTY: f64 = 10.0;
+/// Penalty parameter of squared violations on the way, of normal forces relative to the weight, of limits to what they allow, s.
+const PATH_PENALTY: f64 = 10.0;
 
 /// The penalty of a shooting problem.
 pub struct Penalty<'a, 'b> {
@@ -60,11 +60,10 @@ impl<'a, 'b> Penalty<'a, 'b> {
         }
         self.problem.evaluate(&self.clamped, &mut self.constraints, stop)?;
         let final_time = self.clamped[self.clamped.len() - 1];
-        let normal_force_violation: f64 = self.constraints.inequality.iter().map(|value| value.max(0.0).powi(2)).sum();
         let goal = self.problem.length_unit().powi(2) * self.constraints.residual.norm_squared();
         Ok(final_time
             + GOAL_PENALTY * goal
             + TORQUE_PENALTY * torque_violation
-            + NORMAL_FORCE_PENALTY * normal_force_violation)
+            + PATH_PENALTY * self.problem.squared_path_violation(&self.constraints))
     }
 }

@@ -215,6 +215,11 @@ impl<'a> ShootingProblem<'a> {
         self.path_constraints.tolerance()
     }
 
+    /// Sum of the squared violations of a point with these constraint values on its way, as shares of the weight and of what limits allow.
+    pub fn squared_path_violation(&self, constraints: &Constraints) -> f64 {
+        self.path_constraints.squared_violation(&self.sensitivity.path, &constraints.inequality)
+    }
+
     /// Whether a point with these constraint values breaks the limits of the maneuver, beyond their tolerance.
     pub fn breaks_limits(&self, constraints: &Constraints) -> bool {
         self.path_constraints.are_broken(&self.sensitivity.path, &constraints.inequality)
