@@ -67,3 +67,31 @@ impl<'a, 'b> Penalty<'a, 'b> {
             + PATH_PENALTY * self.problem.squared_path_violation(&self.constraints))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::{Robot, RobotParameters};
+    use crate::shooting::path_limits::PathLimit;
+    use crate::shooting::{Maneuver, PathLimits};
+    use crate::simulation::{PathQuantity, Simulator};
+
+    #[test]
+    fn limits_are_penalised_by_the_share_that_exceeds_them() {
+        let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
+        let penalty = |limits: &PathLimits| {
+            let mut problem = ShootingProblem::new(&simulator, (&Maneuver::forward_drive(), limits), (20, 1), 1.0);
+            Penalty::new(&mut problem).value(&DVector::from_vec(vec![0.3, 0.3, 1.0]), Stop::never()).unwrap()
+        };
+        let free = penalty(&PathLimits::default());
+        // The rate grows all the time: only its last value counts, and any limit below it tells it.
+        let rate = |largest: f64| {
+            let quantity = PathQuantity::WheelRate { wheel: 0 };
+            let limit = PathLimit { field: "maneuver.limits.wheel_rate_rad_s", quantity, largest, unit: largest };
+            let limits = PathLimits { path: vec![limit], ..PathLimits::default() };
+            largest * (1.0 + ((penalty(&limits) - free) / PATH_PENALTY).sqrt())
+        };
+        let found = rate(0.5);
+        assert!(found > 1.0 && (found / rate(0.4 * found) - 1.0).abs() < 1e-5, "{found}");
+    }
+}
