@@ -50,7 +50,7 @@ fn counts(seed: u64) -> Counts {
     let end_state_by_fixed_point =
         allocations(|| end = Some(simulator.end_state_by_fixed_point(&rollout, Stop::never())));
     let quantities = vec![PathQuantity::YawRate, PathQuantity::WheelRate { wheel: 0 }];
-    let mut sensitivity = EndSensitivity::watching(quantities, 20);
+    let mut sensitivity = EndSensitivity::watching(quantities, schedule.control_count());
     simulator.end_sensitivity(&rollout, FrictionLaw::Exact, &mut sensitivity, Stop::never()).unwrap();
     let laws = [FrictionLaw::Exact, FrictionLaw::Smoothed(0.03), FrictionLaw::Held];
     let later_sensitivities = laws

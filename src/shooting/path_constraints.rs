@@ -125,18 +125,20 @@ impl PathConstraints {
 
     /// Sum of the squared violations, as shares of the weight and of what limits allow.
     pub(super) fn squared_violation(&self, extremes: &PathExtremes, values: &DVector<f64>) -> f64 {
-        let path_count = extremes.count();
-        let share = |index: usize| if index < path_count { self.path[extremes.place(index)].share } else { 1.0 };
+        let share = |index| self.of_path(extremes, index).map_or(1.0, |constraint| constraint.share);
         values.iter().enumerate().map(|(index, value)| (share(index) * value.max(0.0)).powi(2)).sum()
     }
 
     /// Whether any is missed by more than its tolerance.
     pub(super) fn are_broken(&self, extremes: &PathExtremes, values: &DVector<f64>) -> bool {
-        let path_count = extremes.count();
-        let tolerance = |index: usize| {
-            if index < path_count { self.path[extremes.place(index)].tolerance } else { LIMIT_TOLERANCE }
-        };
+        let tolerance =
+            |index| self.of_path(extremes, index).map_or(LIMIT_TOLERANCE, |constraint| constraint.tolerance);
         values.iter().enumerate().any(|(index, value)| *value > tolerance(index))
+    }
+
+    /// The constraint of a value, unless that is of a change of torque.
+    fn of_path(&self, extremes: &PathExtremes, index: usize) -> Option<&PathConstraint> {
+        (index < extremes.count()).then(|| &self.path[extremes.place(index)])
     }
 }
 

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! penalty(y) = t_f + goal_penalty sum (length_unit scale_i error_i)^2 + torque_penalty sum (violation_j / limit_j)^2
-//!            + path_penalty sum max(inequality_k, 0)^2
+//!            + path_penalty sum max(share_k, 0)^2
 //! ```
 //!
 //! The rollout itself runs with torques clamped to their limits, so that every iterate is a plan within the limits.
