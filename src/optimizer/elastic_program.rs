@@ -43,6 +43,22 @@ impl ElasticProgram<'_> {
         self.cost.dot(x) + self.penalty_parameter * violation_sum(&(self.matrix * x - self.target), self.equation_count)
     }
 
+    /// The rows that a solution needs: where there are more than variables, only equations and those inequalities that a point within
+    /// the bounds can violate.
+    pub(super) fn rows_within_reach(&self) -> Vec<usize> {
+        let (rows, columns) = self.matrix.shape();
+        if rows <= columns {
+            return (0..rows).collect();
+        }
+        let mut largest = DVector::<f64>::zeros(rows);
+        for (coefficients, (lower, upper)) in self.matrix.column_iter().zip(self.lower.iter().zip(self.upper.iter())) {
+            for (largest, coefficient) in largest.iter_mut().zip(coefficients.iter()) {
+                *largest += (coefficient * lower).max(coefficient * upper);
+            }
+        }
+        (0..rows).filter(|&row| row < self.equation_count || largest[row] > self.target[row]).collect()
+    }
+
     /// Bounds of a row's multiplier: the slopes of its penalty on either side.
     pub(super) fn multiplier_bounds(&self, row: usize) -> (f64, f64) {
         let low = if row < self.equation_count { -self.penalty_parameter } else { 0.0 };

@@ -17,17 +17,20 @@
 //! k x k matrix is a vertex, and the last program's choice is a good start for the next one, whatever has changed (a warm start). One
 //! iteration takes a basic variable or a row that contradicts its place and moves the multipliers along the edge that frees
 //! it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
-//! Method", 2003). Rows that stay slack cost no more than a scalar product. In programs of many rows multipliers, gradients and
-//! point move along the edge, and are computed afresh where the simplex would end.
+//! Method", 2003). Rows that stay slack cost no more than a scalar product, and those that nothing within the bounds violates are left
+//! out. In programs of many rows multipliers, gradients and point move along the edge, and are computed afresh where the simplex would
+//! end.
 
 mod basis;
 mod beginning;
 mod perturbation;
+mod pricing;
 mod ratio_test;
 
 use basis::Basis;
 use nalgebra::{DMatrix, DVector};
 use perturbation::Perturbation;
+use pricing::Leaving;
 use ratio_test::{Kink, KinkAt};
 
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
@@ -62,6 +65,7 @@ pub struct ElasticSolver {
     direction: DVector<f64>,
     value: DVector<f64>,
     range: DVector<f64>,
+    largest_range: f64,
     /// The transposed matrix: a contiguous column per row of the program.
     by_row: DMatrix<f64>,
     /// Per variable: gradient, its change along the edge, the variable's value.
@@ -90,15 +94,6 @@ enum Rest {
     Upper,
 }
 
-/// What leaves its place.
-#[derive(Debug, Clone, Copy)]
-enum Leaving {
-    /// The basic variable at this position, and the sign that its gradient takes.
-    Basic { position: usize, sign: f64 },
-    /// A row at a bound of its multiplier, and the sign in which that moves.
-    Row { row: usize, sign: f64 },
-}
-
 impl ElasticSolver {
     /// A solver without memory yet.
     pub fn new() -> Self {
@@ -110,6 +105,26 @@ impl ElasticSolver {
     /// # Errors
     /// When it was stopped: programs of hundreds of rows take many milliseconds.
     pub fn solve(&mut self, program: &ElasticProgram, stop: Stop) -> Result<ElasticSolution, Stopped> {
+        let rows = program.rows_within_reach();
+        let mut solution = self.solve_rows(
+            &ElasticProgram {
+                matrix: &program.matrix.select_rows(&rows),
+                target: &program.target.select_rows(&rows),
+                row_name: &rows.iter().map(|row| program.row_name[*row]).collect::<Vec<_>>(),
+                ..*program
+            },
+            stop,
+        )?;
+        let mut multiplier = DVector::zeros(program.target.len());
+        for (row, value) in rows.iter().zip(solution.multiplier.iter()) {
+            multiplier[*row] = *value;
+        }
+        solution.multiplier = multiplier;
+        Ok(solution)
+    }
+
+    /// Solves a program, all rows of it.
+    fn solve_rows(&mut self, program: &ElasticProgram, stop: Stop) -> Result<ElasticSolution, Stopped> {
         let staying = program.penalty_parameter * violation_sum(&-program.target, program.equation_count);
         let mut iterations = 0;
         for begin in [Self::begin_warm, Self::begin_cold] {
@@ -156,6 +171,7 @@ impl ElasticSolver {
                 *range += coefficient.abs() * width;
             }
         }
+        self.largest_range = self.range.amax();
         self.basis.is_kept = rows > Basis::SMALL;
         self.is_basic.clear();
         self.is_basic.resize(columns, false);
@@ -237,7 +253,7 @@ impl ElasticSolver {
 
     /// What the objective may miss.
     fn rounding(&self, program: &ElasticProgram) -> f64 {
-        ROUNDING * program.penalty_parameter * self.range.amax()
+        ROUNDING * program.penalty_parameter * self.largest_range
     }
 
     /// Multipliers at their bounds, and those of the tight rows that make the gradients of the basic variables zero.
@@ -336,33 +352,6 @@ impl ElasticSolver {
             self.x[*column] -= x;
             self.value.axpy(-x, &program.matrix.column(*column), 1.0);
         }
-    }
-
-    /// The variable or row that contradicts its place most, as a share of its range; none at the optimum.
-    fn leaving(&self, program: &ElasticProgram) -> Option<Leaving> {
-        let mut worst = TOLERANCE;
-        let mut leaving = None;
-        for (position, &column) in self.basis.basic.iter().enumerate() {
-            let below = (program.lower[column] - self.x[column]) / program.width(column);
-            let above = (self.x[column] - program.upper[column]) / program.width(column);
-            if below.max(above) > worst {
-                worst = below.max(above);
-                leaving = Some(Leaving::Basic { position, sign: if below > above { 1.0 } else { -1.0 } });
-            }
-        }
-        for (row, place) in self.place.iter().enumerate() {
-            let sign = match place {
-                RowPlace::Low => 1.0,
-                RowPlace::Tight => continue,
-                RowPlace::High => -1.0,
-            };
-            let violation = sign * self.value[row] / self.range[row];
-            if violation > worst && self.range[row] > 0.0 {
-                worst = violation;
-                leaving = Some(Leaving::Row { row, sign });
-            }
-        }
-        leaving
     }
 
     /// The change of the multipliers along the edge, and that of the gradients.

@@ -16,7 +16,7 @@
 mod criticality;
 
 pub use criticality::{CriticalityMeasure, CriticalitySettings, criticality_measure};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use super::elastic_program::{ElasticProgram, violation_sum};
 use super::evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
@@ -273,12 +273,10 @@ impl<'a> Search<'a> {
         for (mut column, half_width) in matrix.column_iter_mut().zip(half_width.iter()) {
             column *= *half_width;
         }
-        let (target, names) = (-self.model.rows_of(&self.model.constraints), self.model.row_names());
-        let rows = self.rows_within_reach(&matrix, &target, (&lower, &upper));
         let program = ElasticProgram {
-            matrix: &matrix.select_rows(&rows),
-            target: &target.select_rows(&rows),
-            row_name: &rows.iter().map(|row| names[*row]).collect::<Vec<_>>(),
+            matrix: &matrix,
+            target: &-self.model.rows_of(&self.model.constraints),
+            row_name: &self.model.row_names(),
             equation_count: self.equation_count(),
             cost: &self.problem.cost().component_mul(&half_width),
             lower: &lower,
@@ -286,27 +284,6 @@ impl<'a> Search<'a> {
             penalty_parameter: self.penalty_parameter,
         };
         Ok(self.programs.solve(&program, budget.stop())?.x.component_mul(&half_width))
-    }
-
-    /// The rows that a linear program needs: where there are more than variables, only equations and those inequalities that a step
-    /// within the bounds can violate.
-    fn rows_within_reach(
-        &self,
-        matrix: &DMatrix<f64>,
-        target: &DVector<f64>,
-        (lower, upper): (&DVector<f64>, &DVector<f64>),
-    ) -> Vec<usize> {
-        let (rows, columns) = matrix.shape();
-        if rows <= columns {
-            return (0..rows).collect();
-        }
-        let mut largest = DVector::<f64>::zeros(rows);
-        for (column, coefficients) in matrix.column_iter().enumerate() {
-            for (largest, coefficient) in largest.iter_mut().zip(coefficients.iter()) {
-                *largest += (coefficient * lower[column]).max(coefficient * upper[column]);
-            }
-        }
-        (0..rows).filter(|&row| row < self.equation_count() || largest[row] > target[row]).collect()
     }
 
     fn equation_count(&self) -> usize {

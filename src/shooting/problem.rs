@@ -8,17 +8,15 @@
 use nalgebra::{DVector, Vector2};
 
 use super::decision::{decision_len, write_schedule};
+use super::goal_rows::{GoalRow, GoalScales, goal_rows};
 use super::maneuver::{Maneuver, StateComponent};
 use super::path_constraints::PathConstraints;
 use super::path_limits::PathLimits;
 use crate::optimizer::{Constraints, Linearisation, Problem};
-use crate::robot::{PerWheel, RobotParameters, State};
+use crate::robot::{PerWheel, State};
 use crate::simulation::{EndDerivative, EndFrame, EndSensitivity, FrictionLaw, Rollout, Simulator, TorqueSchedule};
 use crate::stop::{Stop, Stopped};
 
-/// Wheel rates count this many times as much as the speeds of their rims: their errors are judged in rad/s, which are smaller,
-/// so what cannot be met (rates of a goal that are rounded) goes into the velocity.
-const WHEEL_SHARE: f64 = 4.0;
 /// The variable scale of a torque is its limit near the grip, that of the final time this fraction of itself.
 const FINAL_TIME_SCALE: f64 = 0.5;
 /// Shortest final time that is searched, s: the fastest nudge by the tightest tolerance takes longer. Without a floor the
@@ -41,8 +39,8 @@ pub struct ShootingProblem<'a> {
     /// What residuals count as 1, m.
     length_unit: f64,
     cost: DVector<f64>,
-    /// The variable scale of each torque: its limit near the grip.
-    torque_scale: DVector<f64>,
+    /// The variable scale of the torques: their limits near the grip.
+    torque_scale: PerWheel<f64>,
     torque_limit: PerWheel<f64>,
     lower: DVector<f64>,
     upper: DVector<f64>,
@@ -51,38 +49,6 @@ pub struct ShootingProblem<'a> {
     /// The decision and the friction law of the rollout in `sensitivity`.
     recorded: Option<(DVector<f64>, FrictionLaw)>,
     law: FrictionLaw,
-}
-
-/// One constrained component of the end state.
-#[derive(Debug, Clone, Copy)]
-struct GoalRow {
-    component: usize,
-    target: f64,
-    scale: f64,
-}
-
-/// Scale of each row: residual = scale * goal error; 1 / m for positions.
-#[derive(Debug, Clone, PartialEq)]
-pub struct GoalScales(Vec<f64>);
-
-impl GoalScales {
-    /// Largest magnitude of the goal errors (m, rad, m/s, rad/s) behind scaled residuals; NaN if any is NaN.
-    pub fn largest_goal_error(&self, residual: &DVector<f64>) -> f64 {
-        let errors = residual.iter().zip(&self.0).map(|(value, scale)| (value / scale).abs());
-        errors.fold(0.0, |worst, error| if error > worst || error.is_nan() { error } else { worst })
-    }
-
-    /// The largest scale: if every goal error is within `goal_tolerance`, every residual is within
-    /// `goal_tolerance * largest`.
-    pub fn largest(&self) -> f64 {
-        self.0.iter().copied().fold(0.0, f64::max)
-    }
-
-    /// The smallest scale: if every residual is within `goal_tolerance * smallest`, every goal error is within
-    /// `goal_tolerance`.
-    pub fn smallest(&self) -> f64 {
-        self.0.iter().copied().fold(f64::INFINITY, f64::min)
-    }
 }
 
 impl<'a> ShootingProblem<'a> {
@@ -97,12 +63,8 @@ impl<'a> ShootingProblem<'a> {
         time_unit: f64,
     ) -> Self {
         let parameters = simulator.robot().parameters();
-        let final_time_index = decision_len(control_count) - 1;
-        let mut cost = DVector::zeros(decision_len(control_count));
-        cost[final_time_index] = 1.0 / time_unit;
-        let upper = upper_bounds(simulator.robot().torques_near_grip(maneuver.torque_limit), control_count);
-        let mut lower = -&upper;
-        lower[final_time_index] = SHORTEST_FINAL_TIME;
+        let free = PerWheel { left: 0.0, right: 0.0 };
+        let torque_scale = simulator.robot().torques_near_grip(maneuver.torque_limit);
         let (rows, length_unit) = goal_rows(maneuver, parameters);
         let path_constraints = PathConstraints::new(simulator.robot(), maneuver.limits, limits);
         let sensitivity = EndSensitivity::watching(limits.quantities(), control_count);
@@ -115,11 +77,11 @@ impl<'a> ShootingProblem<'a> {
             step_count,
             time_unit,
             length_unit,
-            cost,
-            torque_scale: upper.rows(0, final_time_index).into_owned(),
+            cost: each_torque(free, control_count).push(1.0 / time_unit),
+            torque_scale,
             torque_limit: maneuver.torque_limit,
-            lower,
-            upper,
+            lower: (-each_torque(torque_scale, control_count)).push(SHORTEST_FINAL_TIME),
+            upper: each_torque(torque_scale, control_count).push(LONGEST_FINAL_TIME),
             schedule: TorqueSchedule {
                 final_time: 0.0,
                 left: vec![0.0; control_count],
@@ -135,14 +97,14 @@ impl<'a> ShootingProblem<'a> {
     /// should not depend on it.
     pub fn release_torques(&mut self) {
         let last = self.cost.len() - 1;
-        self.upper = upper_bounds(self.torque_limit, last / 2);
-        self.lower.rows_mut(0, last).copy_from(&-self.upper.rows(0, last));
+        let limit = each_torque(self.torque_limit, last / 2);
+        self.lower.rows_mut(0, last).copy_from(&-&limit);
+        self.upper.rows_mut(0, last).copy_from(&limit);
     }
 
     /// Whether torques may exceed those near the grip.
     pub fn has_torque_beyond_grip(&self) -> bool {
-        self.torque_scale[0] < self.torque_limit.left
-            || self.torque_scale[self.torque_scale.len() - 1] < self.torque_limit.right
+        self.torque_scale.left < self.torque_limit.left || self.torque_scale.right < self.torque_limit.right
     }
 
     /// Excludes final times below `time`, s.
@@ -162,6 +124,24 @@ impl<'a> ShootingProblem<'a> {
     pub fn set_step_count(&mut self, step_count: usize) {
         self.step_count = step_count;
         self.recorded = None;
+    }
+
+    /// Has so many torques per wheel from now on.
+    pub fn set_control_count(&mut self, control_count: usize) {
+        for of_variable in [&mut self.cost, &mut self.lower, &mut self.upper] {
+            let last = of_variable.len() - 1;
+            let of_wheel = PerWheel { left: of_variable[0], right: of_variable[last - 1] };
+            *of_variable = each_torque(of_wheel, control_count).push(of_variable[last]);
+        }
+        self.schedule.left.resize(control_count, 0.0);
+        self.schedule.right.resize(control_count, 0.0);
+        self.sensitivity.path.forget_values(control_count);
+        self.recorded = None;
+    }
+
+    /// Torques per wheel.
+    pub fn control_count(&self) -> usize {
+        self.schedule.control_count()
     }
 
     /// Steps of the grid.
@@ -322,8 +302,8 @@ impl Problem for ShootingProblem<'_> {
     }
 
     fn variable_scale(&self, decision: &DVector<f64>) -> DVector<f64> {
-        let last = self.torque_scale.len();
-        self.torque_scale.push(FINAL_TIME_SCALE * decision[last])
+        let last = decision.len() - 1;
+        each_torque(self.torque_scale, last / 2).push(FINAL_TIME_SCALE * decision[last])
     }
 
     fn constraints(&self) -> Constraints {
@@ -358,54 +338,16 @@ impl Problem for ShootingProblem<'_> {
     }
 }
 
-fn upper_bounds(torque: PerWheel<f64>, control_count: usize) -> DVector<f64> {
-    let mut upper =
-        DVector::from_fn(
-            decision_len(control_count),
-            |index, _| {
-                if index < control_count { torque.left } else { torque.right }
-            },
-        );
-    upper[decision_len(control_count) - 1] = LONGEST_FINAL_TIME;
-    upper
-}
-
-/// The rows of a goal, and the unit of length: the sum of the goal errors of the start, m.
-fn goal_rows(maneuver: &Maneuver, robot: &RobotParameters) -> (Vec<GoalRow>, f64) {
-    let nearest_heading = maneuver.nearest_goal_heading();
-    let start = maneuver.start.to_vector();
-    let row = |(component, value): (StateComponent, f64)| GoalRow {
-        component: component.index(),
-        target: nearest_heading.filter(|_| component == StateComponent::Heading).unwrap_or(value),
-        scale: residual_scale(component, robot),
-    };
-    let mut rows: Vec<GoalRow> = maneuver.goal.constrained().map(row).collect();
-    let missed: f64 = rows.iter().map(|row| row.scale * (start[row.component] - row.target).abs()).sum();
-    // A start that meets its goal is no maneuver, but has a problem all the same.
-    let length_unit = if missed > 0.0 { missed } else { robot.track_width };
-    for row in &mut rows {
-        row.scale /= length_unit;
-    }
-    (rows, length_unit)
-}
-
-/// Scales turn every residual into metres.
-fn residual_scale(component: StateComponent, robot: &RobotParameters) -> f64 {
-    let (length, radius, time) = (robot.track_width, robot.wheel_radius, robot.natural_time());
-    match component {
-        StateComponent::X | StateComponent::Y => 1.0,
-        StateComponent::Heading => length,
-        StateComponent::WheelAngleLeft | StateComponent::WheelAngleRight => radius,
-        StateComponent::VelocityX | StateComponent::VelocityY => time,
-        StateComponent::YawRate => time * length,
-        StateComponent::WheelRateLeft | StateComponent::WheelRateRight => WHEEL_SHARE * time * radius,
-    }
+/// The same value for all torques of a wheel.
+fn each_torque(of_wheel: PerWheel<f64>, control_count: usize) -> DVector<f64> {
+    let of = |index: usize| if index < control_count { of_wheel.left } else { of_wheel.right };
+    DVector::from_fn(decision_len(control_count) - 1, |index, _| of(index))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::Robot;
+    use crate::robot::{Robot, RobotParameters};
     use crate::shooting::ReferencePoint;
 
     #[test]

@@ -113,7 +113,8 @@ impl PathExtremes {
         self.samples.clear();
     }
 
-    fn forget_values(&mut self, control_count: usize) {
+    /// As before any rollout of a schedule of so many control intervals.
+    pub fn forget_values(&mut self, control_count: usize) {
         self.unloading.clear();
         self.unloading.resize(CONTACT_COUNT * control_count.min(STRETCH_LIMIT), NONE);
         self.largest.clear();

@@ -71,6 +71,12 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         }
     }
 
+    /// Has so many torques per wheel from now on; the last vertex of a linear program says nothing of the next one.
+    pub(super) fn set_control_count(&mut self, control_count: usize) {
+        self.problem.set_control_count(control_count);
+        self.programs = ElasticSolver::new();
+    }
+
     pub(super) fn into_parts(self) -> (Option<Candidate>, u64, u64) {
         (self.best, self.iterations, self.budget.spent())
     }

@@ -13,13 +13,14 @@ use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, keep_bett
 use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
 use super::search::is_distinct;
+use super::segments::resampled;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
     Ending, Interruption, PENALTY_GROWTH, Problem, Restoration, SequentialLinearSettings, criticality_measure,
     minimise_sequentially,
 };
-use crate::shooting::decision_from_schedule;
+use crate::shooting::{decision_from_schedule, schedule_from_decision};
 
 /// Slip smoothings between a start and the exact law, as shares of the maneuver's speed: they remove the kinks where contacts
 /// change their modes. Under the exact law alone the search stops at such kinks, with final times up to 20 % longer.
@@ -37,6 +38,8 @@ const LOSS: f64 = 0.02;
 const NOISE: f64 = 0.1;
 /// Hops of a direct start.
 const DIRECT_HOPS: usize = 4;
+/// Fewest control intervals of the grids on which held wheels begin.
+const FEWEST_INTERVALS: usize = 10;
 
 /// What comes after a start's first look at its merit.
 #[derive(Debug, Clone, Copy)]
@@ -141,17 +144,37 @@ impl LocalSearch<'_, '_, '_> {
     }
 
     /// Under the exact law, then from perturbed copies of the best point; through smoothing where the exact law does not lead
-    /// to the goal.
+    /// to the goal. Held wheels have no kinks to leave by hops; they begin on coarser control grids.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let mut best = self.descend(guess, START_RADIUS)?;
+        let (from, radius) = self.on_coarser_controls(guess)?;
+        let mut best = self.descend(&from, radius)?;
         if !best.is_feasible(self.settings.goal_tolerance) {
             let smoothed = self.smoothed(guess, &SMOOTHING, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
             let next = self.descend(&smoothed.decision, RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
-        self.hop(&mut best, DIRECT_HOPS, 0)?;
-        self.finish(&mut best)?;
+        if self.problem.forbids_slip() {
+            self.settle(&mut best)?;
+        } else {
+            self.hop(&mut best, DIRECT_HOPS, 0)?;
+            self.finish(&mut best)?;
+        }
         Ok(best)
+    }
+
+    /// Where a descent from this guess is to begin, and its first trust radius. With held wheels that is where grids of half as many
+    /// control intervals lead, one after another (grid sequencing): on a coarse one linear programs are small, and a plan goes far.
+    fn on_coarser_controls(&mut self, guess: &DVector<f64>) -> Result<(DVector<f64>, f64), Interruption> {
+        let (control_count, coarser_count) = (self.problem.control_count(), self.problem.control_count() / 2);
+        if !self.problem.forbids_slip() || coarser_count < FEWEST_INTERVALS {
+            return Ok((guess.clone(), START_RADIUS));
+        }
+        self.set_control_count(coarser_count);
+        let coarser = self.on_coarser_controls(&with_intervals(guess, coarser_count)).and_then(|(from, radius)| {
+            self.coarsely(|search| search.smoothed(&from, &SMOOTHING[..1], (radius, SMOOTHED_ITERATION_LIMIT)))
+        });
+        self.set_control_count(control_count);
+        Ok((with_intervals(&coarser?.decision, control_count), RADIUS))
     }
 
     /// From a plan of a similar maneuver or of another grid: one descent near it, and other ways where that loses the goal or
@@ -290,6 +313,11 @@ impl LocalSearch<'_, '_, '_> {
         let candidate = Candidate::new(decision, f64::INFINITY, true, self.goal_heading);
         Ok(Candidate { merit, ..candidate })
     }
+}
+
+/// The same torques on another number of intervals.
+fn with_intervals(decision: &DVector<f64>, control_count: usize) -> DVector<f64> {
+    decision_from_schedule(&resampled(&schedule_from_decision(decision), control_count))
 }
 
 fn random_stretch(count: usize, rng: &mut Xoshiro256PlusPlus) -> Range<usize> {

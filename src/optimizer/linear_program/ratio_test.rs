@@ -1,6 +1,7 @@
 //! The bound flipping ratio test: how far the multipliers move along an edge of the dual, and what stops them.
 
-use super::{ElasticSolver, Leaving, Rest, TOLERANCE};
+use super::pricing::Leaving;
+use super::{ElasticSolver, Rest, TOLERANCE};
 use crate::optimizer::elastic_program::ElasticProgram;
 
 /// A kink of D along the edge.

@@ -105,3 +105,33 @@ fn each_iteration_asks_whether_it_is_stopped() {
         assert_eq!((solution, asked), (Err(Stopped), question));
     }
 }
+
+#[test]
+fn rows_out_of_reach_change_no_solution() {
+    // t >= |x - a| for 40 anchors a, of which a step of 0.1 from (0.8, 2) can violate few.
+    let (rows, at) = (80, DVector::from_vec(vec![0.8, 2.0]));
+    let sign = |row: usize| if row.is_multiple_of(2) { 1.0 } else { -1.0 };
+    let anchor = |row: usize| -1.0 + 0.05 * (row / 2) as f64;
+    let matrix = DMatrix::from_fn(rows, 2, |row, column| if column == 0 { sign(row) } else { -1.0 });
+    let target = DVector::from_fn(rows, |row, _| sign(row) * anchor(row)) - &matrix * at;
+    let program = ElasticProgram {
+        matrix: &matrix,
+        target: &target,
+        row_name: &(0..rows).collect::<Vec<_>>(),
+        equation_count: 0,
+        cost: &DVector::from_vec(vec![0.0, 1.0]),
+        lower: &DVector::repeat(2, -0.1),
+        upper: &DVector::repeat(2, 0.1),
+        penalty_parameter: 10.0,
+    };
+    let reached = program.rows_within_reach();
+    assert!(reached.len() < rows / 4, "{} rows", reached.len());
+    let (solution, of_all) = (
+        ElasticSolver::new().solve(&program, Stop::never()).unwrap(),
+        ElasticSolver::new().solve_rows(&program, Stop::never()).unwrap(),
+    );
+    assert!((&solution.x - &of_all.x).amax() < 1e-14);
+    assert!((solution.objective - of_all.objective).abs() < 1e-14);
+    assert!((&solution.multiplier - &of_all.multiplier).amax() < 1e-14);
+    assert!((&matrix * &solution.x - target).max() <= 1e-12);
+}

@@ -14,8 +14,6 @@ use functions::*;
 use small_problem::{PLENTY, SmallProblem, settings};
 
 use super::*;
-use crate::optimizer::linear_problem::LinearProblem;
-use crate::stop::Stop;
 
 /// Wide bounds.
 const WIDE: (f64, f64) = (-10.0, 10.0);
@@ -231,33 +229,4 @@ fn the_budget_ends_the_iteration_at_its_best_point() {
         assert!(merit <= last);
         last = merit;
     }
-}
-
-#[test]
-fn rows_out_of_reach_change_no_step() {
-    // More rows than variables: t >= |x0 - a| for some a, of which most are far below what the others ask for.
-    let anchors: Vec<f64> = (0..40).map(|index| -1.0 + 0.05 * f64::from(index)).collect();
-    let rows = 2 * anchors.len();
-    let matrix = DMatrix::from_fn(rows, 2, |row, column| match (row % 2, column) {
-        (_, 1) => -1.0,
-        (0, _) => 1.0,
-        _ => -1.0,
-    });
-    let target = DVector::from_fn(rows, |row, _| if row % 2 == 0 { anchors[row / 2] } else { -anchors[row / 2] });
-    let [lower, upper] = [-10.0, 10.0].map(|bound| DVector::repeat(2, bound));
-    let cost = DVector::from_vec(vec![0.0, 1.0]);
-    let mut problem = LinearProblem { cost, lower, upper, matrix, target, residual_count: 0 };
-    let (settings, budget) = (settings(), &mut Budget::new(Stop::never(), 1));
-    let mut programs = ElasticSolver::new();
-    let mut search = Search::new(&mut problem, (&DVector::from_vec(vec![0.8, 2.0]), &mut programs), &settings);
-    search.linearise(budget).unwrap();
-    // Steps of 0.1, where the variables may reach 10.
-    search.radius = 0.01;
-    let (jacobian, target) = (search.model.jacobian.clone(), -search.model.rows_of(&search.model.constraints));
-    let bound = DVector::repeat(2, 1.0);
-    let reached = search.rows_within_reach(&(&jacobian * 0.1), &target, (&-&bound, &bound));
-    assert!(reached.len() < rows / 4, "{} rows", reached.len());
-    let step = search.linear_step(budget).unwrap();
-    let largest_violation = (jacobian * &step - target).max();
-    assert!(step[1] < 0.0 && largest_violation <= 1e-12, "{step}, {largest_violation}");
 }
