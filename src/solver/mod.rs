@@ -4,6 +4,7 @@ mod assessment;
 mod candidate;
 mod carried;
 mod certificate;
+mod control_grid;
 mod disturbed;
 mod excluded_ends;
 mod goal_miss;
@@ -71,7 +72,8 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopp
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
     let (mut problem, mut bound) = problem_on(input, &simulator, settings.step_count);
-    let mut result = search::search(input, &problem, (settings.step_count, settings.rollout_limit), control);
+    let grid = (settings.step_count, settings.rollout_limit);
+    let mut result = control_grid::search(input, (&simulator, &problem), grid, control);
     if let Refinement::UntilConfirmed { .. } = settings.refinement {
         refinement::refine(input, &simulator, control, &mut result);
         (problem, bound) = problem_on(input, &simulator, result.step_count);

@@ -8,11 +8,12 @@
 
 use super::candidate::Candidate;
 use super::certificate::{Replayed, replay};
+use super::control_grid::{further_optima, search};
 use super::grid_problem::problem_on;
 use super::local_search::LocalSearch;
 use super::progress::PhasesOnly;
 use super::run_control::RunControl;
-use super::search::{SearchResult, further_optima, search};
+use super::search::SearchResult;
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, StopReason};
 use crate::optimizer::Interruption;
@@ -78,8 +79,8 @@ impl Refiner<'_, '_, '_> {
             return outcome;
         }
         let is_confirmed = self.refine_first(candidates.collect(), coarse_step_count) || {
-            let (problem, _) = problem_on(self.input, self.simulator, coarse_step_count);
-            let candidates = further_optima(self.input, &problem, self.result, self.control);
+            let grid = (&mut *self.result, coarse_step_count);
+            let candidates = further_optima(self.input, self.simulator, grid, self.control);
             !self.is_interrupted() && self.refine_first(candidates, coarse_step_count)
         };
         if is_confirmed { RefinementOutcome::WithinTolerance } else { outcome }
@@ -97,7 +98,7 @@ impl Refiner<'_, '_, '_> {
             step_count = (FACTORS.1 * step_count).min(self.finest());
             let (problem, _) = problem_on(self.input, self.simulator, step_count);
             let left = self.input.settings.rollout_limit - self.result.rollouts;
-            let finer = search(self.input, &problem, (step_count, left), self.control);
+            let finer = search(self.input, (self.simulator, &problem), (step_count, left), self.control);
             self.result.follow(finer, self.input.settings.goal_tolerance);
         }
     }

@@ -33,7 +33,7 @@ const LONGEST_STEP: f64 = 0.25;
 /// A best plan that misses the goal by more than so many tolerances is not near it.
 const FAR: f64 = 1e3;
 /// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
-const FIRST_HOPS: usize = 12;
+pub(super) const FIRST_HOPS: usize = 12;
 
 /// The result of the search, and its cost.
 #[derive(Debug)]

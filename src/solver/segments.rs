@@ -1,7 +1,9 @@
 //! Torque schedules from segments of constant torque.
 
+use nalgebra::DVector;
+
 use crate::robot::PerWheel;
-use crate::shooting::{LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME};
+use crate::shooting::{LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, decision_from_schedule, schedule_from_decision};
 use crate::simulation::TorqueSchedule;
 
 /// Constant torques over a time.
@@ -50,6 +52,11 @@ pub(super) fn resampled(schedule: &TorqueSchedule, control_count: usize) -> Torq
     let segment = |index: usize| Segment { duration, torque: schedule.torque(index) };
     let segments: Vec<Segment> = (0..schedule.control_count()).map(segment).collect();
     schedule_from_segments(&segments, control_count)
+}
+
+/// The same decision on another number of equal intervals.
+pub(super) fn with_intervals(decision: &DVector<f64>, control_count: usize) -> DVector<f64> {
+    decision_from_schedule(&resampled(&schedule_from_decision(decision), control_count))
 }
 
 #[cfg(test)]

@@ -13,14 +13,14 @@ use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, keep_bett
 use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
 use super::search::is_distinct;
-use super::segments::resampled;
+use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
     Ending, Interruption, PENALTY_GROWTH, Problem, Restoration, SequentialLinearSettings, criticality_measure,
     minimise_sequentially,
 };
-use crate::shooting::{decision_from_schedule, schedule_from_decision};
+use crate::shooting::decision_from_schedule;
 
 /// Slip smoothings between a start and the exact law, as shares of the maneuver's speed: they remove the kinks where contacts
 /// change their modes. Under the exact law alone the search stops at such kinks, with final times up to 20 % longer.
@@ -313,11 +313,6 @@ impl LocalSearch<'_, '_, '_> {
         let candidate = Candidate::new(decision, f64::INFINITY, true, self.goal_heading);
         Ok(Candidate { merit, ..candidate })
     }
-}
-
-/// The same torques on another number of intervals.
-fn with_intervals(decision: &DVector<f64>, control_count: usize) -> DVector<f64> {
-    decision_from_schedule(&resampled(&schedule_from_decision(decision), control_count))
 }
 
 fn random_stretch(count: usize, rng: &mut Xoshiro256PlusPlus) -> Range<usize> {

@@ -1,0 +1,156 @@
+//! The search of plans with many control intervals: on fewer, then on all of them.
+//!
+//! A plan of few intervals is one of many intervals too, with the same motion. So the search takes no longer for more of them, and
+//! a plan with more intervals is never slower.
+
+use super::candidate::{Candidate, improves};
+use super::grid_problem::problem_on;
+use super::local_search::LocalSearch;
+use super::run_control::RunControl;
+use super::search::{self, FIRST_HOPS, SearchResult};
+use super::segments::with_intervals;
+use super::settings::{Method, SolveInput, SolverSettings};
+use super::solution::StopReason;
+use crate::shooting::{ShootingProblem, decision_len};
+use crate::simulation::Simulator;
+
+/// Searches on a grid of so many steps, where there is no guess on fewer control intervals first.
+pub(super) fn search(
+    input: &SolveInput,
+    (simulator, problem): (&Simulator, &ShootingProblem),
+    (step_count, rollout_limit): (usize, u64),
+    control: &RunControl,
+) -> SearchResult {
+    let Some(coarse) = with_fewer_intervals(input) else {
+        return search::search(input, problem, (step_count, rollout_limit), control);
+    };
+    let (coarse_problem, _) = problem_on(&coarse, simulator, step_count);
+    let mut result = search::search(&coarse, &coarse_problem, (step_count, rollout_limit), control);
+    for plan in result.best.iter_mut().chain(&mut result.plans) {
+        resample(plan, input);
+    }
+    if result.stop_reason == StopReason::Finished {
+        use_all_intervals(input, problem, (&mut result, rollout_limit), control);
+    }
+    result
+}
+
+/// Local optima of as many further starts, fastest first.
+pub(super) fn further_optima(
+    input: &SolveInput,
+    simulator: &Simulator,
+    (result, step_count): (&mut SearchResult, usize),
+    control: &RunControl,
+) -> Vec<Candidate> {
+    let coarse = with_fewer_intervals(input);
+    let searched = coarse.as_ref().unwrap_or(input);
+    let (problem, _) = problem_on(searched, simulator, step_count);
+    let mut optima = search::further_optima(searched, &problem, result, control);
+    for optimum in &mut optima {
+        resample(optimum, input);
+    }
+    optima
+}
+
+/// The same maneuver with a half, a quarter, ... of the control intervals, at least the default number of them; none where the plan of
+/// such a grid is no plan of the whole one, or where there is a guess for it.
+fn with_fewer_intervals(input: &SolveInput) -> Option<SolveInput> {
+    let mut control_count = input.settings.control_count;
+    while control_count.is_multiple_of(2) && control_count / 2 >= SolverSettings::default().control_count {
+        control_count /= 2;
+    }
+    let is_other_method = input.settings.method == Method::NelderMead;
+    // A torque may change by less from one interval to the next where these are shorter.
+    let has_torque_rate = input.path_limits().torque_rate.is_some();
+    if control_count == input.settings.control_count
+        || is_other_method
+        || has_torque_rate
+        || input.initial_guess.is_some()
+    {
+        return None;
+    }
+    let mut coarse = input.clone();
+    coarse.settings.control_count = control_count;
+    Some(coarse)
+}
+
+/// The same plan on all intervals.
+fn resample(plan: &mut Candidate, input: &SolveInput) {
+    if plan.decision.len() != decision_len(input.settings.control_count) {
+        plan.decision = with_intervals(&plan.decision, input.settings.control_count);
+        plan.stationarity = None;
+    }
+}
+
+/// Polishes the best plan on all intervals.
+fn use_all_intervals(
+    input: &SolveInput,
+    problem: &ShootingProblem,
+    (result, rollout_limit): (&mut SearchResult, u64),
+    control: &RunControl,
+) {
+    let Some(best) = &result.best else { return };
+    let mut problem = problem.clone();
+    problem.release_torques();
+    problem.set_time_unit(best.final_time());
+    let left = rollout_limit - result.rollouts;
+    let mut search = LocalSearch::new(&mut problem, &input.settings, control, left);
+    let outcome = search.polish(best.clone(), FIRST_HOPS, 0);
+    let (found, iterations, rollouts) = search.into_parts();
+    result.iterations += iterations;
+    result.rollouts += rollouts;
+    if let Err(interruption) = outcome {
+        result.stop_reason = interruption.into();
+    }
+    if let Some(found) = found.filter(|found| improves(Some(best), found, input.settings.goal_tolerance)) {
+        if let Some(fastest) = result.plans.first_mut() {
+            fastest.clone_from(&found);
+        }
+        result.best = Some(found);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shooting::{Maneuver, ManeuverLimits};
+    use crate::simulation::TorqueSchedule;
+    use crate::solver::settings::SolveParameters;
+    use crate::solver::{Solution, Status, solve};
+
+    fn parameters(control_count: usize) -> SolveParameters {
+        let settings = SolverSettings { control_count, start_count: 4, ..SolverSettings::default() };
+        SolveParameters { settings, ..SolveParameters::default() }
+    }
+
+    fn searched_intervals(parameters: SolveParameters) -> Option<usize> {
+        with_fewer_intervals(&SolveInput::new(parameters).unwrap()).map(|coarse| coarse.settings.control_count)
+    }
+
+    #[test]
+    fn grids_are_halved_down_to_the_default_number_of_intervals() {
+        let searched = [40, 79, 80, 81, 100, 160].map(|control_count| searched_intervals(parameters(control_count)));
+        assert_eq!(searched, [None, None, Some(40), None, Some(50), Some(40)]);
+    }
+
+    #[test]
+    fn what_a_coarse_grid_cannot_hold_is_searched_on_the_whole_one() {
+        let guess = TorqueSchedule { final_time: 3.0, left: vec![0.1; 80], right: vec![0.1; 80] };
+        assert_eq!(searched_intervals(SolveParameters { initial_guess: Some(guess), ..parameters(80) }), None);
+        let limits = ManeuverLimits { torque_rate: Some(10.0), ..ManeuverLimits::default() };
+        let maneuver = Maneuver { limits, ..Maneuver::forward_drive() };
+        assert_eq!(searched_intervals(SolveParameters { maneuver, ..parameters(80) }), None);
+    }
+
+    #[test]
+    fn more_intervals_make_no_plan_slower() {
+        let solved = |control_count| -> Solution {
+            let input = SolveInput::new(parameters(control_count)).unwrap();
+            solve(&input, &RunControl::unattended()).unwrap()
+        };
+        let [coarse, fine] = [40, 80].map(solved);
+        assert_eq!((coarse.status, fine.status), (Status::Converged, Status::Converged));
+        assert_eq!(fine.schedule.control_count(), 80);
+        assert!(fine.schedule.final_time <= coarse.schedule.final_time);
+    }
+}
