@@ -32,6 +32,8 @@ use crate::timing::shortest_ms;
 const ROBOTS: [&str; 5] = ["reference", "warehouse", "grippy", "offset", "tall"];
 /// Kinds whose start and goal are at rest.
 const KINDS: [&str; 7] = ["nudge", "straight", "turn", "pose", "free", "unequal", "axle"];
+/// What other maneuvers are measured by.
+const FORWARD_DRIVE: &str = "reference/forward-5m";
 /// A limit is active where a plan uses all but this share of it.
 const ACTIVE: f64 = 0.01;
 /// What a plan may exceed a limit by on its own grid and on that of the replay, as a share.
@@ -72,21 +74,23 @@ pub(crate) fn run(arguments: &LimitedArguments, effort: &Effort) -> Result<()> {
         }
     }
     summarise(&comparisons);
+    let forward_drive = suite.iter().find(|case| case.name == FORWARD_DRIVE);
+    if let Some(forward_drive) = forward_drive {
+        let input = asked(forward_drive, effort);
+        let (_, forward_drive_ms) = shortest_ms(5, || solved(&input));
+        let ratios: Vec<f64> = comparisons.iter().map(|each| each.limited_ms / forward_drive_ms).collect();
+        print_quantiles(&format!("CPU against {FORWARD_DRIVE} without limits, {forward_drive_ms:.1} ms"), ratios);
+    }
     Ok(())
 }
 
 impl Comparison {
     fn of(case: &Case, arguments: &LimitedArguments, effort: &Effort, rng: &mut Xoshiro256PlusPlus) -> Result<Self> {
-        let asked = |case: &Case| {
-            let mut input = case.accepted.input.clone();
-            effort.apply(&mut input.settings);
-            input
-        };
-        let free_input = asked(case);
+        let free_input = asked(case, effort);
         let (free, free_ms) = shortest_ms(1, || solved(&free_input));
         let used = Used::of(case, &free);
         let body = if arguments.no_slip { no_slip(case, &used, rng) } else { limited(case, &used, rng) };
-        let input = asked(&Case::new(case.name.clone(), body.clone())?);
+        let input = asked(&Case::new(case.name.clone(), body.clone())?, effort);
         let (limited, limited_ms) = shortest_ms(1, || solved(&input));
         let active_share = active_share(&input, &limited);
         let name = format!("{} {}", case.name, body["maneuver"]["limits"]);
@@ -274,14 +278,6 @@ fn active_share(input: &SolveInput, plan: &Solution) -> f64 {
 fn summarise(comparisons: &[Comparison]) {
     let count = comparisons.len();
     let of = |test: &dyn Fn(&Comparison) -> bool| comparisons.iter().filter(|each| test(each)).count();
-    let quantile = |mut values: Vec<f64>, share: f64| {
-        values.sort_by(f64::total_cmp);
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of the cases")]
-        let place = (share * (count - 1) as f64).round() as usize;
-        values.get(place).copied().unwrap_or(f64::NAN)
-    };
-    let ratios = || comparisons.iter().map(Comparison::ratio).collect::<Vec<_>>();
-    let times = || comparisons.iter().map(|each| each.limited_ms).collect::<Vec<_>>();
     println!("\n{count} maneuvers: {} converged", of(&|each| each.limited.status == Status::Converged));
     println!("some limit active for a tenth of the time: {}", of(&|each| each.active_share >= 0.1));
     println!(
@@ -291,18 +287,25 @@ fn summarise(comparisons: &[Comparison]) {
         EXCESS.1,
         of(&|each| each.excess().1 > EXCESS.1),
     );
-    println!(
-        "CPU against the same maneuver without limits: median {:.2}, 95 % {:.2}, largest {:.2}",
-        quantile(ratios(), 0.5),
-        quantile(ratios(), 0.95),
-        quantile(ratios(), 1.0)
-    );
-    println!(
-        "CPU, ms: median {:.1}, 95 % {:.1}, largest {:.1}",
-        quantile(times(), 0.5),
-        quantile(times(), 0.95),
-        quantile(times(), 1.0)
-    );
+    let ratios = comparisons.iter().map(Comparison::ratio).collect();
+    print_quantiles("CPU against the same maneuver without limits", ratios);
+    print_quantiles("CPU, ms", comparisons.iter().map(|each| each.limited_ms).collect());
+}
+
+fn print_quantiles(name: &str, mut values: Vec<f64>) {
+    values.sort_by(f64::total_cmp);
+    let quantile = |share: f64| {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of the cases")]
+        let place = (share * values.len().saturating_sub(1) as f64).round() as usize;
+        values.get(place).copied().unwrap_or(f64::NAN)
+    };
+    println!("{name}: median {:.2}, 95 % {:.2}, largest {:.2}", quantile(0.5), quantile(0.95), quantile(1.0));
+}
+
+fn asked(case: &Case, effort: &Effort) -> SolveInput {
+    let mut input = case.accepted.input.clone();
+    effort.apply(&mut input.settings);
+    input
 }
 
 fn solved(input: &SolveInput) -> Solution {
