@@ -26,6 +26,7 @@ use slipdrive::stop::Stop;
 
 use crate::arguments::{Effort, LimitedArguments};
 use crate::draw::{Draw, log_uniform, within};
+use crate::report::quantile;
 use crate::suite::{CONTROL_COUNT, Case, read_cases};
 use crate::timing::shortest_ms;
 
@@ -294,12 +295,8 @@ fn summarise(comparisons: &[Comparison]) {
 
 fn print_quantiles(name: &str, mut values: Vec<f64>) {
     values.sort_by(f64::total_cmp);
-    let quantile = |share: f64| {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of the cases")]
-        let place = (share * values.len().saturating_sub(1) as f64).round() as usize;
-        values.get(place).copied().unwrap_or(f64::NAN)
-    };
-    println!("{name}: median {:.2}, 95 % {:.2}, largest {:.2}", quantile(0.5), quantile(0.95), quantile(1.0));
+    let [median, most, largest] = [0.5, 0.95, 1.0].map(|share| quantile(&values, share));
+    println!("{name}: median {median:.2}, 95 % {most:.2}, largest {largest:.2}");
 }
 
 fn asked(case: &Case, effort: &Effort) -> SolveInput {

@@ -170,7 +170,7 @@ impl Report {
 }
 
 /// The value below which a share of the sorted values lies; NaN of none.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
+pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and the last index")]
     let index = (share * last as f64).round() as usize;

@@ -171,7 +171,7 @@ impl LocalSearch<'_, '_, '_> {
         }
         self.set_control_count(coarser_count);
         let coarser = self.on_coarser_controls(&with_intervals(guess, coarser_count)).and_then(|(from, radius)| {
-            self.coarsely(|search| search.smoothed(&from, &SMOOTHING[..1], (radius, SMOOTHED_ITERATION_LIMIT)))
+            self.coarsely(|search| search.smoothed(&from, &SMOOTHING, (radius, SMOOTHED_ITERATION_LIMIT)))
         });
         self.set_control_count(control_count);
         Ok((with_intervals(&coarser?.decision, control_count), RADIUS))
