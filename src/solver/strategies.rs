@@ -28,8 +28,9 @@ const SMOOTHING: [f64; 3] = [0.24, 0.08, 0.024];
 /// Most linear programs of a start under the first smoothing, before starts are compared, and under each smoothing afterwards.
 const ROUGH_ITERATION_LIMIT: usize = 15;
 const SMOOTHED_ITERATION_LIMIT: usize = 40;
-/// First trust radius from a start, whose torques may be far from the optimum.
-const START_RADIUS: f64 = 0.5;
+/// First trust radius from a start, whose torques may be far from the optimum. Much larger ones leave the family of plans that the
+/// start belongs to, where small changes go far: backwards, a front-heavy robot is unstable.
+const START_RADIUS: f64 = 0.2;
 /// First trust radius of all other descents: large enough to leave a kink.
 const RADIUS: f64 = 0.1;
 /// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
