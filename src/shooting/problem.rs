@@ -5,6 +5,8 @@
 //! errors over what the start misses, normal forces are shares of the weight. So all tolerances of the search are shares.
 //! Headings become lengths by the track width w, speeds by the time sqrt(w / g).
 
+use std::f64::consts::TAU;
+
 use nalgebra::{DVector, Vector2};
 
 use super::decision::{decision_len, write_schedule};
@@ -154,6 +156,25 @@ impl<'a> ShootingProblem<'a> {
         for row in self.rows.iter_mut().filter(|row| row.component == StateComponent::Heading.index()) {
             row.target = heading;
         }
+    }
+
+    /// Aims at the goal heading in the winding nearest to where a decision leads, which takes a rollout; gives it, rad, or none where
+    /// the heading is free.
+    ///
+    /// # Errors
+    /// When it was stopped.
+    pub fn aim_where_it_leads(&mut self, decision: &DVector<f64>, stop: Stop) -> Result<Option<f64>, Stopped> {
+        self.record(decision, stop)?;
+        let end = self.sensitivity.end.configuration.heading;
+        let mut headings = self.rows.iter_mut().filter(|row| row.component == StateComponent::Heading.index());
+        Ok(headings.next().map(|row| {
+            let turns = ((end - row.target) / TAU).round();
+            // A motion that diverges leads nowhere.
+            if turns.is_finite() {
+                row.target += turns * TAU;
+            }
+            row.target
+        }))
     }
 
     /// Whether the rollouts hold the wheels: their motion is smooth, and smoothing changes nothing.

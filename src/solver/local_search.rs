@@ -196,6 +196,13 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         }
     }
 
+    /// Aims at the goal heading in the winding nearest to where a guess leads: it may turn the other way round, or once more.
+    pub(super) fn aim_where_it_leads(&mut self, guess: &DVector<f64>) -> Result<(), Interruption> {
+        let stop = self.budget.spend()?;
+        self.goal_heading = self.problem.aim_where_it_leads(guess, stop)?;
+        Ok(())
+    }
+
     /// Stores the criticality measure of a candidate, also with the best one if they are the same.
     pub(super) fn note_stationarity(&mut self, candidate: &mut Candidate, stationarity: Stationarity) {
         candidate.stationarity = Some(Arc::new(stationarity));

@@ -12,7 +12,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, keep_better};
 use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
-use super::search::is_distinct;
+use super::search::{FIRST_HOPS, is_distinct};
 use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
@@ -74,7 +74,10 @@ impl LocalSearch<'_, '_, '_> {
         let guess = decision_from_schedule(&start.schedule);
         match (self.settings.method, start.strategy) {
             (Method::NelderMead, _) => self.nelder_mead(&guess),
-            (Method::SequentialLinear, Strategy::Warm) => self.warmly(&guess),
+            (Method::SequentialLinear, Strategy::Warm) => {
+                self.aim_where_it_leads(&guess)?;
+                self.warmly(&guess, start.goal_heading)
+            }
             (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
             (Method::SequentialLinear, Strategy::Smoothed) => {
                 self.coarsely(|search| search.smoothed(&guess, &SMOOTHING[..1], (START_RADIUS, ROUGH_ITERATION_LIMIT)))
@@ -90,7 +93,12 @@ impl LocalSearch<'_, '_, '_> {
         let _phase = self.control.enter(Phase::Refinement);
         self.aim(candidate.goal_heading);
         self.problem.set_time_unit(candidate.final_time());
-        self.warmly(&candidate.decision)
+        let adapted = self.warmly(&candidate.decision, candidate.goal_heading)?;
+        // A grid moves an optimum by little: one that is slower lies on a kink.
+        if is_distinct(candidate.final_time(), adapted.final_time()) {
+            return self.polish(adapted, FIRST_HOPS, 0);
+        }
+        Ok(adapted)
     }
 
     /// A further heat of a start of several, from where the last one led.
@@ -179,12 +187,19 @@ impl LocalSearch<'_, '_, '_> {
     }
 
     /// From a plan of a similar maneuver or of another grid: one descent near it, and other ways where that loses the goal or
-    /// much time.
-    fn warmly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
+    /// much time. The other goal heading is for a guess whose motion is unstable: it may end turned round.
+    fn warmly(&mut self, guess: &DVector<f64>, other_heading: Option<f64>) -> Result<Candidate, Interruption> {
         let tolerance = self.settings.goal_tolerance;
         let slowest = (1.0 + LOSS) * guess[guess.len() - 1];
         let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
-        let mut best = self.descend_until(guess, RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY))?;
+        let near = |search: &mut Self| search.descend_until(guess, RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY));
+        let mut best = near(self)?;
+        if !arrived(&best) && self.goal_heading != other_heading {
+            self.aim(other_heading);
+            let next = near(self)?;
+            keep_better(&mut best, next, tolerance);
+            self.aim(best.goal_heading);
+        }
         if !arrived(&best) {
             let next = self.around(guess)?;
             keep_better(&mut best, next, tolerance);
