@@ -369,7 +369,7 @@ fn each_torque(of_wheel: PerWheel<f64>, control_count: usize) -> DVector<f64> {
 mod tests {
     use super::*;
     use crate::robot::{Robot, RobotParameters};
-    use crate::shooting::ReferencePoint;
+    use crate::shooting::{Goal, ReferencePoint};
 
     #[test]
     fn constraints_are_laid_out_before_any_rollout() {
@@ -380,6 +380,25 @@ mod tests {
         let constraints = problem.constraints();
         assert_eq!(constraints.inequality.len(), 3 * 5);
         assert!(!problem.breaks_limits(&constraints));
+    }
+
+    #[test]
+    fn the_goal_heading_is_that_of_the_nearest_whole_turn() {
+        let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
+        let headings = |goal: Goal, torque: f64| {
+            let maneuver = Maneuver { goal, ..Maneuver::forward_drive() };
+            let mut problem = ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (100, 1), 1.0);
+            let heading = problem.aim_where_it_leads(&DVector::from_vec(vec![-torque, torque, 2.0]), Stop::never());
+            (heading.unwrap(), problem.sensitivity.end.configuration.heading)
+        };
+        for torque in [0.0, 0.2, 1.0, -1.0] {
+            let (aimed, led) = headings(Goal::at_rest(0.0, 0.0, 0.5), torque);
+            let (aimed, turns) = (aimed.unwrap(), (aimed.unwrap() - 0.5) / TAU);
+            assert!((aimed - led).abs() <= 0.5 * TAU && (turns - turns.round()).abs() < 1e-12, "{aimed} near {led}");
+        }
+        let mut anyhow = Goal::at_rest(1.0, 0.0, 0.0);
+        anyhow.set(StateComponent::Heading, None);
+        assert_eq!(headings(anyhow, 1.0).0, None);
     }
 
     #[test]

@@ -19,3 +19,4 @@ mod random;
 mod reference_rollouts;
 mod shooting_derivatives;
 mod value_digests;
+mod warm_starts;

@@ -1,0 +1,39 @@
+//! Solves that begin from the plan of a similar maneuver.
+
+use std::f64::consts::PI;
+
+use slipdrive::shooting::Goal;
+use slipdrive::solver::{RunControl, Solution, SolveInput, SolveParameters, Status, solve};
+
+/// Half a turn on the spot by a robot whose mass is on the centreline: both ways round are equally fast.
+fn half_turn() -> SolveParameters {
+    let mut parameters = SolveParameters::forward_drive();
+    parameters.robot.center_of_mass_right = 0.0;
+    parameters.maneuver.goal = Goal::at_rest(0.0, 0.0, PI);
+    parameters
+}
+
+fn converged(parameters: SolveParameters) -> Solution {
+    let solution = solve(&SolveInput::new(parameters).unwrap(), &RunControl::unattended()).unwrap();
+    assert_eq!(solution.status, Status::Converged, "{:?}", solution.reason);
+    solution
+}
+
+fn turned(solution: &Solution) -> f64 {
+    solution.trajectory.end_state.configuration.heading
+}
+
+#[test]
+fn a_guess_that_turns_the_other_way_round_is_followed() {
+    let plan = converged(half_turn());
+    let mut mirrored = plan.schedule.clone();
+    std::mem::swap(&mut mirrored.left, &mut mirrored.right);
+    for (guess, heading) in [(plan.schedule.clone(), turned(&plan)), (mirrored, -turned(&plan))] {
+        let next = converged(SolveParameters { initial_guess: Some(guess), ..half_turn() });
+        assert!((turned(&next) - heading).abs() < 1e-5, "{} rad, not {heading}", turned(&next));
+        let gain = 1.0 - next.schedule.final_time / plan.schedule.final_time;
+        // A plan is near a local optimum.
+        assert!(gain.abs() < 1e-3, "{gain:e}");
+        assert!(next.report.rollouts < plan.report.rollouts);
+    }
+}
