@@ -3,16 +3,17 @@
 //! A plan of few intervals is one of many intervals too, with the same motion. So the search takes no longer for more of them, and
 //! a plan with more intervals is never slower.
 
+use std::iter::repeat_n;
+
 use super::candidate::{Candidate, improves};
 use super::grid_problem::problem_on;
 use super::local_search::LocalSearch;
 use super::run_control::RunControl;
 use super::search::{self, FIRST_HOPS, SearchResult};
-use super::segments::with_intervals;
 use super::settings::{Method, SolveInput, SolverSettings};
 use super::solution::StopReason;
-use crate::shooting::{ShootingProblem, decision_len};
-use crate::simulation::Simulator;
+use crate::shooting::{ShootingProblem, decision_from_schedule, schedule_from_decision};
+use crate::simulation::{Simulator, TorqueSchedule};
 
 /// Searches on a grid of so many steps, where there is no guess on fewer control intervals first.
 pub(super) fn search(
@@ -74,10 +75,15 @@ fn with_fewer_intervals(input: &SolveInput) -> Option<SolveInput> {
     Some(coarse)
 }
 
-/// The same plan on all intervals.
+/// The same plan on all intervals, a whole number of which take the place of one: with the same torques to the bit, which keep the
+/// same limits.
 fn resample(plan: &mut Candidate, input: &SolveInput) {
-    if plan.decision.len() != decision_len(input.settings.control_count) {
-        plan.decision = with_intervals(&plan.decision, input.settings.control_count);
+    let coarse = schedule_from_decision(&plan.decision);
+    let count = input.settings.control_count / coarse.control_count();
+    if count > 1 {
+        let repeated = |torques: &[f64]| torques.iter().flat_map(|torque| repeat_n(*torque, count)).collect();
+        let (left, right) = (repeated(&coarse.left), repeated(&coarse.right));
+        plan.decision = decision_from_schedule(&TorqueSchedule { left, right, ..coarse });
         plan.stationarity = None;
     }
 }
@@ -114,7 +120,6 @@ fn use_all_intervals(
 mod tests {
     use super::*;
     use crate::shooting::{Maneuver, ManeuverLimits};
-    use crate::simulation::TorqueSchedule;
     use crate::solver::settings::SolveParameters;
     use crate::solver::{Solution, Status, solve};
 
@@ -140,6 +145,19 @@ mod tests {
         let limits = ManeuverLimits { torque_rate: Some(10.0), ..ManeuverLimits::default() };
         let maneuver = Maneuver { limits, ..Maneuver::forward_drive() };
         assert_eq!(searched_intervals(SolveParameters { maneuver, ..parameters(80) }), None);
+    }
+
+    #[test]
+    fn a_plan_on_all_intervals_has_the_same_torques() {
+        let input = SolveInput::new(parameters(160)).unwrap();
+        let third = TorqueSchedule { final_time: 2.836_110, left: vec![1.0 / 3.0; 40], right: vec![-0.7; 40] };
+        let mut plan = Candidate::new(decision_from_schedule(&third), 0.0, false, None);
+        resample(&mut plan, &input);
+        let whole = schedule_from_decision(&plan.decision);
+        assert_eq!((whole.control_count(), whole.final_time), (160, third.final_time));
+        assert!(whole.left.iter().all(|torque| *torque == third.left[0]));
+        assert!(whole.right.iter().all(|torque| *torque == third.right[0]));
+        assert!(plan.stationarity.is_none());
     }
 
     #[test]
