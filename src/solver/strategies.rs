@@ -31,12 +31,10 @@ const SMOOTHED_ITERATION_LIMIT: usize = 40;
 /// First trust radius from a start, whose torques may be far from the optimum. Much larger ones leave the family of plans that the
 /// start belongs to, where small changes go far: backwards, a front-heavy robot is unstable.
 const START_RADIUS: f64 = 0.2;
-/// First trust radius of all other descents: large enough to leave a kink.
+/// First trust radius of all other descents, large enough to leave a kink, and the largest change of a torque in a hop.
 const RADIUS: f64 = 0.1;
 /// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
 const LOSS: f64 = 0.02;
-/// Largest change of a torque in a hop, as a share of its limit.
-const NOISE: f64 = 0.1;
 /// Hops of a direct start.
 const DIRECT_HOPS: usize = 4;
 /// Fewest control intervals of the grids on which held wheels begin.
@@ -245,7 +243,7 @@ impl LocalSearch<'_, '_, '_> {
             Perturbation::Noise => {
                 for (torques, scale) in [(left, left_scale), (right, right_scale)] {
                     for index in random_stretch(torques.len(), rng) {
-                        torques[index] += NOISE * scale[index] * rng.random_range(-1.0..1.0);
+                        torques[index] += RADIUS * scale[index] * rng.random_range(-1.0..1.0);
                     }
                 }
             }
