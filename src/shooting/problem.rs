@@ -5,8 +5,6 @@
 //! errors over what the start misses, normal forces are shares of the weight. So all tolerances of the search are shares.
 //! Headings become lengths by the track width w, speeds by the time sqrt(w / g).
 
-use std::f64::consts::TAU;
-
 use nalgebra::{DVector, Vector2};
 
 use super::decision::{decision_len, write_schedule};
@@ -158,23 +156,13 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
-    /// Aims at the goal heading in the winding nearest to where a decision leads, which takes a rollout; gives it, rad, or none where
-    /// the heading is free.
+    /// The heading at the end of a decision's motion, rad, which takes a rollout; not finite where the motion diverges.
     ///
     /// # Errors
     /// When it was stopped.
-    pub fn aim_where_it_leads(&mut self, decision: &DVector<f64>, stop: Stop) -> Result<Option<f64>, Stopped> {
+    pub fn end_heading(&mut self, decision: &DVector<f64>, stop: Stop) -> Result<f64, Stopped> {
         self.record(decision, stop)?;
-        let end = self.sensitivity.end.configuration.heading;
-        let mut headings = self.rows.iter_mut().filter(|row| row.component == StateComponent::Heading.index());
-        Ok(headings.next().map(|row| {
-            let turns = ((end - row.target) / TAU).round();
-            // A motion that diverges leads nowhere.
-            if turns.is_finite() {
-                row.target += turns * TAU;
-            }
-            row.target
-        }))
+        Ok(self.sensitivity.end.configuration.heading)
     }
 
     /// Whether the rollouts hold the wheels: their motion is smooth, and smoothing changes nothing.
@@ -369,7 +357,7 @@ fn each_torque(of_wheel: PerWheel<f64>, control_count: usize) -> DVector<f64> {
 mod tests {
     use super::*;
     use crate::robot::{Robot, RobotParameters};
-    use crate::shooting::{Goal, ReferencePoint};
+    use crate::shooting::ReferencePoint;
 
     #[test]
     fn constraints_are_laid_out_before_any_rollout() {
@@ -380,25 +368,6 @@ mod tests {
         let constraints = problem.constraints();
         assert_eq!(constraints.inequality.len(), 3 * 5);
         assert!(!problem.breaks_limits(&constraints));
-    }
-
-    #[test]
-    fn the_goal_heading_is_that_of_the_nearest_whole_turn() {
-        let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
-        let headings = |goal: Goal, torque: f64| {
-            let maneuver = Maneuver { goal, ..Maneuver::forward_drive() };
-            let mut problem = ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (100, 1), 1.0);
-            let heading = problem.aim_where_it_leads(&DVector::from_vec(vec![-torque, torque, 2.0]), Stop::never());
-            (heading.unwrap(), problem.sensitivity.end.configuration.heading)
-        };
-        for torque in [0.0, 0.2, 1.0, -1.0] {
-            let (aimed, led) = headings(Goal::at_rest(0.0, 0.0, 0.5), torque);
-            let (aimed, turns) = (aimed.unwrap(), (aimed.unwrap() - 0.5) / TAU);
-            assert!((aimed - led).abs() <= 0.5 * TAU && (turns - turns.round()).abs() < 1e-12, "{aimed} near {led}");
-        }
-        let mut anyhow = Goal::at_rest(1.0, 0.0, 0.0);
-        anyhow.set(StateComponent::Heading, None);
-        assert_eq!(headings(anyhow, 1.0).0, None);
     }
 
     #[test]

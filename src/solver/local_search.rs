@@ -12,7 +12,7 @@ use crate::optimizer::{
     Budget, Constraints, ElasticSolver, Ending, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem, Restoration,
     SequentialLinearResult, SequentialLinearSettings, StepRatios, minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{GoalScales, Penalty, ShootingProblem};
+use crate::shooting::{GoalScales, Penalty, ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
 
 /// First penalty parameter: standing still costs this many times the unit of time, more than any multiplier of most
@@ -196,10 +196,13 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         }
     }
 
-    /// Aims at the goal heading in the winding nearest to where a guess leads: it may turn the other way round, or once more.
-    pub(super) fn aim_where_it_leads(&mut self, guess: &DVector<f64>) -> Result<(), Interruption> {
+    /// Aims at this goal heading in the winding nearest to where a guess leads: it may turn the other way round, or once more.
+    pub(super) fn aim_where_it_leads(&mut self, guess: &DVector<f64>, heading: f64) -> Result<(), Interruption> {
         let stop = self.budget.spend()?;
-        self.goal_heading = self.problem.aim_where_it_leads(guess, stop)?;
+        let turn = self.problem.end_heading(guess, stop)? - heading;
+        // A motion that diverges leads nowhere.
+        let whole_turns = if turn.is_finite() { turn - wrapped_angle(turn) } else { 0.0 };
+        self.aim(Some(heading + whole_turns));
         Ok(())
     }
 

@@ -73,7 +73,9 @@ impl LocalSearch<'_, '_, '_> {
         match (self.settings.method, start.strategy) {
             (Method::NelderMead, _) => self.nelder_mead(&guess),
             (Method::SequentialLinear, Strategy::Warm) => {
-                self.aim_where_it_leads(&guess)?;
+                if let Some(heading) = start.goal_heading {
+                    self.aim_where_it_leads(&guess, heading)?;
+                }
                 self.warmly(&guess, start.goal_heading)
             }
             (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
