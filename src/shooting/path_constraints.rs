@@ -42,6 +42,8 @@ pub(super) struct PathConstraints {
 
 #[derive(Debug, Clone, Copy)]
 struct PathConstraint {
+    /// The field of the limit; none for normal forces.
+    field: Option<&'static str>,
     /// What counts as 1, in the unit of the quantity.
     unit: f64,
     /// The same as a share of the weight or of what a limit allows.
@@ -58,6 +60,13 @@ impl PathConstraints {
         let mut constraints = least_loads(robot, limits).to_vec();
         constraints.extend(path.path.iter().map(PathConstraint::of_limit));
         Self { path: constraints, torque_rate: TorqueRateConstraints::new(path.torque_rate) }
+    }
+
+    /// Keeps the limit of a field with a share of it to spare from now on.
+    pub(super) fn tighten(&mut self, field: &str, share: f64) {
+        for constraint in self.path.iter_mut().filter(|constraint| constraint.field == Some(field)) {
+            constraint.offset += share / LIMIT_UNIT;
+        }
     }
 
     /// Whether there are others than least loads.
@@ -148,7 +157,7 @@ impl PathConstraint {
         let margin = if limit.quantity.jumps_with_torque() { JUMP_MARGIN } else { SMOOTH_MARGIN };
         let offset = (LIMIT_TOLERANCE - limit.largest / limit.unit) / LIMIT_UNIT;
         let [tolerance, margin] = [LIMIT_TOLERANCE, margin].map(|share| share / LIMIT_UNIT);
-        Self { unit: LIMIT_UNIT * limit.unit, share: LIMIT_UNIT, offset, tolerance, margin }
+        Self { field: Some(limit.field), unit: LIMIT_UNIT * limit.unit, share: LIMIT_UNIT, offset, tolerance, margin }
     }
 }
 
@@ -161,6 +170,7 @@ fn least_loads(robot: &Robot, limits: ManeuverLimits) -> [PathConstraint; CONTAC
     let tolerance = static_loads(robot).map(|load| (0.5 * load).clamp(0.0, LIMIT_TOLERANCE));
     let least = limits.least_normal_loads(robot).sup(&tolerance);
     std::array::from_fn(|contact| PathConstraint {
+        field: None,
         unit,
         share: 1.0,
         offset: least[contact],

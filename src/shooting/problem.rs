@@ -107,6 +107,13 @@ impl<'a> ShootingProblem<'a> {
         self.torque_scale.left < self.torque_limit.left || self.torque_scale.right < self.torque_limit.right
     }
 
+    /// Keeps limits with a share of each to spare: their fields, such as `maneuver.limits.speed_m_s`, and these shares.
+    pub fn tighten(&mut self, margins: &[(&str, f64)]) {
+        for (field, share) in margins {
+            self.path_constraints.tighten(field, *share);
+        }
+    }
+
     /// Excludes final times below `time`, s.
     pub fn rule_out_before(&mut self, time: f64) {
         let shortest = &mut self.lower[self.cost.len() - 1];

@@ -22,6 +22,8 @@ pub(super) struct Candidate {
     pub(super) breaks_limits: bool,
     /// The winding of the goal heading that it meets.
     pub(super) goal_heading: Option<f64>,
+    /// The fields of limits that it keeps with a share of each to spare, and these shares.
+    pub(super) margins: Vec<(&'static str, f64)>,
     /// Its final time and what its violations cost under the law of its last descent, s.
     pub(super) merit: f64,
     /// Its criticality measure, where the search has computed it.
@@ -56,7 +58,15 @@ impl Stationarity {
 
 impl Candidate {
     pub(super) fn new(decision: DVector<f64>, goal_error: f64, breaks_limits: bool, goal_heading: Option<f64>) -> Self {
-        Self { decision, goal_error, breaks_limits, goal_heading, merit: f64::INFINITY, stationarity: None }
+        Self {
+            decision,
+            goal_error,
+            breaks_limits,
+            goal_heading,
+            margins: Vec::new(),
+            merit: f64::INFINITY,
+            stationarity: None,
+        }
     }
 
     pub(super) fn final_time(&self) -> f64 {

@@ -54,6 +54,7 @@ pub(super) fn certified(
     if let Some(heading) = best.goal_heading {
         problem.aim_at_heading(heading);
     }
+    problem.tighten(&best.margins);
     let is_urgent = result.stop_reason == StopReason::Stopped;
     let mut certificate = || -> Result<Certificate, Stopped> {
         let optimality = Optimality::of_decision(problem, best, (input.settings.goal_tolerance, is_urgent), cut)?;
@@ -337,6 +338,14 @@ fn replay_of_miss(
     };
     replay.within_tolerance = replay.relative_miss(&input.settings) <= 1.0 && separations == 0;
     replay
+}
+
+impl Replayed {
+    /// The fields of the limits that are exceeded by more than the replay may exceed them, and by how much.
+    pub(super) fn excesses(&self) -> Vec<(&'static str, f64)> {
+        let exceeded = self.limits.iter().filter(|used| used.excess > REPLAY_EXCESS);
+        exceeded.map(|used| (used.limit, used.excess)).collect()
+    }
 }
 
 impl Replay {

@@ -149,7 +149,7 @@ impl Refiner<'_, '_, '_> {
                 return (plan, RefinementOutcome::WithinTolerance);
             }
             if plan.step_count >= self.finest() {
-                return (plan, RefinementOutcome::StepLimit);
+                return self.backed_off(plan);
             }
             match self.on_a_finer_grid(&plan) {
                 Ok(Some(finer)) => plan = finer,
@@ -157,6 +157,31 @@ impl Refiner<'_, '_, '_> {
                 Err(interruption) => return (plan, self.interrupted(interruption)),
             }
         }
+    }
+
+    /// The plan with limits that are tighter by what its replay exceeds them (back-off), where that replay keeps them: there is no
+    /// finer grid.
+    fn backed_off(&mut self, plan: Plan) -> (Plan, RefinementOutcome) {
+        let margins = plan.replayed.excesses();
+        if margins.is_empty() {
+            return (plan, RefinementOutcome::StepLimit);
+        }
+        let slower = self.searching_on((plan.step_count, &margins), |search| search.back_off(&plan.candidate));
+        let slower = slower.and_then(|slower| Ok(self.plan(slower, plan.step_count, self.control.stop())?));
+        match slower {
+            Ok(slower) if self.is_plan(&slower.candidate) && slower.replayed.excesses().is_empty() => {
+                let is_confirmed = slower.replayed.replay.within_tolerance;
+                let outcome =
+                    if is_confirmed { RefinementOutcome::WithinTolerance } else { RefinementOutcome::StepLimit };
+                (Plan { candidate: Candidate { margins, ..slower.candidate }, ..slower }, outcome)
+            }
+            Ok(_) => (plan, RefinementOutcome::StepLimit),
+            Err(interruption) => (plan, self.interrupted(interruption)),
+        }
+    }
+
+    fn is_plan(&self, candidate: &Candidate) -> bool {
+        candidate.is_feasible(self.input.settings.goal_tolerance)
     }
 
     fn interrupted(&mut self, interruption: Interruption) -> RefinementOutcome {
@@ -170,7 +195,7 @@ impl Refiner<'_, '_, '_> {
         loop {
             let step_count = (factor * plan.step_count).min(self.finest());
             let candidate = self.adapted(&plan.candidate, step_count)?;
-            if candidate.is_feasible(self.input.settings.goal_tolerance) {
+            if self.is_plan(&candidate) {
                 return Ok(Some(self.plan(candidate, step_count, self.control.stop())?));
             }
             if factor <= FACTORS.0 {
@@ -181,14 +206,19 @@ impl Refiner<'_, '_, '_> {
     }
 
     fn adapted(&mut self, candidate: &Candidate, step_count: usize) -> Result<Candidate, Interruption> {
-        self.searching_on(step_count, |search| search.adapt(candidate))
+        self.searching_on((step_count, &[]), |search| search.adapt(candidate))
     }
 
     /// Searches on a grid with what is left of the rollouts, and counts what that takes.
-    fn searching_on<T>(&mut self, step_count: usize, run: impl FnOnce(&mut LocalSearch) -> T) -> T {
+    fn searching_on<T>(
+        &mut self,
+        (step_count, margins): (usize, &[(&str, f64)]),
+        run: impl FnOnce(&mut LocalSearch) -> T,
+    ) -> T {
         let settings = &self.input.settings;
         let (mut problem, _) = problem_on(self.input, self.simulator, step_count);
         problem.release_torques();
+        problem.tighten(margins);
         let rollout_limit = settings.rollout_limit - self.result.rollouts;
         let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
         let found = run(&mut search);

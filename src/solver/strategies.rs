@@ -101,6 +101,21 @@ impl LocalSearch<'_, '_, '_> {
         Ok(adapted)
     }
 
+    /// Moves a local optimum to where its limits are tighter, and plans slower.
+    ///
+    /// # Errors
+    /// When the budget ended the search; the best point so far is kept.
+    pub(super) fn back_off(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
+        let _phase = self.control.enter(Phase::Refinement);
+        self.aim(candidate.goal_heading);
+        self.problem.set_time_unit(candidate.final_time());
+        let mut best = self.near(&candidate.decision)?;
+        if best.is_feasible(self.settings.goal_tolerance) {
+            self.settle(&mut best)?;
+        }
+        Ok(best)
+    }
+
     /// A further heat of a start of several, from where the last one led.
     ///
     /// # Errors
@@ -192,11 +207,10 @@ impl LocalSearch<'_, '_, '_> {
         let tolerance = self.settings.goal_tolerance;
         let slowest = (1.0 + LOSS) * guess[guess.len() - 1];
         let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
-        let near = |search: &mut Self| search.descend_until(guess, RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY));
-        let mut best = near(self)?;
+        let mut best = self.near(guess)?;
         if !arrived(&best) && self.goal_heading != other_heading {
             self.aim(other_heading);
-            let next = near(self)?;
+            let next = self.near(guess)?;
             keep_better(&mut best, next, tolerance);
             self.aim(best.goal_heading);
         }
@@ -209,6 +223,11 @@ impl LocalSearch<'_, '_, '_> {
             return Ok(best);
         }
         self.directly(guess)
+    }
+
+    /// One descent near a plan of a similar problem.
+    fn near(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
+        self.descend_until(guess, RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY))
     }
 
     /// Basin hopping: descends again from perturbed copies of a local optimum. Local optima lie on kinks, and another one
