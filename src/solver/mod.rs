@@ -17,6 +17,7 @@ mod local_search;
 mod lower_bound;
 mod parts;
 mod progress;
+mod race;
 mod refinement;
 mod run_control;
 mod schedule_check;

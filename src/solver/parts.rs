@@ -62,7 +62,7 @@ struct State {
 enum Slot {
     Open,
     UnderWay,
-    Done { outcome: PartOutcome, limit: u64 },
+    Done { outcome: Box<PartOutcome>, limit: u64 },
 }
 
 /// The outcome of all parts.
@@ -111,7 +111,7 @@ impl Total {
     fn add_all(&mut self, slots: impl Iterator<Item = (usize, Slot)>, goal_tolerance: f64) {
         for (index, slot) in slots {
             if let Slot::Done { outcome, .. } = slot {
-                self.add((index, outcome), goal_tolerance);
+                self.add((index, *outcome), goal_tolerance);
             }
         }
     }
@@ -146,7 +146,7 @@ impl<'a> Parts<'a> {
         while let Some((index, slot)) = slots.next() {
             let share = rollout_limit - total.rollouts;
             let outcome = match slot {
-                Slot::Done { outcome, limit } if outcome.holds_under(share, limit) => outcome,
+                Slot::Done { outcome, limit } if outcome.holds_under(share, limit) => *outcome,
                 slot if control.is_stopped() => {
                     total.note(given_back, goal_tolerance);
                     total.add_all(iter::once((index, slot)).chain(slots), goal_tolerance);
@@ -192,7 +192,7 @@ impl<'a> Parts<'a> {
             state.give_back(outcome.best, self.goal_tolerance);
             return;
         }
-        state.slots[index] = Slot::Done { outcome, limit };
+        state.slots[index] = Slot::Done { outcome: Box::new(outcome), limit };
         if state.is_used_up(self.rollout_limit) {
             self.is_cancelled.store(true, Ordering::Relaxed);
         }

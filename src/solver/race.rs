@@ -1,0 +1,239 @@
+//! The race of a search: from starts through ever fewer and ever more thorough heats to the best local optimum.
+
+use super::candidate::Candidate;
+use super::local_search::LocalSearch;
+use super::parts::{PartOutcome, Parts, RunPart, Total};
+use super::progress::BestProgress;
+use super::run_control::RunControl;
+use super::search::{distinct, is_distinct};
+use super::settings::SolveInput;
+use super::starts::{Start, Strategy};
+use super::strategies::Heat;
+use crate::optimizer::Interruption;
+use crate::shooting::ShootingProblem;
+
+/// Where too few starts lead to the best merit, more are tried: up to this multiple of the requested number.
+pub(super) const MORE_STARTS: usize = 3;
+/// One in so many of the requested starts must lead to the best merit: what is found only once, of 24, is seldom the best there is.
+const STARTS_A_FIND: usize = 12;
+/// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
+const THOROUGH: (usize, usize) = (2, 3);
+/// One optimum for so many requested starts goes on under the exact law, and half of these are polished.
+const STARTS_AN_OPTIMUM: usize = 4;
+/// Fewest steps per control interval of the grid on which starts are compared.
+const COARSE_STEPS: usize = 2;
+/// Its longest step, as a share of the robot's natural time.
+const LONGEST_STEP: f64 = 0.25;
+/// A best plan that misses the goal by more than so many tolerances is not near it.
+const FAR: f64 = 1e3;
+/// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
+pub(super) const FIRST_HOPS: usize = 12;
+
+/// A search in rounds, each of which is over before the next one begins: so the answer does not depend on who runs which part.
+pub(super) struct Race<'a> {
+    input: &'a SolveInput,
+    problem: ShootingProblem<'a>,
+    coarse_step_count: usize,
+    rollout_limit: u64,
+    control: &'a RunControl<'a>,
+    progress: &'a BestProgress<'a>,
+    pub(super) found: Total,
+}
+
+impl<'a> Race<'a> {
+    pub(super) fn new(
+        input: &'a SolveInput,
+        problem: &ShootingProblem<'a>,
+        rollout_limit: u64,
+        (control, progress): (&'a RunControl<'a>, &'a BestProgress<'a>),
+    ) -> Self {
+        let coarse_step_count = coarse_step_count(input, problem.time_unit());
+        let problem = problem.clone();
+        Self { input, problem, coarse_step_count, rollout_limit, control, progress, found: Total::default() }
+    }
+
+    /// From starts to local optima, in blocks of the requested number, until the best one has been found more than by chance, and
+    /// one is a plan, or until a finer grid should come first.
+    pub(super) fn starts(&mut self, starts: &[Start], optima: &mut Vec<Candidate>) {
+        let settings = &self.input.settings;
+        let mut smoothed = Vec::new();
+        for block in starts.chunks(settings.start_count) {
+            self.block(block, &mut smoothed, optima);
+            let is_found_again = smoothed.is_empty() || times_found(&smoothed) * STARTS_A_FIND >= settings.start_count;
+            let has_plan = optima.iter().any(|optimum| optimum.is_feasible(settings.goal_tolerance));
+            if is_found_again && has_plan || self.is_too_coarse() || self.found.interruption.is_some() {
+                return;
+            }
+        }
+    }
+
+    /// From starts to local optima.
+    pub(super) fn block(&mut self, starts: &[Start], smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
+        self.heats(starts, smoothed, optima);
+        self.descend(smoothed, optima);
+    }
+
+    /// Whether finer grids may follow, and no start came near the goal: on a long maneuver the steps are then too long for the robot
+    /// to keep its course.
+    pub(super) fn is_too_coarse(&self) -> bool {
+        let settings = &self.input.settings;
+        let misses = |best: &Candidate| best.goal_error > FAR * settings.goal_tolerance;
+        self.problem.step_count() < settings.finest_step_count() && self.found.best.as_ref().is_none_or(misses)
+    }
+
+    /// From starts to what they lead to, thoroughly for those with the better merits after a first look. Smoothed ones join the
+    /// others, best first.
+    fn heats(&mut self, starts: &[Start], smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
+        let first = self.found.tried;
+        let number = |index: usize| (first + index + 1, first + starts.len());
+        let locals = self.round(starts.len(), &|index, search| search.run_from(&starts[index], number(index)));
+        self.found.tried = first + locals.len();
+        let (mut rough, exact): (Vec<_>, Vec<_>) =
+            locals.into_iter().partition(|(index, _)| starts[*index].strategy == Strategy::Smoothed);
+        optima.extend(exact.into_iter().map(|(_, local)| local));
+        if self.found.interruption.is_some() {
+            return;
+        }
+        best_first(&mut rough, |(_, local)| local);
+        rough.truncate((THOROUGH.0 * starts.len()).div_ceil(THOROUGH.1));
+        let locals = self.round(rough.len(), &|index, search| {
+            let (start, local) = &rough[index];
+            search.go_on(local, Heat::Smooth, number(*start))
+        });
+        let is_first = smoothed.is_empty();
+        let arrived =
+            |(index, local): (usize, Candidate)| Smoothed { number: number(rough[index].0), local, has_gone_on: false };
+        smoothed.extend(locals.into_iter().map(arrived));
+        best_first(smoothed, |smoothed| &smoothed.local);
+        if let Some(best) = smoothed.first().filter(|_| is_first) {
+            // The first guess of a small maneuver may be twenty times as slow: laws and tolerances would be too fine.
+            self.problem.set_time_unit(best.local.merit.min(self.problem.time_unit()));
+        }
+    }
+
+    /// The best distinct optima of smoothed laws under the exact law, where they join the others. After each block of starts, so that
+    /// a search which is stopped has a plan.
+    fn descend(&mut self, smoothed: &mut [Smoothed], optima: &mut Vec<Candidate>) {
+        if self.found.interruption.is_some() {
+            return;
+        }
+        let mut chosen = distinct(smoothed, |smoothed| smoothed.local.merit);
+        chosen.truncate(self.input.settings.start_count.div_ceil(STARTS_AN_OPTIMUM));
+        chosen.retain(|index| !std::mem::replace(&mut smoothed[*index].has_gone_on, true));
+        let smoothed = &*smoothed;
+        let locals = self.round(chosen.len(), &|index, search| {
+            let Smoothed { number, local, .. } = &smoothed[chosen[index]];
+            search.go_on(local, Heat::Descend, *number)
+        });
+        optima.extend(locals.into_iter().map(|(_, local)| local));
+    }
+
+    /// Improves the fastest distinct optima, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
+    /// Talwalkar 2016).
+    pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
+        let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * STARTS_AN_OPTIMUM), FIRST_HOPS);
+        for stream in 0.. {
+            self.polish(optima, count, (hops, stream));
+            if count == 1 || self.found.interruption.is_some() {
+                break;
+            }
+            (count, hops) = (count.div_ceil(2), 2 * hops);
+        }
+    }
+
+    /// The best plan with all torques, where those near the grip are not all.
+    pub(super) fn release_torques(&mut self, optima: &mut Vec<Candidate>) {
+        let Some(best) = self.found.best.clone() else { return };
+        if self.problem.has_torque_beyond_grip() && self.found.interruption.is_none() {
+            self.problem.release_torques();
+            let locals = self.round(1, &|_, search| search.polish(best.clone(), 0, 0));
+            optima.extend(locals.into_iter().map(|(_, local)| local));
+        }
+    }
+
+    /// Polishes the fastest distinct optima, so many of them.
+    fn polish(&mut self, optima: &mut [Candidate], count: usize, (hops, stream): (usize, u64)) {
+        if self.found.interruption.is_some() {
+            return;
+        }
+        best_first(optima, |optimum| optimum);
+        let mut chosen = distinct(optima, |optimum| optimum.merit);
+        chosen.truncate(count);
+        let locals =
+            self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), hops, stream));
+        for (index, local) in locals {
+            optima[chosen[index]] = local;
+        }
+    }
+
+    /// Runs the parts of one round; the local optima with the numbers of their parts.
+    fn round(
+        &mut self,
+        count: usize,
+        run: &(dyn Fn(usize, &mut LocalSearch) -> RoundResult + Sync),
+    ) -> Vec<(usize, Candidate)> {
+        let run_part: &RunPart = &|index, control, rollout_limit| {
+            let mut problem = self.problem.clone();
+            let mut local_search = LocalSearch::new(&mut problem, &self.input.settings, control, rollout_limit);
+            local_search.coarse_step_count = self.coarse_step_count;
+            let local = run(index, &mut local_search);
+            let (best, iterations, rollouts) = local_search.into_parts();
+            PartOutcome { local, best, iterations, rollouts }
+        };
+        let tolerance = self.input.settings.goal_tolerance;
+        let left = self.rollout_limit - self.found.rollouts;
+        let mut total = Parts::new((self.control, self.progress), tolerance, left, (count, run_part)).total();
+        let locals = std::mem::take(&mut total.locals);
+        self.found.follow(total, tolerance);
+        locals
+    }
+}
+
+/// Steps of the grid on which starts are compared: under smoothed laws these do.
+fn coarse_step_count(input: &SolveInput, final_time: f64) -> usize {
+    let control_count = input.settings.control_count;
+    let interval = final_time / control_count as f64;
+    let needed = (interval / (LONGEST_STEP * input.robot.parameters().natural_time())).ceil();
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and whole")]
+    let needed = needed as usize;
+    needed.max(COARSE_STEPS).saturating_mul(control_count)
+}
+
+type RoundResult = Result<Candidate, Interruption>;
+
+/// Where a start led under smoothed laws.
+pub(super) struct Smoothed {
+    /// The start's, and how many there are.
+    number: (usize, usize),
+    local: Candidate,
+    /// Under the exact law.
+    has_gone_on: bool,
+}
+
+/// How many of sorted optima are the best one.
+fn times_found(smoothed: &[Smoothed]) -> usize {
+    let Some(best) = smoothed.first() else { return 0 };
+    smoothed.iter().take_while(|other| !is_distinct(best.local.merit, other.local.merit)).count()
+}
+
+/// Sorts by merits: a plan that misses its goal by little may become the best one.
+fn best_first<T>(optima: &mut [T], of: impl Fn(&T) -> &Candidate) {
+    optima.sort_by(|a, b| of(a).merit.total_cmp(&of(b).merit));
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DVector;
+
+    use super::*;
+
+    #[test]
+    fn an_optimum_is_found_again_by_its_merit() {
+        let smoothed = |merit: f64| {
+            let local = Candidate { merit, ..Candidate::new(DVector::from_element(1, 1.0), 0.0, true, None) };
+            Smoothed { number: (1, 1), local, has_gone_on: false }
+        };
+        assert_eq!(times_found(&[]), 0);
+        assert_eq!(times_found(&[2.000, 2.001, 2.01].map(smoothed)), 2);
+    }
+}
