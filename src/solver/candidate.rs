@@ -11,6 +11,8 @@ use crate::shooting::ShootingProblem;
 
 /// Largest accepted criticality measure, as a share of the final time.
 pub(super) const CRITICALITY_TOLERANCE: f64 = 1e-4;
+/// Local optima whose final times differ by less than this share count as one.
+const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
 /// A decision with what the search needs to rank it.
 #[derive(Debug, Clone)]
@@ -104,4 +106,20 @@ pub(super) fn keep_better(best: &mut Candidate, next: Candidate, goal_tolerance:
     if next.is_better_than(best, goal_tolerance) {
         *best = next;
     }
+}
+
+/// The first of each group of sorted optima whose times are nearly equal.
+pub(super) fn distinct<T>(optima: &[T], time: impl Fn(&T) -> f64) -> Vec<usize> {
+    let mut firsts: Vec<usize> = Vec::new();
+    for (index, optimum) in optima.iter().enumerate() {
+        if firsts.last().is_none_or(|first| is_distinct(time(&optima[*first]), time(optimum))) {
+            firsts.push(index);
+        }
+    }
+    firsts
+}
+
+/// Whether two final times belong to different optima.
+pub(super) fn is_distinct(faster: f64, slower: f64) -> bool {
+    slower - faster > DISTINCT_FINAL_TIME * faster
 }

@@ -1,11 +1,10 @@
 //! The race of a search: from starts through ever fewer and ever more thorough heats to the best local optimum.
 
-use super::candidate::Candidate;
+use super::candidate::{Candidate, distinct, is_distinct};
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
-use super::search::{distinct, is_distinct};
 use super::settings::SolveInput;
 use super::starts::{Start, Strategy};
 use super::strategies::Heat;

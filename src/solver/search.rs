@@ -1,6 +1,6 @@
 //! The search: starts, their local optima, and the best of them.
 
-use super::candidate::{Candidate, improves};
+use super::candidate::{Candidate, distinct, improves, is_distinct};
 use super::certificate::Replayed;
 use super::progress::BestProgress;
 use super::race::{MORE_STARTS, Race};
@@ -12,9 +12,6 @@ use super::starts::{Strategy, starts};
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 use crate::stop::{Stop, Stopped};
-
-/// Local optima whose final times differ by less than this share count as one.
-const DISTINCT_FINAL_TIME: f64 = 1e-3;
 
 /// The result of the search, and its cost.
 #[derive(Debug)]
@@ -157,22 +154,6 @@ fn feasible(mut optima: Vec<Candidate>, goal_tolerance: f64) -> Vec<Candidate> {
     optima.retain(|optimum| optimum.is_feasible(goal_tolerance));
     optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
     optima
-}
-
-/// The first of each group of sorted optima whose times are nearly equal.
-pub(super) fn distinct<T>(optima: &[T], time: impl Fn(&T) -> f64) -> Vec<usize> {
-    let mut firsts: Vec<usize> = Vec::new();
-    for (index, optimum) in optima.iter().enumerate() {
-        if firsts.last().is_none_or(|first| is_distinct(time(&optima[*first]), time(optimum))) {
-            firsts.push(index);
-        }
-    }
-    firsts
-}
-
-/// Whether two final times belong to different optima.
-pub(super) fn is_distinct(faster: f64, slower: f64) -> bool {
-    slower - faster > DISTINCT_FINAL_TIME * faster
 }
 
 impl From<Interruption> for StopReason {

@@ -9,11 +9,10 @@ use nalgebra::DVector;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, keep_better};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, is_distinct, keep_better};
 use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
 use super::race::FIRST_HOPS;
 use super::run_control::Phase;
-use super::search::is_distinct;
 use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
