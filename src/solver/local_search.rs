@@ -238,3 +238,30 @@ fn report(control: &RunControl, (start, start_count): (usize, usize), x: &DVecto
     let best_final_time = x[x.len() - 1];
     control.report(&SolveProgress { best_final_time, best_goal_error: goal_error, start, start_count });
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+    use crate::shooting::{Goal, Maneuver, PathLimits};
+    use crate::simulation::Simulator;
+    use crate::solver::settings::SolveInput;
+
+    #[test]
+    fn the_goal_heading_is_that_of_the_nearest_whole_turn() {
+        let simulator = Simulator::new(&SolveInput::forward_drive().robot);
+        let maneuver = Maneuver { goal: Goal::at_rest(0.0, 0.0, 0.5), ..Maneuver::forward_drive() };
+        let (settings, control) = (SolverSettings::default(), RunControl::unattended());
+        for torque in [0.0, 0.2, 1.0, -1.0] {
+            let mut problem = ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (100, 1), 1.0);
+            let guess = DVector::from_vec(vec![-torque, torque, 2.0]);
+            let led = problem.end_heading(&guess, Stop::never()).unwrap();
+            let mut search = LocalSearch::new(&mut problem, &settings, &control, 1);
+            search.aim_where_it_leads(&guess, 0.5).unwrap();
+            let aimed = search.goal_heading.unwrap();
+            let turns = (aimed - 0.5) / (2.0 * PI);
+            assert!((aimed - led).abs() <= PI && (turns - turns.round()).abs() < 1e-12, "{aimed} near {led}");
+        }
+    }
+}
