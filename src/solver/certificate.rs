@@ -343,8 +343,13 @@ fn replay_of_miss(
 impl Replayed {
     /// The fields of the limits that are exceeded by more than the replay may exceed them, and by how much.
     pub(super) fn excesses(&self) -> Vec<(&'static str, f64)> {
-        let exceeded = self.limits.iter().filter(|used| used.excess > REPLAY_EXCESS);
+        let exceeded = self.limits.iter().filter(|used| used.excess.is_finite() && used.excess > REPLAY_EXCESS);
         exceeded.map(|used| (used.limit, used.excess)).collect()
+    }
+
+    /// Whether no limit is exceeded by more than the replay may exceed it; a motion that diverges keeps none.
+    pub(super) fn keeps_limits(&self) -> bool {
+        self.replay.limit_excess <= REPLAY_EXCESS
     }
 }
 

@@ -169,7 +169,7 @@ impl Refiner<'_, '_, '_> {
         let slower = self.searching_on((plan.step_count, &margins), |search| search.back_off(&plan.candidate));
         let slower = slower.and_then(|slower| Ok(self.plan(slower, plan.step_count, self.control.stop())?));
         match slower {
-            Ok(slower) if self.is_plan(&slower.candidate) && slower.replayed.excesses().is_empty() => {
+            Ok(slower) if self.is_plan(&slower.candidate) && slower.replayed.keeps_limits() => {
                 let is_confirmed = slower.replayed.replay.within_tolerance;
                 let outcome =
                     if is_confirmed { RefinementOutcome::WithinTolerance } else { RefinementOutcome::StepLimit };
