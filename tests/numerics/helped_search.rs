@@ -57,7 +57,14 @@ fn helped(input: &SolveInput, crew: &RestlessCrew) -> Solution {
 }
 
 fn small_settings() -> SolverSettings {
-    SolverSettings { step_count: 24, refinement: Refinement::Fixed, control_count: 6, ..SolverSettings::default() }
+    // As many starts as make two finals.
+    SolverSettings {
+        step_count: 24,
+        refinement: Refinement::Fixed,
+        control_count: 6,
+        start_count: 12,
+        ..SolverSettings::default()
+    }
 }
 
 fn inputs() -> Vec<SolveInput> {

@@ -6,7 +6,7 @@ use slipdrive::shooting::StateComponent::{
 };
 use slipdrive::shooting::{Goal, LONGEST_FINAL_TIME, Maneuver};
 use slipdrive::solver::{
-    Method, RunControl, Solution, SolveInput, SolveParameters, SolverSettings, Status, StopReason, solve,
+    Method, Refinement, RunControl, Solution, SolveInput, SolveParameters, SolverSettings, Status, StopReason, solve,
 };
 
 /// A request and the reason that its answer must name.
@@ -188,11 +188,12 @@ fn unmet() -> Vec<Case> {
             ask_rest_at(case, 0.0, 5.0, 0.0);
         }),
         case("one torque for the whole maneuver", "goal_missed", "", |case| {
-            case.settings.control_count = 1;
+            (case.settings.control_count, case.settings.refinement) = (1, Refinement::Fixed);
             ask_rest_at(case, 0.0, 5.0, 0.0);
         }),
         case("one step for the whole maneuver", "goal_missed", "", |case| {
             (case.settings.control_count, case.settings.step_count) = (1, 1);
+            case.settings.refinement = Refinement::Fixed;
             ask_rest_at(case, 1.0, 0.0, 0.0);
         }),
         case("coasting that never gets there", "goal_missed", "", |case| {
