@@ -6,15 +6,18 @@ use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::settings::SolveInput;
-use super::starts::{Start, Strategy};
+use super::starts::{Start, Strategy, spun};
 use super::strategies::Heat;
 use crate::optimizer::Interruption;
-use crate::shooting::ShootingProblem;
+use crate::shooting::{ShootingProblem, schedule_from_decision};
 
 /// Where too few starts lead to the best merit, more are tried: up to this multiple of the requested number.
 pub(super) const MORE_STARTS: usize = 3;
 /// One in so many of the requested starts must lead to the best merit: what is found only once, of 24, is seldom the best there is.
 const STARTS_A_FIND: usize = 12;
+/// The best smoothed plan so far is spun once for so many starts, so many times over.
+const STARTS_A_SPIN: usize = 4;
+const SPIN_ROUNDS: usize = 2;
 /// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
 const THOROUGH: (usize, usize) = (2, 3);
 /// One optimum for so many requested starts goes on under the exact law, and half of these are polished.
@@ -66,10 +69,27 @@ impl<'a> Race<'a> {
         }
     }
 
-    /// From starts to local optima.
+    /// From starts, and from spins of the best that they lead to, to local optima.
     pub(super) fn block(&mut self, starts: &[Start], smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
-        self.heats(starts, smoothed, optima);
+        let (first, count) = (self.found.tried, starts.len());
+        let number = |index: usize| (first + index + 1, first + count);
+        self.found.tried += self.heats((starts, &number), smoothed, optima);
+        for round in 0..SPIN_ROUNDS {
+            self.spins((count / STARTS_A_SPIN, round), smoothed, optima);
+        }
         self.descend(smoothed, optima);
+    }
+
+    /// From spins of the best smoothed plan so far to what they lead to.
+    fn spins(&mut self, (count, round): (usize, usize), smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
+        let (None, Some(best)) = (self.found.interruption, smoothed.first()) else { return };
+        let plan = Start {
+            schedule: schedule_from_decision(&best.local.decision),
+            goal_heading: best.local.goal_heading,
+            strategy: Strategy::Smoothed,
+        };
+        let (number, stream) = (best.number, self.found.tried + round * count);
+        self.heats((&spun(self.input, &plan, (count, stream as u64)), &|_| number), smoothed, optima);
     }
 
     /// Whether finer grids may follow, and no start came near the goal: on a long maneuver the steps are then too long for the robot
@@ -81,17 +101,20 @@ impl<'a> Race<'a> {
     }
 
     /// From starts to what they lead to, thoroughly for those with the better merits after a first look. Smoothed ones join the
-    /// others, best first.
-    fn heats(&mut self, starts: &[Start], smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
-        let first = self.found.tried;
-        let number = |index: usize| (first + index + 1, first + starts.len());
+    /// others, best first. Returns how many starts were tried.
+    fn heats(
+        &mut self,
+        (starts, number): (&[Start], &StartNumber<'_>),
+        smoothed: &mut Vec<Smoothed>,
+        optima: &mut Vec<Candidate>,
+    ) -> usize {
         let locals = self.round(starts.len(), &|index, search| search.run_from(&starts[index], number(index)));
-        self.found.tried = first + locals.len();
+        let tried = locals.len();
         let (mut rough, exact): (Vec<_>, Vec<_>) =
             locals.into_iter().partition(|(index, _)| starts[*index].strategy == Strategy::Smoothed);
         optima.extend(exact.into_iter().map(|(_, local)| local));
         if self.found.interruption.is_some() {
-            return;
+            return tried;
         }
         best_first(&mut rough, |(_, local)| local);
         rough.truncate((THOROUGH.0 * starts.len()).div_ceil(THOROUGH.1));
@@ -108,6 +131,7 @@ impl<'a> Race<'a> {
             // The first guess of a small maneuver may be twenty times as slow: laws and tolerances would be too fine.
             self.problem.set_time_unit(best.local.merit.min(self.problem.time_unit()));
         }
+        tried
     }
 
     /// The best distinct optima of smoothed laws under the exact law, where they join the others. After each block of starts, so that
@@ -199,6 +223,9 @@ fn coarse_step_count(input: &SolveInput, final_time: f64) -> usize {
 }
 
 type RoundResult = Result<Candidate, Interruption>;
+
+/// The number of a start, and how many there are.
+type StartNumber<'a> = dyn Fn(usize) -> (usize, usize) + Sync + 'a;
 
 /// Where a start led under smoothed laws.
 pub(super) struct Smoothed {

@@ -101,6 +101,13 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
     starts
 }
 
+/// So many spins of a plan, drawn from a stream of their own.
+pub(super) fn spun(input: &SolveInput, plan: &Start, (count, stream): (usize, u64)) -> Vec<Start> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed.wrapping_add(stream));
+    let limit = input.robot.torques_near_grip(input.maneuver.torque_limit);
+    (0..count).map(|_| Spin::drawn(&mut rng).of(plan, limit)).collect()
+}
+
 /// Without torque there is only the final time to choose: those of the start's speed, the most likely first.
 fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
     let zeros = vec![0.0; input.settings.control_count];
