@@ -194,6 +194,7 @@ fn straight(input: &SolveInput) -> Start {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solver::settings::SolveParameters;
 
     fn plan(goal_heading: Option<f64>) -> Start {
         let torques = [1.0, 1.0, -1.0, -1.0].to_vec();
@@ -212,6 +213,15 @@ mod tests {
         assert_eq!(right.goal_heading, Some(0.1 + TAU));
         assert_eq!(left.schedule.left, [1.0, 1.0, -3.0, 1.0]);
         assert_eq!(left.goal_heading, Some(0.1 - TAU));
+    }
+
+    #[test]
+    fn spins_of_a_plan_are_drawn_by_seed_and_stream() {
+        let input = SolveInput::new(SolveParameters::default()).unwrap();
+        let spins = |stream| spun(&input, &plan(None), (3, stream));
+        assert_eq!(spins(24).len(), 3);
+        assert_eq!(spins(24), spins(24));
+        assert_ne!(spins(24), spins(30));
     }
 
     #[test]
