@@ -72,8 +72,8 @@ impl<'a> Race<'a> {
     /// From starts, and from spins of the best that they lead to, to local optima.
     pub(super) fn block(&mut self, starts: &[Start], smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
         let (first, count) = (self.found.tried, starts.len());
-        let number = |index: usize| (first + index + 1, first + count);
-        self.found.tried += self.heats((starts, &number), smoothed, optima);
+        let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
+        self.found.tried += self.heats((starts, &numbers), smoothed, optima);
         for round in 0..SPIN_ROUNDS {
             self.spins((count / STARTS_A_SPIN, round), smoothed, optima);
         }
@@ -88,8 +88,8 @@ impl<'a> Race<'a> {
             goal_heading: best.local.goal_heading,
             strategy: Strategy::Smoothed,
         };
-        let (number, stream) = (best.number, self.found.tried + round * count);
-        self.heats((&spun(self.input, &plan, (count, stream as u64)), &|_| number), smoothed, optima);
+        let (numbers, stream) = (vec![best.number; count], self.found.tried + round * count);
+        self.heats((&spun(self.input, &plan, (count, stream as u64)), &numbers), smoothed, optima);
     }
 
     /// Whether finer grids may follow, and no start came near the goal: on a long maneuver the steps are then too long for the robot
@@ -104,11 +104,11 @@ impl<'a> Race<'a> {
     /// others, best first. Returns how many starts were tried.
     fn heats(
         &mut self,
-        (starts, number): (&[Start], &StartNumber<'_>),
+        (starts, numbers): (&[Start], &[StartNumber]),
         smoothed: &mut Vec<Smoothed>,
         optima: &mut Vec<Candidate>,
     ) -> usize {
-        let locals = self.round(starts.len(), &|index, search| search.run_from(&starts[index], number(index)));
+        let locals = self.round(starts.len(), &|index, search| search.run_from(&starts[index], numbers[index]));
         let tried = locals.len();
         let (mut rough, exact): (Vec<_>, Vec<_>) =
             locals.into_iter().partition(|(index, _)| starts[*index].strategy == Strategy::Smoothed);
@@ -120,11 +120,14 @@ impl<'a> Race<'a> {
         rough.truncate((THOROUGH.0 * starts.len()).div_ceil(THOROUGH.1));
         let locals = self.round(rough.len(), &|index, search| {
             let (start, local) = &rough[index];
-            search.go_on(local, Heat::Smooth, number(*start))
+            search.go_on(local, Heat::Smooth, numbers[*start])
         });
         let is_first = smoothed.is_empty();
-        let arrived =
-            |(index, local): (usize, Candidate)| Smoothed { number: number(rough[index].0), local, has_gone_on: false };
+        let arrived = |(index, local): (usize, Candidate)| Smoothed {
+            number: numbers[rough[index].0],
+            local,
+            has_gone_on: false,
+        };
         smoothed.extend(locals.into_iter().map(arrived));
         best_first(smoothed, |smoothed| &smoothed.local);
         if let Some(best) = smoothed.first().filter(|_| is_first) {
@@ -225,12 +228,12 @@ fn coarse_step_count(input: &SolveInput, final_time: f64) -> usize {
 type RoundResult = Result<Candidate, Interruption>;
 
 /// The number of a start, and how many there are.
-type StartNumber<'a> = dyn Fn(usize) -> (usize, usize) + Sync + 'a;
+type StartNumber = (usize, usize);
 
 /// Where a start led under smoothed laws.
 pub(super) struct Smoothed {
-    /// The start's, and how many there are.
-    number: (usize, usize),
+    /// That of the start, or of the one whose spin it was.
+    number: StartNumber,
     local: Candidate,
     /// Under the exact law.
     has_gone_on: bool,
