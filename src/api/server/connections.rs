@@ -36,6 +36,15 @@ enum Phase {
     Closing,
 }
 
+/// Why there is no place for a newcomer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum NoRoom {
+    /// The least used connection has come so lately that it may not have asked yet: it will make room.
+    NotYet,
+    /// All are at work for callers.
+    AllWork,
+}
+
 /// All open connections of a server, on whatever port.
 #[derive(Debug)]
 pub struct Connections {
@@ -102,18 +111,16 @@ impl Connections {
         self.open.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place for a new connection. Where all are taken, the least used connection of the largest holder makes room;
-    /// none when those are all at work for a caller, or this peer has too many.
+    /// A place for a new connection. Where all are taken, the least used connection of the largest holder makes room, as
+    /// soon as it had the time to ask; none when those are all at work for a caller, or this peer has too many.
     pub(super) async fn admit(self: &Arc<Self>, peer: SocketAddr) -> Option<Place> {
         let end = Instant::now() + TENURE;
         while self.may_have_more(peer) {
-            if let Some(place) = self.place(peer) {
-                return Some(place);
+            match self.place(peer) {
+                Ok(place) => return Some(place),
+                Err(NoRoom::AllWork) if Instant::now() >= end => break,
+                Err(_) => sleep(LOOK_INTERVAL).await,
             }
-            if Instant::now() >= end {
-                break;
-            }
-            sleep(LOOK_INTERVAL).await;
         }
         self.metrics.connection_ended(ConnectionEnd::NoPlace);
         None
@@ -124,7 +131,7 @@ impl Connections {
         limit.is_none_or(|limit| self.open().of_holder(Holder::of(peer)) < limit)
     }
 
-    fn place(self: &Arc<Self>, peer: SocketAddr) -> Option<Place> {
+    fn place(self: &Arc<Self>, peer: SocketAddr) -> Result<Place, NoRoom> {
         let mut open = self.open();
         let may = self.make_room(&open)?;
         let connection = Arc::new(Connection::new(Arc::clone(self), peer, may));
@@ -132,26 +139,26 @@ impl Connections {
         open.next_number += 1;
         open.connections.insert(number, Arc::clone(&connection));
         self.metrics.connection_opened();
-        Some(Place { connection, number })
+        Ok(Place { connection, number })
     }
 
-    /// What a new connection may be used for; none where nobody can make room, or not yet.
-    fn make_room(&self, open: &Open) -> Option<Use> {
+    /// What a new connection may be used for.
+    fn make_room(&self, open: &Open) -> Result<Use, NoRoom> {
         let for_all = self.settings.max_connections.saturating_sub(self.probe_places);
         for (may, places) in [(Use::All, for_all), (Use::Probes, self.probe_places)] {
             if open.alive().filter(|connection| connection.may == may).count() < places {
-                return Some(may);
+                return Ok(may);
             }
             if let Some((worth, least_used)) = open.least_used(may) {
                 // Probes are short: they need no protection from each other.
                 if worth.is_new && may == Use::All {
-                    return None;
+                    return Err(NoRoom::NotYet);
                 }
                 self.end(least_used, ConnectionEnd::NoPlace);
-                return Some(may);
+                return Ok(may);
             }
         }
-        None
+        Err(NoRoom::AllWork)
     }
 
     /// Ends the connection that leaves most unread for longest, unless as many bytes as are too many are about to be
@@ -328,6 +335,18 @@ mod tests {
         assert!(begin.elapsed() >= TENURE, "the others had time to ask");
         assert_eq!(newcomer.connection.may, Use::All);
         assert!(places[1].connection.is_ended() && !places[0].connection.is_ended());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn newcomer_waits_for_who_is_looked_at_late() {
+        let connections = connections(1, 0);
+        let place = connections.admit(peer(1)).await.unwrap();
+        let late = async {
+            sleep(TENURE / 2).await;
+            place.connection.arrive();
+        };
+        let (newcomer, ()) = tokio::join!(connections.admit(peer(2)), late);
+        assert!(newcomer.is_some() && place.connection.is_ended());
     }
 
     #[tokio::test(start_paused = true)]
