@@ -1,13 +1,13 @@
 //! The race of a search: from starts through ever fewer and ever more thorough heats to the best local optimum.
 
-use super::candidate::{Candidate, distinct, is_distinct};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, distinct, is_distinct};
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::starts::{Start, Strategy, spun};
-use super::strategies::Heat;
+use super::strategies::{FIRST_HOPS, Heat, Polish};
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 
@@ -28,8 +28,6 @@ const COARSE_STEPS: usize = 2;
 const LONGEST_STEP: f64 = 0.25;
 /// A best plan that misses the goal by more than so many tolerances is not near it.
 const FAR: f64 = 1e3;
-/// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
-pub(super) const FIRST_HOPS: usize = 12;
 
 /// A search in rounds, each of which is over before the next one begins: so the answer does not depend on who runs which part.
 pub(super) struct Race<'a> {
@@ -100,8 +98,8 @@ impl<'a> Race<'a> {
         self.problem.step_count() < settings.finest_step_count() && self.found.best.as_ref().is_none_or(misses)
     }
 
-    /// From starts to what they lead to, thoroughly for those with the better merits after a first look. Smoothed ones join the
-    /// others, best first. Returns how many starts were tried.
+    /// From starts to what they lead to, ever fewer of them and ever more thoroughly. Smoothed ones join the others, best first.
+    /// Returns how many starts were tried.
     fn heats(
         &mut self,
         (starts, numbers): (&[Start], &[StartNumber]),
@@ -110,25 +108,19 @@ impl<'a> Race<'a> {
     ) -> usize {
         let locals = self.round(starts.len(), &|index, search| search.run_from(&starts[index], numbers[index]));
         let tried = locals.len();
-        let (mut rough, exact): (Vec<_>, Vec<_>) =
-            locals.into_iter().partition(|(index, _)| starts[*index].strategy == Strategy::Smoothed);
-        optima.extend(exact.into_iter().map(|(_, local)| local));
-        if self.found.interruption.is_some() {
-            return tried;
+        let mut rough = Vec::new();
+        for (index, local) in locals {
+            match starts[index].strategy {
+                Strategy::Smoothed => rough.push(Smoothed::new(numbers[index], local)),
+                Strategy::Warm | Strategy::Direct => optima.push(local),
+            }
         }
-        best_first(&mut rough, |(_, local)| local);
+        best_first(&mut rough, |rough| &rough.local);
         rough.truncate((THOROUGH.0 * starts.len()).div_ceil(THOROUGH.1));
-        let locals = self.round(rough.len(), &|index, search| {
-            let (start, local) = &rough[index];
-            search.go_on(local, Heat::Smooth, numbers[*start])
-        });
+        let mut arrived = self.heat(&rough, Heat::FirstLaw);
+        arrived.dedup_by(|next, kept| kept.takes_in(next));
         let is_first = smoothed.is_empty();
-        let arrived = |(index, local): (usize, Candidate)| Smoothed {
-            number: numbers[rough[index].0],
-            local,
-            has_gone_on: false,
-        };
-        smoothed.extend(locals.into_iter().map(arrived));
+        smoothed.extend(self.heat(&arrived, Heat::OtherLaws));
         best_first(smoothed, |smoothed| &smoothed.local);
         if let Some(best) = smoothed.first().filter(|_| is_first) {
             // The first guess of a small maneuver may be twenty times as slow: laws and tolerances would be too fine.
@@ -137,29 +129,37 @@ impl<'a> Race<'a> {
         tried
     }
 
+    /// Where a heat leads these, best first; none of them once the search is interrupted.
+    fn heat(&mut self, entrants: &[Smoothed], heat: Heat) -> Vec<Smoothed> {
+        if self.found.interruption.is_some() {
+            return Vec::new();
+        }
+        let go_on = |index: usize, search: &mut LocalSearch| {
+            let Smoothed { number, local, .. } = &entrants[index];
+            search.go_on(local, heat, *number)
+        };
+        let locals = self.round(entrants.len(), &go_on).into_iter();
+        let mut arrived: Vec<_> = locals.map(|(index, local)| Smoothed { local, ..entrants[index].clone() }).collect();
+        best_first(&mut arrived, |arrived| &arrived.local);
+        arrived
+    }
+
     /// The best distinct optima of smoothed laws under the exact law, where they join the others. After each block of starts, so that
     /// a search which is stopped has a plan.
     fn descend(&mut self, smoothed: &mut [Smoothed], optima: &mut Vec<Candidate>) {
-        if self.found.interruption.is_some() {
-            return;
-        }
         let mut chosen = distinct(smoothed, |smoothed| smoothed.local.merit);
         chosen.truncate(self.input.settings.start_count.div_ceil(STARTS_AN_OPTIMUM));
         chosen.retain(|index| !std::mem::replace(&mut smoothed[*index].has_gone_on, true));
-        let smoothed = &*smoothed;
-        let locals = self.round(chosen.len(), &|index, search| {
-            let Smoothed { number, local, .. } = &smoothed[chosen[index]];
-            search.go_on(local, Heat::Descend, *number)
-        });
-        optima.extend(locals.into_iter().map(|(_, local)| local));
+        let chosen: Vec<_> = chosen.into_iter().map(|index| smoothed[index].clone()).collect();
+        optima.extend(self.heat(&chosen, Heat::Descend).into_iter().map(|arrived| arrived.local));
     }
 
     /// Improves the fastest distinct optima, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
     /// Talwalkar 2016).
     pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
         let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * STARTS_AN_OPTIMUM), FIRST_HOPS);
-        for stream in 0.. {
-            self.polish(optima, count, (hops, stream));
+        for round in 0.. {
+            self.polish(optima, count, &Polish { hops, round, is_last: count == 1 });
             if count == 1 || self.found.interruption.is_some() {
                 break;
             }
@@ -172,21 +172,20 @@ impl<'a> Race<'a> {
         let Some(best) = self.found.best.clone() else { return };
         if self.problem.has_torque_beyond_grip() && self.found.interruption.is_none() {
             self.problem.release_torques();
-            let locals = self.round(1, &|_, search| search.polish(best.clone(), 0, 0));
+            let locals = self.round(1, &|_, search| search.polish(best.clone(), &Polish { hops: 0, ..Polish::ALONE }));
             optima.extend(locals.into_iter().map(|(_, local)| local));
         }
     }
 
     /// Polishes the fastest distinct optima, so many of them.
-    fn polish(&mut self, optima: &mut [Candidate], count: usize, (hops, stream): (usize, u64)) {
+    fn polish(&mut self, optima: &mut [Candidate], count: usize, polish: &Polish) {
         if self.found.interruption.is_some() {
             return;
         }
         best_first(optima, |optimum| optimum);
         let mut chosen = distinct(optima, |optimum| optimum.merit);
         chosen.truncate(count);
-        let locals =
-            self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), hops, stream));
+        let locals = self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), polish));
         for (index, local) in locals {
             optima[chosen[index]] = local;
         }
@@ -231,18 +230,36 @@ type RoundResult = Result<Candidate, Interruption>;
 type StartNumber = (usize, usize);
 
 /// Where a start led under smoothed laws.
+#[derive(Clone)]
 pub(super) struct Smoothed {
     /// That of the start, or of the one whose spin it was.
     number: StartNumber,
     local: Candidate,
+    /// How many starts led here.
+    times_found: usize,
     /// Under the exact law.
     has_gone_on: bool,
 }
 
-/// How many of sorted optima are the best one.
+impl Smoothed {
+    fn new(number: StartNumber, local: Candidate) -> Self {
+        Self { number, local, times_found: 1, has_gone_on: false }
+    }
+
+    /// Whether the next one by merit is where this one is, as closely as descents end: side by side they would find the same. What
+    /// lies farther apart may be distinct under sharper laws.
+    fn takes_in(&mut self, next: &Self) -> bool {
+        let is_same = next.local.merit <= (1.0 + CRITICALITY_TOLERANCE) * self.local.merit;
+        self.times_found += if is_same { next.times_found } else { 0 };
+        is_same
+    }
+}
+
+/// How often the best one of sorted optima was found.
 fn times_found(smoothed: &[Smoothed]) -> usize {
     let Some(best) = smoothed.first() else { return 0 };
-    smoothed.iter().take_while(|other| !is_distinct(best.local.merit, other.local.merit)).count()
+    let are_best = smoothed.iter().take_while(|other| !is_distinct(best.local.merit, other.local.merit));
+    are_best.map(|smoothed| smoothed.times_found).sum()
 }
 
 /// Sorts by merits: a plan that misses its goal by little may become the best one.
@@ -260,9 +277,13 @@ mod tests {
     fn an_optimum_is_found_again_by_its_merit() {
         let smoothed = |merit: f64| {
             let local = Candidate { merit, ..Candidate::new(DVector::from_element(1, 1.0), 0.0, true, None) };
-            Smoothed { number: (1, 1), local, has_gone_on: false }
+            Smoothed::new((1, 1), local)
         };
         assert_eq!(times_found(&[]), 0);
         assert_eq!(times_found(&[2.000, 2.001, 2.01].map(smoothed)), 2);
+        let mut arrived = [2.0000, 2.0001, 2.001, 2.0011, 2.01].map(smoothed).to_vec();
+        arrived.dedup_by(|next, kept| kept.takes_in(next));
+        assert_eq!(arrived.iter().map(|smoothed| smoothed.times_found).collect::<Vec<_>>(), [2, 2, 1]);
+        assert_eq!(times_found(&arrived), 4);
     }
 }

@@ -11,7 +11,6 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, is_distinct, keep_better};
 use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
-use super::race::FIRST_HOPS;
 use super::run_control::Phase;
 use super::segments::with_intervals;
 use super::settings::Method;
@@ -35,6 +34,8 @@ const START_RADIUS: f64 = 0.2;
 const RADIUS: f64 = 0.1;
 /// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
 const LOSS: f64 = 0.02;
+/// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
+pub(super) const FIRST_HOPS: usize = 12;
 /// Hops of a direct start.
 const DIRECT_HOPS: usize = 4;
 /// Fewest control intervals of the grids on which held wheels begin.
@@ -43,10 +44,26 @@ const FEWEST_INTERVALS: usize = 10;
 /// What comes after a start's first look at its merit.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Heat {
-    /// Through all smoothed laws, thoroughly.
-    Smooth,
+    /// Under the first smoothed law, thoroughly.
+    FirstLaw,
+    /// Through the other smoothed laws.
+    OtherLaws,
     /// Under the exact law.
     Descend,
+}
+
+/// What is done to improve a local optimum.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Polish {
+    pub(super) hops: usize,
+    /// The hops of each round differ. The first one begins by going back through smoothed laws.
+    pub(super) round: u64,
+    /// Whether it ends with a descent to the local optimum.
+    pub(super) is_last: bool,
+}
+
+impl Polish {
+    pub(super) const ALONE: Self = Self { hops: FIRST_HOPS, round: 0, is_last: true };
 }
 
 /// A perturbation of the torques.
@@ -96,7 +113,7 @@ impl LocalSearch<'_, '_, '_> {
         let adapted = self.warmly(&candidate.decision, candidate.goal_heading)?;
         // A grid moves an optimum by little: one that is slower lies on a kink.
         if is_distinct(candidate.final_time(), adapted.final_time()) {
-            return self.polish(adapted, FIRST_HOPS, 0);
+            return self.polish(adapted, &Polish::ALONE);
         }
         Ok(adapted)
     }
@@ -129,36 +146,49 @@ impl LocalSearch<'_, '_, '_> {
         let _phase = self.control.enter(Phase::Start { number: number.0 });
         self.start = number;
         self.aim(from.goal_heading);
+        let through = |search: &mut Self, laws: &[f64]| {
+            search.coarsely(|search| search.smoothed(&from.decision, laws, (RADIUS, SMOOTHED_ITERATION_LIMIT)))
+        };
         match heat {
-            Heat::Smooth => {
-                self.coarsely(|search| search.smoothed(&from.decision, &SMOOTHING, (RADIUS, SMOOTHED_ITERATION_LIMIT)))
-            }
+            Heat::FirstLaw => through(self, &SMOOTHING[..1]),
+            // Held wheels have one law.
+            Heat::OtherLaws if self.problem.forbids_slip() => Ok(from.clone()),
+            Heat::OtherLaws => through(self, &SMOOTHING[1..]),
             Heat::Descend => self.descend_until(&from.decision, RADIUS, (ROUGH, f64::INFINITY)),
         }
     }
 
-    /// Improves a local optimum: through smoothing, as long as that leads to another one, then by so many hops.
+    /// Improves a local optimum: through smoothing, as long as that leads to another one, then by hops.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn polish(&mut self, candidate: Candidate, hops: usize, stream: u64) -> Result<Candidate, Interruption> {
+    pub(super) fn polish(&mut self, candidate: Candidate, polish: &Polish) -> Result<Candidate, Interruption> {
         if self.settings.method == Method::NelderMead {
             return Ok(candidate);
         }
         let _phase = self.control.enter(Phase::Polish);
         self.aim(candidate.goal_heading);
         let mut best = candidate;
+        if polish.round == 0 {
+            self.leave_kinks(&mut best)?;
+        }
+        self.hop(&mut best, polish.hops, polish.round)?;
+        if polish.is_last {
+            self.finish(&mut best)?;
+        }
+        Ok(best)
+    }
+
+    /// Back through smoothed laws, as long as that leads to another local optimum.
+    fn leave_kinks(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
         loop {
             let before = best.final_time();
             let next = self.around(&best.decision)?;
-            keep_better(&mut best, next, self.settings.goal_tolerance);
+            keep_better(best, next, self.settings.goal_tolerance);
             if !is_distinct(best.final_time(), before) {
-                break;
+                return Ok(());
             }
         }
-        self.hop(&mut best, hops, stream)?;
-        self.finish(&mut best)?;
-        Ok(best)
     }
 
     /// From a local optimum back through smoothed laws, to leave the kink on which it lies, and down to a faster one.
