@@ -7,7 +7,7 @@ use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::starts::{Start, Strategy, spun};
-use super::strategies::{FIRST_HOPS, Heat, Polish};
+use super::strategies::{FIRST_HOPS, Heat};
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 
@@ -159,7 +159,7 @@ impl<'a> Race<'a> {
     pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
         let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * STARTS_AN_OPTIMUM), FIRST_HOPS);
         for round in 0.. {
-            self.polish(optima, count, &Polish { hops, round, is_last: count == 1 });
+            self.polish(optima, count, (hops, round));
             if count == 1 || self.found.interruption.is_some() {
                 break;
             }
@@ -172,20 +172,21 @@ impl<'a> Race<'a> {
         let Some(best) = self.found.best.clone() else { return };
         if self.problem.has_torque_beyond_grip() && self.found.interruption.is_none() {
             self.problem.release_torques();
-            let locals = self.round(1, &|_, search| search.polish(best.clone(), &Polish { hops: 0, ..Polish::ALONE }));
+            let locals = self.round(1, &|_, search| search.polish(best.clone(), 0, 0));
             optima.extend(locals.into_iter().map(|(_, local)| local));
         }
     }
 
     /// Polishes the fastest distinct optima, so many of them.
-    fn polish(&mut self, optima: &mut [Candidate], count: usize, polish: &Polish) {
+    fn polish(&mut self, optima: &mut [Candidate], count: usize, (hops, round): (usize, u64)) {
         if self.found.interruption.is_some() {
             return;
         }
         best_first(optima, |optimum| optimum);
         let mut chosen = distinct(optima, |optimum| optimum.merit);
         chosen.truncate(count);
-        let locals = self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), polish));
+        let locals =
+            self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), hops, round));
         for (index, local) in locals {
             optima[chosen[index]] = local;
         }

@@ -52,20 +52,6 @@ pub(super) enum Heat {
     Descend,
 }
 
-/// What is done to improve a local optimum.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Polish {
-    pub(super) hops: usize,
-    /// The hops of each round differ. The first one begins by going back through smoothed laws.
-    pub(super) round: u64,
-    /// Whether it ends with a descent to the local optimum.
-    pub(super) is_last: bool,
-}
-
-impl Polish {
-    pub(super) const ALONE: Self = Self { hops: FIRST_HOPS, round: 0, is_last: true };
-}
-
 /// A perturbation of the torques.
 #[derive(Debug, Clone, Copy)]
 enum Perturbation {
@@ -113,7 +99,7 @@ impl LocalSearch<'_, '_, '_> {
         let adapted = self.warmly(&candidate.decision, candidate.goal_heading)?;
         // A grid moves an optimum by little: one that is slower lies on a kink.
         if is_distinct(candidate.final_time(), adapted.final_time()) {
-            return self.polish(adapted, &Polish::ALONE);
+            return self.polish(adapted, FIRST_HOPS, 0);
         }
         Ok(adapted)
     }
@@ -158,24 +144,22 @@ impl LocalSearch<'_, '_, '_> {
         }
     }
 
-    /// Improves a local optimum: through smoothing, as long as that leads to another one, then by hops.
+    /// Improves a local optimum by hops, others in each round; in the first one through smoothing before that.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn polish(&mut self, candidate: Candidate, polish: &Polish) -> Result<Candidate, Interruption> {
+    pub(super) fn polish(&mut self, candidate: Candidate, hops: usize, round: u64) -> Result<Candidate, Interruption> {
         if self.settings.method == Method::NelderMead {
             return Ok(candidate);
         }
         let _phase = self.control.enter(Phase::Polish);
         self.aim(candidate.goal_heading);
         let mut best = candidate;
-        if polish.round == 0 {
+        if round == 0 {
             self.leave_kinks(&mut best)?;
         }
-        self.hop(&mut best, polish.hops, polish.round)?;
-        if polish.is_last {
-            self.finish(&mut best)?;
-        }
+        self.hop(&mut best, hops, round)?;
+        self.finish(&mut best)?;
         Ok(best)
     }
 
