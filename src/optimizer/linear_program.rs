@@ -43,10 +43,8 @@ const GRADIENT_MARGIN: f64 = 10.0;
 /// The objective may exceed that of staying by this share of the largest penalty, its own rounding.
 const ROUNDING: f64 = 1e-13;
 /// Smaller shares are rounding: of a variable's or row's range that is violated, of the penalty parameter by which a multiplier
-/// passes its box, of a pivot, between steps.
-const TOLERANCE: f64 = 1e-9;
-/// Rows whose pivot falls below this share of the largest entry are dependent.
-const DEPENDENT: f64 = 1e-7;
+/// passes its box, of a pivot, between steps, of a variable's scale by which it is off its bound.
+pub(super) const TOLERANCE: f64 = 1e-9;
 /// Iterations per variable and row after which the simplex gives up.
 const ITERATION_FACTOR: usize = 20;
 

@@ -2,8 +2,9 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-/// Singular values below this share of the largest carry no information: a plan that ends sticking has dependent rows.
-const RANK_TOLERANCE: f64 = 1e-7;
+/// Rows are dependent where a singular value is below this share of the largest one, or a pivot below this share of the largest entry:
+/// those of a plan that ends sticking are.
+pub(super) const DEPENDENT: f64 = 1e-7;
 /// An 8x8 matrix takes some 20.
 const EIGENVALUE_SWEEPS: usize = 1000;
 
@@ -17,7 +18,7 @@ pub(super) fn pseudo_solve(gram: &DMatrix<f64>, residual: &DVector<f64>) -> Opti
         return None;
     }
     let eigen = SymmetricEigen::try_new(gram.clone(), f64::EPSILON, EIGENVALUE_SWEEPS)?;
-    let smallest = RANK_TOLERANCE * RANK_TOLERANCE * eigen.eigenvalues.amax();
+    let smallest = DEPENDENT * DEPENDENT * eigen.eigenvalues.amax();
     let mut weights = eigen.eigenvectors.tr_mul(residual);
     for (weight, eigenvalue) in weights.iter_mut().zip(eigen.eigenvalues.iter()) {
         *weight = if *eigenvalue > smallest { *weight / eigenvalue } else { 0.0 };

@@ -74,6 +74,9 @@ pub enum Restoration {
     Skip,
 }
 
+/// First trust radius at a plan, of descents and of the criticality measure: variables may change by a tenth of their scale, enough to
+/// leave a kink.
+pub const FIRST_RADIUS: f64 = 0.1;
 const LARGEST_RADIUS: f64 = 1.0;
 const SMALLEST_RADIUS: f64 = 1e-6;
 const SHRINK_RATIO: f64 = 0.1;

@@ -8,15 +8,13 @@ use nalgebra::DVector;
 
 use super::elastic_program::ElasticProgram;
 use super::evaluation::{Linearisation, Problem};
-use super::linear_program::ElasticSolver;
+use super::linear_program::{ElasticSolver, TOLERANCE};
 use crate::stop::{Stop, Stopped};
 
 /// The multipliers are those of the linear model in a box this small, as a fraction of each variable's scale.
 const RADIUS: f64 = 1e-3;
 /// Reduced costs below this share of the largest one count as zero.
 const ZERO: f64 = 1e-2;
-/// A variable this close to a bound, as a fraction of its scale, is at it.
-const AT_BOUND: f64 = 1e-9;
 
 /// How many variables contradict the sign of their reduced cost at `x`, where `model` is the problem's linearisation.
 ///
@@ -47,7 +45,7 @@ pub fn sign_violations(
 
     let zero = ZERO * reduced_cost.amax();
     let contradicts = |index: usize| {
-        let slack = AT_BOUND * scale[index];
+        let slack = TOLERANCE * scale[index];
         let can_fall = below[index] < -slack && reduced_cost[index] > zero;
         let can_rise = above[index] > slack && reduced_cost[index] < -zero;
         can_fall || can_rise

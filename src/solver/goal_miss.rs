@@ -8,9 +8,6 @@ use crate::robot::State;
 use crate::shooting::{SHORTEST_FINAL_TIME, StateComponent, decision_len};
 use crate::simulation::TorqueSchedule;
 
-/// A miss within this many tolerances may be rounding or a kink of the friction law.
-const NEAR_MISS: f64 = 1e3;
-
 /// The goal component that a plan misses most, and what would help.
 pub(super) fn goal_missed(
     input: &SolveInput,
@@ -65,7 +62,7 @@ fn help(input: &SolveInput, component: StateComponent, miss: f64, stop_reason: S
         StopReason::Finished if asks_for_lagging_velocity(input, component) => {
             "a free velocity or more `grid.steps` (with restitution a rolling end lags its heading by half a step),"
         }
-        StopReason::Finished if miss.abs() <= NEAR_MISS * settings.goal_tolerance => {
+        StopReason::Finished if settings.is_near_goal(miss.abs()) => {
             "a larger `solver.goal_tolerance` or more `grid.steps`"
         }
         StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",

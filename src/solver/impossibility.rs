@@ -6,14 +6,11 @@
 use super::excluded_ends::excluded_end;
 use super::largest_normal_force::{Rates, largest_normal_forces};
 use super::lower_bound::{Grid, LowerBound, Wanted, lower_bounds};
-use super::settings::SolveInput;
+use super::settings::{ROUNDING, SolveInput};
 use super::solution::{LowerBoundAssumption, Reason};
 use crate::contact::ContactName;
 use crate::robot::Velocity;
 use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
-
-/// A normal force further below zero than this share of the weight is not rounding.
-const NORMAL_FORCE_ROUNDING: f64 = 1e-9;
 
 /// Why no plan can meet the goal; none where that is not proven.
 pub(super) fn impossibility(input: &SolveInput) -> Option<Reason> {
@@ -58,11 +55,11 @@ fn unloaded(
     let least = input.maneuver.limits.least_normal_loads(&input.robot) * weight;
     let missing = |contact: &ContactName| least[*contact as usize] - forces[*contact as usize];
     let contact = ContactName::ALL.into_iter().max_by(|a, b| missing(a).total_cmp(&missing(b)))?;
-    if missing(&contact) <= NORMAL_FORCE_ROUNDING * weight {
+    if missing(&contact) <= ROUNDING * weight {
         return None;
     }
     let force = forces[contact as usize];
-    let is_separation = force < -NORMAL_FORCE_ROUNDING * weight;
+    let is_separation = force < -ROUNDING * weight;
     let (code, limit) = if is_separation { (separates, 0.0) } else { (below_share, least[contact as usize]) };
     let field = format!("maneuver.{end}.{}", StateComponent::YawRate.field());
     let name = match contact {

@@ -48,14 +48,13 @@ pub use solution::{
 use candidate::Candidate;
 use grid_problem::problem_on;
 use nalgebra::DVector;
+use settings::ROUNDING;
 
 use crate::optimizer::Problem as _;
 use crate::shooting::{ShootingProblem, decision_from_schedule, decision_len};
 use crate::simulation::Simulator;
 use crate::stop::{Stop, Stopped};
 
-/// Final time of the answer where every motion that was tried diverged, s.
-const STANDING_TIME: f64 = 1e-9;
 /// Solves a maneuver; the result, whatever it is, is a status of the answer, never an error.
 ///
 /// The answer depends on the input alone, unless `control` stops the search.
@@ -104,6 +103,6 @@ fn fallback(input: &SolveInput, problem: &mut ShootingProblem, stop: Stop) -> Re
 /// No torque, for so short a time that no motion diverges.
 fn standing_still(input: &SolveInput) -> Candidate {
     let mut decision = DVector::zeros(decision_len(input.settings.control_count));
-    decision[2 * input.settings.control_count] = STANDING_TIME;
+    decision[2 * input.settings.control_count] = ROUNDING;
     Candidate::new(decision, f64::INFINITY, true, None)
 }

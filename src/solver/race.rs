@@ -15,19 +15,16 @@ use crate::shooting::{ShootingProblem, schedule_from_decision};
 pub(super) const MORE_STARTS: usize = 3;
 /// One in so many of the requested starts must lead to the best merit: what is found only once, of 24, is seldom the best there is.
 const STARTS_A_FIND: usize = 12;
-/// The best smoothed plan so far is spun once for so many starts, so many times over.
-const STARTS_A_SPIN: usize = 4;
+/// For so many starts the best smoothed plan so far is spun once, and one optimum goes on under the exact law; half of these are polished.
+const STARTS_A_PLAN: usize = 4;
+/// The best smoothed plan so far is spun so many times over.
 const SPIN_ROUNDS: usize = 2;
 /// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
 const THOROUGH: (usize, usize) = (2, 3);
-/// One optimum for so many requested starts goes on under the exact law, and half of these are polished.
-const STARTS_AN_OPTIMUM: usize = 4;
 /// Fewest steps per control interval of the grid on which starts are compared.
 const COARSE_STEPS: usize = 2;
 /// Its longest step, as a share of the robot's natural time.
 const LONGEST_STEP: f64 = 0.25;
-/// A best plan that misses the goal by more than so many tolerances is not near it.
-const FAR: f64 = 1e3;
 
 /// A search in rounds, each of which is over before the next one begins: so the answer does not depend on who runs which part.
 pub(super) struct Race<'a> {
@@ -73,7 +70,7 @@ impl<'a> Race<'a> {
         let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
         self.found.tried += self.heats((starts, &numbers), smoothed, optima);
         for round in 0..SPIN_ROUNDS {
-            self.spins((count / STARTS_A_SPIN, round), smoothed, optima);
+            self.spins((count / STARTS_A_PLAN, round), smoothed, optima);
         }
         self.descend(smoothed, optima);
     }
@@ -94,7 +91,7 @@ impl<'a> Race<'a> {
     /// to keep its course.
     pub(super) fn is_too_coarse(&self) -> bool {
         let settings = &self.input.settings;
-        let misses = |best: &Candidate| best.goal_error > FAR * settings.goal_tolerance;
+        let misses = |best: &Candidate| !settings.is_near_goal(best.goal_error);
         self.problem.step_count() < settings.finest_step_count() && self.found.best.as_ref().is_none_or(misses)
     }
 
@@ -148,7 +145,7 @@ impl<'a> Race<'a> {
     /// a search which is stopped has a plan.
     fn descend(&mut self, smoothed: &mut [Smoothed], optima: &mut Vec<Candidate>) {
         let mut chosen = distinct(smoothed, |smoothed| smoothed.local.merit);
-        chosen.truncate(self.input.settings.start_count.div_ceil(STARTS_AN_OPTIMUM));
+        chosen.truncate(self.input.settings.start_count.div_ceil(STARTS_A_PLAN));
         chosen.retain(|index| !std::mem::replace(&mut smoothed[*index].has_gone_on, true));
         let chosen: Vec<_> = chosen.into_iter().map(|index| smoothed[index].clone()).collect();
         optima.extend(self.heat(&chosen, Heat::Descend).into_iter().map(|arrived| arrived.local));
@@ -157,7 +154,7 @@ impl<'a> Race<'a> {
     /// Improves the fastest distinct optima, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
     /// Talwalkar 2016).
     pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
-        let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * STARTS_AN_OPTIMUM), FIRST_HOPS);
+        let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * STARTS_A_PLAN), FIRST_HOPS);
         for round in 0.. {
             self.polish(optima, count, (hops, round));
             if count == 1 || self.found.interruption.is_some() {

@@ -80,8 +80,11 @@ pub struct SolverSettings {
     pub choose_within: f64,
 }
 
-/// Tightest tolerances: a rollout of thousands of steps rounds to about 1e-12.
-const TIGHTEST: f64 = 1e-9;
+/// What is smaller, in its unit or as a share of what it is compared with, counts as none, and no tolerance may be tighter: a rollout
+/// of thousands of steps rounds to about 1e-12.
+pub(super) const ROUNDING: f64 = 1e-9;
+/// A miss of so many tolerances may be rounding or a kink of the friction law; a larger one is not near the goal.
+const NEAR_MISS: f64 = 1e3;
 /// Loosest replay tolerances, m and rad: any miss is within.
 const LOOSEST_REPLAY: f64 = 100.0;
 /// m and rad.
@@ -93,16 +96,16 @@ impl SolverSettings {
         ("grid.control_intervals", |settings| settings.control_count as f64, Rule::at_least(1.0, "")),
         ("solver.starts", |settings| settings.start_count as f64, Rule::at_least(1.0, "")),
         ("solver.rollout_limit", |settings| settings.rollout_limit as f64, Rule::at_least(1.0, "")),
-        ("solver.goal_tolerance", |settings| settings.goal_tolerance, Rule::between(TIGHTEST, 1.0, "")),
+        ("solver.goal_tolerance", |settings| settings.goal_tolerance, Rule::between(ROUNDING, 1.0, "")),
         (
             "solver.replay_tolerance_m",
             |settings| settings.replay_tolerance_position,
-            Rule::between(TIGHTEST, LOOSEST_REPLAY, "m"),
+            Rule::between(ROUNDING, LOOSEST_REPLAY, "m"),
         ),
         (
             "solver.replay_tolerance_rad",
             |settings| settings.replay_tolerance_heading,
-            Rule::between(TIGHTEST, LOOSEST_REPLAY, "rad"),
+            Rule::between(ROUNDING, LOOSEST_REPLAY, "rad"),
         ),
         ("solver.choose_within", |settings| settings.choose_within, Rule::between(0.0, 1.0, "")),
     ];
@@ -113,6 +116,11 @@ impl SolverSettings {
             &["grid.control_intervals", "grid.steps"],
             "no more control intervals than steps: an interval without a step has no effect",
         )
+    }
+
+    /// Whether the goal is near where it is missed by this much.
+    pub(super) fn is_near_goal(&self, goal_error: f64) -> bool {
+        goal_error <= NEAR_MISS * self.goal_tolerance
     }
 
     /// The paper's number of steps.

@@ -16,8 +16,8 @@ use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
-    Ending, Interruption, PENALTY_GROWTH, Problem, Restoration, SequentialLinearSettings, criticality_measure,
-    minimise_sequentially,
+    Ending, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, Restoration, SequentialLinearSettings,
+    criticality_measure, minimise_sequentially,
 };
 use crate::shooting::decision_from_schedule;
 
@@ -30,8 +30,6 @@ const SMOOTHED_ITERATION_LIMIT: usize = 40;
 /// First trust radius from a start, whose torques may be far from the optimum. Much larger ones leave the family of plans that the
 /// start belongs to, where small changes go far: backwards, a front-heavy robot is unstable.
 const START_RADIUS: f64 = 0.2;
-/// First trust radius of all other descents, large enough to leave a kink, and the largest change of a torque in a hop.
-const RADIUS: f64 = 0.1;
 /// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
 const LOSS: f64 = 0.02;
 /// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
@@ -133,14 +131,14 @@ impl LocalSearch<'_, '_, '_> {
         self.start = number;
         self.aim(from.goal_heading);
         let through = |search: &mut Self, laws: &[f64]| {
-            search.coarsely(|search| search.smoothed(&from.decision, laws, (RADIUS, SMOOTHED_ITERATION_LIMIT)))
+            search.coarsely(|search| search.smoothed(&from.decision, laws, (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT)))
         };
         match heat {
             Heat::FirstLaw => through(self, &SMOOTHING[..1]),
             // Held wheels have one law.
             Heat::OtherLaws if self.problem.forbids_slip() => Ok(from.clone()),
             Heat::OtherLaws => through(self, &SMOOTHING[1..]),
-            Heat::Descend => self.descend_until(&from.decision, RADIUS, (ROUGH, f64::INFINITY)),
+            Heat::Descend => self.descend_until(&from.decision, FIRST_RADIUS, (ROUGH, f64::INFINITY)),
         }
     }
 
@@ -177,8 +175,8 @@ impl LocalSearch<'_, '_, '_> {
 
     /// From a local optimum back through smoothed laws, to leave the kink on which it lies, and down to a faster one.
     fn around(&mut self, decision: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let smoothed = self.smoothed(decision, &SMOOTHING[1..], (RADIUS, SMOOTHED_ITERATION_LIMIT))?;
-        self.descend_until(&smoothed.decision, RADIUS, (ROUGH, f64::INFINITY))
+        let smoothed = self.smoothed(decision, &SMOOTHING[1..], (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
+        self.descend_until(&smoothed.decision, FIRST_RADIUS, (ROUGH, f64::INFINITY))
     }
 
     /// Under the exact law, then from perturbed copies of the best point; through smoothing where the exact law does not lead
@@ -188,7 +186,7 @@ impl LocalSearch<'_, '_, '_> {
         let mut best = self.descend(&from, radius)?;
         if !best.is_feasible(self.settings.goal_tolerance) {
             let smoothed = self.smoothed(guess, &SMOOTHING, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
-            let next = self.descend(&smoothed.decision, RADIUS)?;
+            let next = self.descend(&smoothed.decision, FIRST_RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
         if self.problem.forbids_slip() {
@@ -212,7 +210,7 @@ impl LocalSearch<'_, '_, '_> {
             self.coarsely(|search| search.smoothed(&from, &SMOOTHING, (radius, SMOOTHED_ITERATION_LIMIT)))
         });
         self.set_control_count(control_count);
-        Ok((with_intervals(&coarser?.decision, control_count), RADIUS))
+        Ok((with_intervals(&coarser?.decision, control_count), FIRST_RADIUS))
     }
 
     /// From a plan of a similar maneuver or of another grid: one descent near it, and other ways where that loses the goal or
@@ -241,7 +239,7 @@ impl LocalSearch<'_, '_, '_> {
 
     /// One descent near a plan of a similar problem.
     fn near(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        self.descend_until(guess, RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY))
+        self.descend_until(guess, FIRST_RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY))
     }
 
     /// Basin hopping: descends again from perturbed copies of a local optimum. Local optima lie on kinks, and another one
@@ -252,7 +250,7 @@ impl LocalSearch<'_, '_, '_> {
         for perturbation in [Perturbation::Shift, Perturbation::Noise].iter().cycle().take(hops) {
             let perturbed = self.perturbed(&best.decision, *perturbation, &mut rng);
             let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
-            let next = self.descend_until(&perturbed, RADIUS, (ROUGH, time_to_beat))?;
+            let next = self.descend_until(&perturbed, FIRST_RADIUS, (ROUGH, time_to_beat))?;
             keep_better(best, next, tolerance);
         }
         Ok(())
@@ -278,7 +276,7 @@ impl LocalSearch<'_, '_, '_> {
             Perturbation::Noise => {
                 for (torques, scale) in [(left, left_scale), (right, right_scale)] {
                     for index in random_stretch(torques.len(), rng) {
-                        torques[index] += RADIUS * scale[index] * rng.random_range(-1.0..1.0);
+                        torques[index] += FIRST_RADIUS * scale[index] * rng.random_range(-1.0..1.0);
                     }
                 }
             }
@@ -288,7 +286,7 @@ impl LocalSearch<'_, '_, '_> {
 
     /// Ends the descent to a local optimum.
     fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
-        let next = self.descend(&best.decision, RADIUS)?;
+        let next = self.descend(&best.decision, FIRST_RADIUS)?;
         keep_better(best, next, self.settings.goal_tolerance);
         self.settle(best)
     }
@@ -357,7 +355,7 @@ impl LocalSearch<'_, '_, '_> {
             }
             merit = self.merit(&result);
             decision = result.x;
-            first_radius = RADIUS;
+            first_radius = FIRST_RADIUS;
         }
         let candidate = Candidate::new(decision, f64::INFINITY, true, self.goal_heading);
         Ok(Candidate { merit, ..candidate })

@@ -5,8 +5,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::DEPENDENT;
 use crate::optimizer::elastic_program::ElasticProgram;
+use crate::optimizer::pseudo_solve::DEPENDENT;
 
 /// The choice of rows and variables that is a vertex of the dual.
 #[derive(Debug, Clone, Default)]

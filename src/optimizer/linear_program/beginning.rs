@@ -2,8 +2,9 @@
 
 use nalgebra::DMatrix;
 
-use super::{DEPENDENT, ElasticSolver, RowPlace};
+use super::{ElasticSolver, RowPlace};
 use crate::optimizer::elastic_program::ElasticProgram;
+use crate::optimizer::pseudo_solve::DEPENDENT;
 
 impl ElasticSolver {
     /// All rows violated or slack as at x = 0.

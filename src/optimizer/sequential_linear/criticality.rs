@@ -2,13 +2,14 @@
 
 use nalgebra::DVector;
 
-use super::{RADIUS_FACTOR, Restoration, SHRINK_RATIO, SMALLEST_RADIUS, Search, SequentialLinearSettings, StepRatios};
+use super::{
+    FIRST_RADIUS, RADIUS_FACTOR, Restoration, SHRINK_RATIO, SMALLEST_RADIUS, Search, SequentialLinearSettings,
+    StepRatios,
+};
 use crate::optimizer::evaluation::{Budget, Interruption, Linearisation, Problem};
 use crate::optimizer::linear_program::ElasticSolver;
 use crate::optimizer::shifted_constraints::ShiftedConstraints;
 
-/// Radius with which the criticality measure starts: variables may change by a tenth of their scale.
-const LARGEST_CRITICALITY_RADIUS: f64 = 0.1;
 /// Parameters of [`criticality_measure`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CriticalitySettings {
@@ -59,7 +60,7 @@ pub fn criticality_measure(
     let settings = SequentialLinearSettings {
         penalty_parameter,
         largest_penalty_parameter: penalty_parameter,
-        first_radius: LARGEST_CRITICALITY_RADIUS,
+        first_radius: FIRST_RADIUS,
         feasibility_tolerance: residual_tolerance,
         inequality_tolerance,
         smallest_prediction: negligible_decrease,
@@ -70,7 +71,7 @@ pub fn criticality_measure(
     };
     let mut model = Linearisation::new(problem.constraints(), x.len());
     let stop = budget.spend()?;
-    problem.linearise((x, LARGEST_CRITICALITY_RADIUS), &mut model, stop)?;
+    problem.linearise((x, FIRST_RADIUS), &mut model, stop)?;
     let mut shifted = ShiftedConstraints::at(problem, &model.constraints, (residual_tolerance, inequality_tolerance));
     shifted.shift(&mut model.constraints);
     let mut search = Search { model, model_is_current: true, ..Search::new(&mut shifted, (x, programs), &settings) };

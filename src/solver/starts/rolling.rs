@@ -3,14 +3,12 @@
 use nalgebra::Vector2;
 
 use super::super::segments::Segment;
-use super::super::settings::SolveInput;
+use super::super::settings::{ROUNDING, SolveInput};
 use crate::robot::{Motor, PerWheel, RobotParameters, State};
 use crate::shooting::ManeuverLimits;
 
 /// Torques of the plans, as shares of their limits: away from the limit, every torque can move both ways.
 pub(super) const AMPLITUDES: [f64; 2] = [0.8, 0.5];
-/// Distances and speeds below this, m, m/s or rad/s, count as none.
-pub(super) const REST: f64 = 1e-9;
 
 /// Pose of the axle midpoint.
 #[derive(Debug, Clone, Copy)]
@@ -104,14 +102,14 @@ impl Rolling {
         let speed = forward.dot(&Vector2::new(state.velocity.x, state.velocity.y));
         let yaw_rate = state.velocity.yaw_rate;
         let mut pose = Pose { position: Vector2::new(q.x, q.y), heading: q.heading };
-        if speed.abs() > REST {
+        if speed.abs() > ROUNDING {
             let duration = speed.abs() * self.mass / self.force;
             let sign = -speed.signum();
             let torque = PerWheel::new(sign * self.torque.left, sign * self.torque.right);
             segments.push(Segment { duration, torque });
             pose.position += forward * (speed * duration / 2.0);
         }
-        if yaw_rate.abs() > REST {
+        if yaw_rate.abs() > ROUNDING {
             let duration = yaw_rate.abs() * self.yaw_inertia / self.moment;
             let sign = -yaw_rate.signum();
             segments

@@ -5,8 +5,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use nalgebra::Vector2;
 
 use super::super::segments::{Segment, duration, schedule_from_segments};
-use super::super::settings::SolveInput;
-use super::rolling::{AMPLITUDES, Pose, REST, Rolling};
+use super::super::settings::{ROUNDING, SolveInput};
+use super::rolling::{AMPLITUDES, Pose, Rolling};
 use super::{Start, Strategy};
 use crate::robot::{PerWheel, RobotParameters, State, Velocity};
 use crate::shooting::{Maneuver, StateComponent, wrapped_angle};
@@ -66,7 +66,7 @@ impl<'a> Route<'a> {
         for direction in [1.0, -1.0] {
             // Forward is (-sin, cos) of the heading.
             let course =
-                if leg.norm() > REST { (-leg.x * direction).atan2(leg.y * direction) } else { self.start.heading };
+                if leg.norm() > ROUNDING { (-leg.x * direction).atan2(leg.y * direction) } else { self.start.heading };
             for turn in either_way(wrapped_angle(course - self.start.heading)) {
                 let heading = self.start.heading + turn;
                 let second_turn = if heading_is_free { 0.0 } else { wrapped_angle(self.goal.heading - heading) };
