@@ -94,9 +94,9 @@ impl ElasticSolver {
             kinks.push(ends(until(row), 1.0, KinkAt::OtherBound));
         }
         // What lies beyond the end of the edge need not be sorted.
-        let ends = kinks.iter().filter(|kink| kink.fall.is_infinite()).map(|kink| kink.step);
-        let last = (1.0 + TOLERANCE) * ends.fold(f64::INFINITY, f64::min);
-        kinks.retain(|kink| kink.step <= last);
+        let infinite = kinks.iter().filter(|kink| kink.fall.is_infinite());
+        let end = infinite.map(|kink| kink.step).fold(f64::INFINITY, f64::min);
+        kinks.retain(|kink| kink.step <= (1.0 + TOLERANCE) * end);
         kinks.sort_unstable_by(|a, b| a.step.total_cmp(&b.step).then(b.fall.total_cmp(&a.fall)));
         self.kinks = kinks;
     }
