@@ -128,16 +128,19 @@ impl Watched {
         }
         let used = put();
         let file = self.secret.file();
-        match &used {
-            // That is what the server has started with.
-            Ok(()) if occasion == Occasion::Start => return,
+        // That is what the server has started with.
+        if occasion == Occasion::Start && used.is_ok() {
+            return;
+        }
+        // First, since who reads the log may look at the metrics next.
+        metrics.file_read(file, used.is_ok());
+        match used {
             Ok(()) => tracing::info!(file = file.as_str(), "read again"),
             Err(faults) => {
                 let faults = faults.join("; ");
                 tracing::error!(file = file.as_str(), faults, "cannot be used, what was read before stays in force");
             }
         }
-        metrics.file_read(file, used.is_ok());
     }
 }
 
