@@ -55,6 +55,9 @@ use crate::shooting::{ShootingProblem, decision_from_schedule, decision_len};
 use crate::simulation::Simulator;
 use crate::stop::{Stop, Stopped};
 
+/// Final time of the answer where every motion that was tried diverged, s.
+const STANDING_TIME: f64 = ROUNDING;
+
 /// Solves a maneuver; the result, whatever it is, is a status of the answer, never an error.
 ///
 /// The answer depends on the input alone, unless `control` stops the search.
@@ -103,6 +106,6 @@ fn fallback(input: &SolveInput, problem: &mut ShootingProblem, stop: Stop) -> Re
 /// No torque, for so short a time that no motion diverges.
 fn standing_still(input: &SolveInput) -> Candidate {
     let mut decision = DVector::zeros(decision_len(input.settings.control_count));
-    decision[2 * input.settings.control_count] = ROUNDING;
+    decision[2 * input.settings.control_count] = STANDING_TIME;
     Candidate::new(decision, f64::INFINITY, true, None)
 }
