@@ -95,14 +95,25 @@ impl fmt::Display for Rule {
         let Self { minimum, exclusive_minimum, maximum, exclusive_maximum, unit } = *self;
         let above = if exclusive_minimum { ">" } else { ">=" };
         let below = if exclusive_maximum { "<" } else { "<=" };
-        match maximum.is_finite() {
-            true if exclusive_minimum || exclusive_maximum => {
+        let (minimum, maximum) = (Number(minimum), maximum.is_finite().then_some(Number(maximum)));
+        match maximum {
+            Some(maximum) if exclusive_minimum || exclusive_maximum => {
                 write!(formatter, "{above} {minimum} and {below} {maximum}")?;
             }
-            true => write!(formatter, "between {minimum} and {maximum}")?,
-            false => write!(formatter, "{above} {minimum}")?,
+            Some(maximum) => write!(formatter, "between {minimum} and {maximum}")?,
+            None => write!(formatter, "{above} {minimum}")?,
         }
         if unit.is_empty() { Ok(()) } else { write!(formatter, " {unit}") }
+    }
+}
+
+/// A number as people read it: with a power of ten where it would have many zeros.
+struct Number(f64);
+
+impl fmt::Display for Number {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let digits = format!("{:?}", self.0);
+        formatter.write_str(digits.strip_suffix(".0").unwrap_or(&digits))
     }
 }
 
@@ -237,7 +248,7 @@ impl Checks {
 
     /// Requires a value within its bounds.
     pub(crate) fn bounds(&mut self, field: &str, value: f64, rule: &Rule) {
-        self.require(field, value, rule.admits(value), rule, rule.passed_by(value));
+        self.require(field, Number(value), rule.admits(value), rule, rule.passed_by(value));
     }
 
     /// Requires an array of a length within its bounds.
@@ -267,7 +278,7 @@ impl Checks {
     pub(crate) fn server_limit(&mut self, field: &str, value: f64, limit: f64) {
         if value > limit {
             let path = self.path_of(field);
-            let message = format!("`{path}` is {value}, must be at most {limit} on this server");
+            let message = format!("`{path}` is {}, must be at most {} on this server", Number(value), Number(limit));
             self.push(path, ViolationCode::ProblemTooLarge, message, Some(limit));
         }
     }
@@ -323,6 +334,21 @@ mod tests {
         checks.within("maneuver", |checks| checks.bounds("torque_limit_left_n_m", -1.0, &Rule::positive("N m")));
         let error = checks.finish().unwrap_err();
         assert_eq!(error.to_string(), "`maneuver.torque_limit_left_n_m` is -1, must be > 0 N m");
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let mut checks = Checks::new();
+        checks.bounds("small", 1e-300, &Rule::between(1e-9, 0.001, ""));
+        checks.bounds("large", -1e300, &Rule::at_least(1e4, "m"));
+        checks.server_limit("huge", 1e300, 1e3);
+        let error = checks.finish().unwrap_err().to_string();
+        let [small, large, huge] = [
+            "`small` is 1e-300, must be between 1e-9 and 0.001",
+            "`large` is -1e300, must be >= 10000 m",
+            "`huge` is 1e300, must be at most 1000 on this server",
+        ];
+        assert_eq!(error, [small, large, huge].join("; "));
     }
 
     #[test]

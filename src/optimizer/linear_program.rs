@@ -41,7 +41,7 @@ use crate::stop::{Stop, Stopped};
 const GRADIENT_TOLERANCE: f64 = 1e-11;
 const GRADIENT_MARGIN: f64 = 10.0;
 /// The objective may exceed that of staying by this share of the largest penalty, its own rounding.
-const ROUNDING: f64 = 1e-13;
+const OBJECTIVE_ROUNDING: f64 = 1e-13;
 /// Smaller shares are rounding: of a variable's or row's range that is violated, of the penalty parameter by which a multiplier
 /// passes its box, of a pivot, between steps, of a variable's scale by which it is off its bound.
 pub(super) const TOLERANCE: f64 = 1e-9;
@@ -251,7 +251,7 @@ impl ElasticSolver {
 
     /// What the objective may miss.
     fn rounding(&self, program: &ElasticProgram) -> f64 {
-        ROUNDING * program.penalty_parameter * self.largest_range
+        OBJECTIVE_ROUNDING * program.penalty_parameter * self.largest_range
     }
 
     /// Multipliers at their bounds, and those of the tight rows that make the gradients of the basic variables zero.
