@@ -107,8 +107,8 @@ impl fmt::Display for Rule {
     }
 }
 
-/// A number as people read it: with a power of ten where it would have many zeros.
-struct Number(f64);
+/// A number as people read it in a refusal: with a power of ten where it would have many zeros.
+pub(crate) struct Number(pub(crate) f64);
 
 impl fmt::Display for Number {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
+use crate::rules::{BoundedField, Checks, Number, Rule, RuleSet, Violations};
 
 /// Largest accepted product of friction coefficient and relative height of the centre of mass.
 ///
@@ -182,8 +182,11 @@ impl RobotParameters {
     pub(super) fn check_loads(&self, (right, forward): (&str, &str), position: (f64, f64), checks: &mut Checks) {
         let contacts = [("left wheel", right), ("right wheel", right), ("front support", forward)];
         for ((name, field), load) in contacts.into_iter().zip(self.static_loads()) {
-            let rule = format_args!("such that the {name} carries load at rest (its normal force would be {load} N)");
-            let position = format_args!("({}, {}) (right, forward)", position.0, position.1);
+            let rule = format_args!(
+                "such that the {name} carries load at rest (its normal force would be {} N)",
+                Number(load)
+            );
+            let position = format_args!("({}, {}) (right, forward)", Number(position.0), Number(position.1));
             checks.require(field, position, load >= 0.0, rule, Some(0.0));
         }
     }
@@ -193,10 +196,11 @@ impl RobotParameters {
             let ParadoxGuard { field, friction, length_name, length } = guard;
             let largest = PARADOX_LIMIT * length / self.center_of_mass_height;
             let rule = format_args!(
-                "at most {largest}: {field} * center_of_mass_height_m / ({length_name}) above {PARADOX_LIMIT} may lose \
-                 uniqueness"
+                "at most {}: {field} * center_of_mass_height_m / ({length_name}) above {PARADOX_LIMIT} may lose \
+                 uniqueness",
+                Number(largest)
             );
-            checks.require(field, friction, guard.admits(self.center_of_mass_height), rule, Some(largest));
+            checks.require(field, Number(friction), guard.admits(self.center_of_mass_height), rule, Some(largest));
         }
     }
 

@@ -11,7 +11,7 @@
 use nalgebra::Vector2;
 
 use super::parameters::RobotParameters;
-use crate::rules::{BoundedField, Checks, Rule, RuleSet};
+use crate::rules::{BoundedField, Checks, Number, Rule, RuleSet};
 
 /// A load that is fixed to the chassis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,8 +68,8 @@ impl Payload {
             ("yaw_inertia_kg_m2", self.yaw_inertia, joined.chassis_yaw_inertia, RobotParameters::YAW_INERTIA_RULE),
         ];
         for (field, value, sum, rule) in sums {
-            let words = format!("such that chassis and payload together have {rule} (they would have {sum})");
-            checks.require(field, value, rule.admits(sum), &words, Some(rule.maximum));
+            let words = format!("such that chassis and payload together have {rule} (they would have {})", Number(sum));
+            checks.require(field, Number(value), rule.admits(sum), &words, Some(rule.maximum));
         }
         joined.check_loads(("right_m", "forward_m"), (self.right, self.forward), checks);
         for guard in joined.paradox_guards() {
@@ -77,11 +77,19 @@ impl Payload {
             let share = self.mass / joined.chassis_mass;
             let largest = bare.center_of_mass_height + (guard.largest_height() - bare.center_of_mass_height) / share;
             let words = format!(
-                "at most {largest} m: {} * height of the centre of mass of chassis and payload / ({}) above 0.9 may lose \
+                "at most {} m: {} * height of the centre of mass of chassis and payload / ({}) above 0.9 may lose \
                  uniqueness",
-                guard.field, guard.length_name
+                Number(largest),
+                guard.field,
+                guard.length_name
             );
-            checks.require("height_m", self.height, guard.admits(joined.center_of_mass_height), &words, Some(largest));
+            checks.require(
+                "height_m",
+                Number(self.height),
+                guard.admits(joined.center_of_mass_height),
+                &words,
+                Some(largest),
+            );
         }
     }
 }

@@ -9,7 +9,7 @@ use super::limit_uses::motion_with_limits;
 use super::settings::SolverSettings;
 use super::solution::LimitUse;
 use crate::robot::{Payload, PerWheel, Robot, RobotParameters, State};
-use crate::rules::{Checks, Rule, Violations};
+use crate::rules::{Checks, Number, Rule, Violations};
 use crate::shooting::{PathLimits, ReferencePoint, check_state};
 use crate::simulation::{Rollout, Simulator, TorqueSchedule};
 use crate::stop::{Stop, Stopped};
@@ -286,7 +286,13 @@ fn check_delay(delay: &PerWheel<f64>, (schedule, step_count): (&TorqueSchedule, 
     let with_delay = intervals + (longest / schedule.interval()).ceil();
     let steps = (step_count as f64 * with_delay / intervals).ceil();
     let fits = with_delay <= MOST_INTERVALS as f64 && steps <= SolverSettings::STEP_LIMIT as f64;
-    checks.require(name.as_str(), longest, fits, "a delay of at most 1000 intervals and 10000 steps in all", None);
+    checks.require(
+        name.as_str(),
+        Number(longest),
+        fits,
+        "a delay of at most 1000 intervals and 10000 steps in all",
+        None,
+    );
 }
 
 /// The torques that each wheel begins after its delay, in intervals into which both delays fit when rounded.

@@ -1,7 +1,7 @@
 //! Rules for torque schedules that callers send.
 
 use crate::robot::PerWheel;
-use crate::rules::{Checks, Rule, RuleSet};
+use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
 
 /// The length of a schedule or of one of its intervals.
@@ -42,9 +42,9 @@ pub(super) fn check_schedule(
 fn check_torque(field: &str, torque: f64, limit: Option<f64>, checks: &mut Checks) {
     match limit {
         Some(limit) => {
-            let rule = format!("within the torque limit of {limit} N m");
-            checks.require(field, torque, torque.abs() <= limit * (1.0 + LIMIT_SLACK), &rule, Some(limit));
+            let rule = format!("within the torque limit of {} N m", Number(limit));
+            checks.require(field, Number(torque), torque.abs() <= limit * (1.0 + LIMIT_SLACK), &rule, Some(limit));
         }
-        None => checks.require(field, torque, torque.is_finite(), "finite", None),
+        None => checks.require(field, Number(torque), torque.is_finite(), "finite", None),
     }
 }

@@ -8,7 +8,7 @@ use crate::contract::message::{self, AssessRequest, Tolerances, Uncertainty};
 use crate::jobs::Limits;
 use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::robot::{Payload, RobotParameters};
-use crate::rules::{Checks, Rule, RuleSet};
+use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::shooting::AisleCorners;
 use crate::solver::{AssessInput, ChangedParameter, Distribution, Limited, MOST_STEPS, SolveInput, Undisturbed};
 
@@ -147,7 +147,13 @@ fn checked_uncertain(
                 (Some(low), Some(high), None, None) => {
                     checks.bounds("low", low, &rule);
                     checks.bounds("high", high, &rule);
-                    checks.require("low", low, low <= high, format!("at most `high` ({high})"), Some(high));
+                    checks.require(
+                        "low",
+                        Number(low),
+                        low <= high,
+                        format!("at most `high` ({})", Number(high)),
+                        Some(high),
+                    );
                     Distribution::Uniform { low, high }
                 }
                 (None, None, Some(mean), Some(standard_deviation)) => {
@@ -241,7 +247,7 @@ fn check_together(input: &AssessInput, checks: &mut Checks) {
             // Not below zero, whatever the mean: such samples fail, and the others count.
             let fits = input.driven.under(&[(parameter, distribution.largest().max(0.0))]).is_ok();
             let field = format!("uncertain[{index}].{name}");
-            checks.require(&field, value, fits, LONGEST_DELAY_FITS, None);
+            checks.require(&field, Number(value), fits, LONGEST_DELAY_FITS, None);
         }
     }
     if checks.count() > 0 {

@@ -6,7 +6,7 @@ use crate::contract::convert::{named, required};
 use crate::contract::message::{ExportFormat, ExportRequest, Status};
 use crate::jobs::Limits;
 use crate::jobs::plan::{AcceptedPlan, Said};
-use crate::rules::{Checks, Rule, RuleSet};
+use crate::rules::{Checks, Number, Rule, RuleSet};
 
 const RATE_RULE: Rule = Rule::between(1.0, 10_000.0, "Hz");
 /// Most points at the rate asked for, the first and the last included.
@@ -103,8 +103,9 @@ fn check_plan(plan: &AcceptedPlan, rate: f64, checks: &mut Checks) {
     }
     let largest = (MAX_POINTS - 1.0) / final_time;
     if RATE_RULE.admits(rate) && final_time * rate > MAX_POINTS - 1.0 {
-        let rule = format!("at most {largest} Hz for a plan of {final_time} s: {MAX_POINTS} points");
-        checks.require("rate_hz", rate, false, &rule, Some(largest));
+        let rule =
+            format!("at most {} Hz for a plan of {} s: {MAX_POINTS} points", Number(largest), Number(final_time));
+        checks.require("rate_hz", Number(rate), false, &rule, Some(largest));
     }
 }
 

@@ -9,7 +9,7 @@ use crate::contract::convert::{aisle_corners, count, maneuver, named, payload, r
 use crate::contract::message::{InitialGuess, SolveGrid, SolveRequest, Solver, ValidateResponse, View};
 use crate::contract::{Problem, hexadecimal, json, message};
 use crate::jobs::limits::{Clock, DEFAULT_TIME_LIMIT_S, Limits};
-use crate::rules::{Checks, Rule, RuleSet};
+use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
 use crate::solver::{Choice, Refinement, SolveInput, SolveParameters, SolverSettings};
 
@@ -123,7 +123,7 @@ fn check_time_limit(time_limit_s: f64, limits: &Limits, checks: &mut Checks) {
             checks.bounds(FIELD, time_limit_s, &TIME_LIMIT_RULE);
             checks.server_limit(FIELD, time_limit_s, limits.max_time_limit_s);
         }
-        Clock::Rests => checks.require(FIELD, time_limit_s, false, WITHOUT_CLOCK, None),
+        Clock::Rests => checks.require(FIELD, Number(time_limit_s), false, WITHOUT_CLOCK, None),
     }
 }
 
