@@ -25,6 +25,13 @@ pub(super) struct Newton<'a, const N: usize> {
     pub(super) iteration_limit: usize,
 }
 
+/// An impulse with the equations linearised there, and what it misses them by.
+struct Point<const N: usize> {
+    impulse: SVector<f64, N>,
+    equations: ModeEquations<N>,
+    miss: SVector<f64, N>,
+}
+
 impl<const N: usize> Newton<'_, N> {
     /// Iterates from `start`; each impulse whose update was at most `small_update` (N s) is passed to `accept`, which ends
     /// the iteration with `Some`.
@@ -38,43 +45,45 @@ impl<const N: usize> Newton<'_, N> {
         small_update: f64,
         accept: impl Fn(SVector<f64, N>) -> Option<T>,
     ) -> Option<T> {
-        let mut impulse = *start;
-        let mut equations = self.equations(&impulse)?;
-        let mut miss = equations.residual(&impulse);
+        let mut point = self.at(*start)?;
         let mut is_refused = false;
         for _ in 0..self.iteration_limit {
-            let update = solved(equations.jacobian(self.operator), miss)?;
+            let update = solved(point.equations.jacobian(self.operator), point.miss)?;
             let is_small = update.amax() <= small_update;
-            let mut share = 1.0;
-            loop {
-                let trial = impulse - update * share;
-                let trial_equations = self.equations(&trial)?;
-                let trial_miss = trial_equations.residual(&trial);
-                if is_small || trial_miss.amax() < miss.amax() || share < SMALLEST_SHARE {
-                    (impulse, equations, miss) = (trial, trial_equations, trial_miss);
-                    break;
-                }
-                share *= 0.5;
+            if !is_small {
+                point = self.searched(&point, &update)?;
+                continue;
             }
-            if is_small {
-                let accepted = accept(impulse);
-                if accepted.is_some() {
-                    return accepted;
-                }
-                if is_refused {
-                    return None;
-                }
-                is_refused = true;
+            let impulse = point.impulse - update;
+            let accepted = accept(impulse);
+            if accepted.is_some() || is_refused {
+                return accepted;
             }
+            is_refused = true;
+            point = self.at(impulse)?;
         }
         None
     }
 
+    /// The first point on the way along an update that misses less, or the shortest step.
     #[inline]
-    fn equations(&self, impulse: &SVector<f64, N>) -> Option<ModeEquations<N>> {
-        let slip = self.operator.impact_slip(self.problem, impulse);
-        let normal = self.operator.normal_impulse(self.problem, impulse);
-        ModeEquations::at(self.operator, self.pattern, &slip, &normal, self.slip_smoothing)
+    fn searched(&self, from: &Point<N>, update: &SVector<f64, N>) -> Option<Point<N>> {
+        let mut share = 1.0;
+        loop {
+            let trial = self.at(from.impulse - update * share)?;
+            if trial.miss.amax() < from.miss.amax() || share < SMALLEST_SHARE {
+                return Some(trial);
+            }
+            share *= 0.5;
+        }
+    }
+
+    #[inline]
+    fn at(&self, impulse: SVector<f64, N>) -> Option<Point<N>> {
+        let slip = self.operator.impact_slip(self.problem, &impulse);
+        let normal = self.operator.normal_impulse(self.problem, &impulse);
+        let equations = ModeEquations::at(self.operator, self.pattern, &slip, &normal, self.slip_smoothing)?;
+        Some(Point { impulse, equations, miss: equations.residual(&impulse) })
     }
 }
 
