@@ -52,7 +52,7 @@ impl ElasticProgram<'_> {
         }
         let mut largest = DVector::<f64>::zeros(rows);
         for (coefficients, (lower, upper)) in self.matrix.column_iter().zip(self.lower.iter().zip(self.upper.iter())) {
-            for (largest, coefficient) in largest.iter_mut().zip(coefficients.iter()) {
+            for (largest, coefficient) in largest.as_mut_slice().iter_mut().zip(coefficients.as_slice()) {
                 *largest += (coefficient * lower).max(coefficient * upper);
             }
         }

@@ -165,7 +165,7 @@ impl ElasticSolver {
         self.by_row = program.matrix.transpose();
         self.range.fill(0.0);
         for (column, width) in program.matrix.column_iter().zip((program.upper - program.lower).iter()) {
-            for (range, coefficient) in self.range.iter_mut().zip(column.iter()) {
+            for (range, coefficient) in self.range.as_mut_slice().iter_mut().zip(column.as_slice()) {
                 *range += coefficient.abs() * width;
             }
         }
@@ -297,10 +297,10 @@ impl ElasticSolver {
 
     fn update_gradient(&mut self, program: &ElasticProgram) {
         self.gradient.copy_from(program.cost);
-        for (column, gradient) in self.gradient.iter_mut().enumerate() {
+        for (column, gradient) in self.gradient.as_mut_slice().iter_mut().enumerate() {
             *gradient += self.perturbation.of(column);
         }
-        for (multiplier, coefficients) in self.multiplier.iter().zip(self.by_row.column_iter()) {
+        for (multiplier, coefficients) in self.multiplier.as_slice().iter().zip(self.by_row.column_iter()) {
             if *multiplier != 0.0 {
                 self.gradient.axpy(*multiplier, &coefficients, 1.0);
             }
@@ -367,7 +367,7 @@ impl ElasticSolver {
             self.direction[*row] = *change;
         }
         self.slope.fill(0.0);
-        for (change, coefficients) in self.direction.iter().zip(self.by_row.column_iter()) {
+        for (change, coefficients) in self.direction.as_slice().iter().zip(self.by_row.column_iter()) {
             if *change != 0.0 {
                 self.slope.axpy(*change, &coefficients, 1.0);
             }

@@ -58,25 +58,29 @@ impl ElasticSolver {
     fn list_kinks(&mut self, program: &ElasticProgram, leaving: Leaving) {
         let mut kinks = std::mem::take(&mut self.kinks);
         kinks.clear();
-        let total: f64 = self.direction.iter().zip(self.range.iter()).map(|(change, range)| change.abs() * range).sum();
+        // Slices: nalgebra's iterators look for the end of a column at every element.
+        let ranges = self.direction.as_slice().iter().zip(self.range.as_slice());
+        let total: f64 = ranges.map(|(change, range)| change.abs() * range).sum();
         let smallest = TOLERANCE * total;
         let gradient_tolerance = self.gradient_tolerance();
-        for (column, (&gradient, &slope)) in self.gradient.iter().zip(self.slope.iter()).enumerate() {
-            if self.is_basic[column] || slope.abs() * program.width(column) <= smallest {
+        let bounds = program.lower.as_slice().iter().zip(program.upper.as_slice());
+        let edges = self.gradient.as_slice().iter().zip(self.slope.as_slice()).zip(bounds);
+        for (column, (((&gradient, &slope), (&lower, &upper)), (&rest, &is_basic))) in
+            edges.zip(self.rest.iter().zip(&self.is_basic)).enumerate()
+        {
+            let next = Rest::by(slope);
+            if is_basic || rest == next || slope.abs() * (upper - lower) <= smallest {
                 continue;
             }
-            let (rest, next) = (self.rest[column], Rest::by(slope));
-            if rest != next {
-                let width = match rest {
-                    Rest::Lower | Rest::Upper => program.width(column),
-                    Rest::Zero if next == Rest::Lower => -program.lower[column],
-                    Rest::Zero => program.upper[column],
-                };
-                let is_zero = gradient.abs() <= gradient_tolerance;
-                let step = if is_zero { 0.0 } else { -gradient / slope };
-                let (fall, pivot) = (slope.abs() * width, slope.abs());
-                kinks.push(Kink { step, fall, pivot, at: KinkAt::Variable(column) });
-            }
+            let width = match rest {
+                Rest::Lower | Rest::Upper => upper - lower,
+                Rest::Zero if next == Rest::Lower => -lower,
+                Rest::Zero => upper,
+            };
+            let is_zero = gradient.abs() <= gradient_tolerance;
+            let step = if is_zero { 0.0 } else { -gradient / slope };
+            let (fall, pivot) = (slope.abs() * width, slope.abs());
+            kinks.push(Kink { step, fall, pivot, at: KinkAt::Variable(column) });
         }
         let until = |row: usize| {
             let (low, high) = self.multiplier_bounds(program, row);
