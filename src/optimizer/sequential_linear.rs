@@ -14,10 +14,12 @@
 //! bound and the linear model is as good as a quadratic one.
 
 mod criticality;
+mod move_limits;
 
 pub use criticality::{CriticalityMeasure, CriticalitySettings, criticality_measure};
 use nalgebra::DVector;
 
+use self::move_limits::MoveLimits;
 use super::elastic_program::{ElasticProgram, violation_sum};
 use super::evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 use super::linear_program::ElasticSolver;
@@ -60,8 +62,8 @@ pub struct StepRatios {
 impl StepRatios {
     /// Where most variables are at their bounds, the linear model is good until another bound counts.
     pub const BOUNDS: Self = Self { correct: SHRINK_RATIO, grow: 0.5 };
-    /// Where curved constraints are followed, a step r gains about r (1 - k r). A ratio below a half is a step beyond the best one,
-    /// and from three quarters on one of twice the length keeps a half.
+    /// Where curves are followed, those of limits or of smoothed friction, a step r gains about r (1 - k r). A ratio below a half is a
+    /// step beyond the best one, and from three quarters on one of twice the length keeps a half.
     pub const CURVES: Self = Self { correct: 0.5, grow: 0.75 };
 }
 
@@ -152,6 +154,7 @@ struct Search<'a> {
     model: Linearisation,
     model_is_current: bool,
     radius: f64,
+    moves: MoveLimits,
     penalty_parameter: f64,
     iterations: u64,
 }
@@ -181,6 +184,7 @@ impl<'a> Search<'a> {
             model,
             model_is_current: false,
             radius: settings.first_radius,
+            moves: MoveLimits::new(start.len()),
             penalty_parameter: settings.penalty_parameter,
             iterations: 0,
         }
@@ -231,6 +235,7 @@ impl<'a> Search<'a> {
             let gain = merit - trial.merit;
             self.adapt_radius(gain / prediction);
             if gain > 0.0 {
+                self.moves.adapt(&trial.x - &self.x);
                 self.accept(trial);
                 on_improvement(&self.x, &self.model.constraints);
             }
@@ -268,7 +273,7 @@ impl<'a> Search<'a> {
 
     /// The minimiser of the linear model in the trust region; the program's variables are steps in units of its half widths.
     fn linear_step(&mut self, budget: &Budget) -> Result<DVector<f64>, Interruption> {
-        let half_width = self.problem.variable_scale(&self.x) * self.radius;
+        let half_width = self.problem.variable_scale(&self.x).component_mul(self.moves.shares()) * self.radius;
         let share = |room: f64, half_width: f64| if half_width > 0.0 { room / half_width } else { 0.0 };
         let lower = (self.problem.lower() - &self.x).zip_map(&half_width, |room, width| share(room, width).max(-1.0));
         let upper = (self.problem.upper() - &self.x).zip_map(&half_width, |room, width| share(room, width).min(1.0));

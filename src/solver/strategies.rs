@@ -16,7 +16,7 @@ use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
-    Ending, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, Restoration, SequentialLinearSettings,
+    Ending, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, Restoration, SequentialLinearSettings, StepRatios,
     criticality_measure, minimise_sequentially,
 };
 use crate::shooting::decision_from_schedule;
@@ -25,8 +25,8 @@ use crate::shooting::decision_from_schedule;
 /// change their modes. Under the exact law alone the search stops at such kinks, with final times up to 20 % longer.
 const SMOOTHING: [f64; 3] = [0.24, 0.08, 0.024];
 /// Most linear programs of a start under the first smoothing, before starts are compared, and under each smoothing afterwards.
-const ROUGH_ITERATION_LIMIT: usize = 15;
-const SMOOTHED_ITERATION_LIMIT: usize = 40;
+const ROUGH_ITERATION_LIMIT: usize = 10;
+const SMOOTHED_ITERATION_LIMIT: usize = 20;
 /// First trust radius from a start, whose torques may be far from the optimum. Much larger ones leave the family of plans that the
 /// start belongs to, where small changes go far: backwards, a front-heavy robot is unstable.
 const START_RADIUS: f64 = 0.2;
@@ -342,6 +342,7 @@ impl LocalSearch<'_, '_, '_> {
             let settings = SequentialLinearSettings {
                 first_radius,
                 iteration_limit,
+                step_ratios: StepRatios::CURVES,
                 restoration: Restoration::Skip,
                 ..self.descent(ROUGH)
             };

@@ -214,7 +214,7 @@ impl ProgressObserver for PanicAtStart {
 fn panic_in_a_part_ends_the_search_with_a_panic() {
     let (input, stop) = (&inputs()[0], AtomicBool::new(false));
     for crew in crews() {
-        let observer = PanicAtStart(3);
+        let observer = PanicAtStart(2);
         let control = RunControl::new(&stop, &observer).helped_by(&crew);
         let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| solve(input, &control)));
         assert!(outcome.is_err());
