@@ -7,11 +7,11 @@
 //! Source: the penalty successive linear programming of Zhang, Kim & Lasdon (1985), which is Fletcher's `Sl1QP` ("Practical
 //! Methods of Optimization", 1987) with a linear model.
 //!
-//! Each iteration minimises the merit's linear model in a box about x (an elastic program) and tries the step. Where the
-//! merit falls by much less than predicted, a second-order correction (Fletcher 1982), here the least change that removes
-//! the residuals' curvature, is tried too, and the better point is kept. Acceptance depends on the merit alone: at a
-//! contact's slip reversal the derivative can be wrong. Time-optimal torques are bang-bang, so most variables end at a
-//! bound and the linear model is as good as a quadratic one.
+//! Each iteration minimises the merit's linear model in a box about x (an elastic program) and tries the step. Variables that go to
+//! and fro get a share of the box (move limits). Where the merit falls by much less than predicted, a second-order correction
+//! (Fletcher 1982), here the least change that removes the residuals' curvature, is tried too, and the better point is kept.
+//! Acceptance depends on the merit alone: at a contact's slip reversal the derivative can be wrong. Time-optimal torques are
+//! bang-bang, so most variables end at a bound and the linear model is as good as a quadratic one.
 
 mod criticality;
 mod move_limits;
