@@ -104,6 +104,9 @@ impl ElasticSolver {
     /// When it was stopped: programs of hundreds of rows take many milliseconds.
     pub fn solve(&mut self, program: &ElasticProgram, stop: Stop) -> Result<ElasticSolution, Stopped> {
         let rows = program.rows_within_reach();
+        if rows.len() == program.target.len() {
+            return self.solve_rows(program, stop);
+        }
         let mut solution = self.solve_rows(
             &ElasticProgram {
                 matrix: &program.matrix.select_rows(&rows),
@@ -163,11 +166,10 @@ impl ElasticSolver {
             vector.resize_vertically_mut(len, 0.0);
         }
         self.by_row = program.matrix.transpose();
-        self.range.fill(0.0);
-        for (column, width) in program.matrix.column_iter().zip((program.upper - program.lower).iter()) {
-            for (range, coefficient) in self.range.as_mut_slice().iter_mut().zip(column.as_slice()) {
-                *range += coefficient.abs() * width;
-            }
+        let width = program.upper - program.lower;
+        for (range, coefficients) in self.range.as_mut_slice().iter_mut().zip(self.by_row.column_iter()) {
+            let coefficients = coefficients.as_slice().iter().zip(width.as_slice());
+            *range = coefficients.map(|(coefficient, width)| coefficient.abs() * width).sum();
         }
         self.largest_range = self.range.amax();
         self.basis.is_kept = rows > Basis::SMALL;
@@ -182,7 +184,7 @@ impl ElasticSolver {
         let (rows, columns) = program.matrix.shape();
         self.value.copy_from(program.target);
         self.value.neg_mut();
-        self.x.fill(0.0);
+        self.x.as_mut_slice().fill(0.0);
         self.perturbation = Perturbation::default();
         let (mut stalled, mut was_perturbed, mut is_afresh) = (0, false, true);
         for _ in 0..ITERATION_FACTOR * (rows + columns) {
@@ -205,7 +207,10 @@ impl ElasticSolver {
                     (self.perturbation, stalled, was_perturbed) = (Perturbation::default(), 0, true);
                     continue;
                 }
-                self.x.iter_mut().enumerate().for_each(|(j, x)| *x = x.max(program.lower[j]).min(program.upper[j]));
+                let bounds = program.lower.as_slice().iter().zip(program.upper.as_slice());
+                for (x, (&lower, &upper)) in self.x.as_mut_slice().iter_mut().zip(bounds) {
+                    *x = x.max(lower).min(upper);
+                }
                 return Ok(true);
             };
             self.update_direction(program, leaving);
@@ -218,8 +223,8 @@ impl ElasticSolver {
             };
             let rises = kink.step * self.rise(program, leaving) > self.rounding(program);
             stalled = if rises { 0 } else { stalled + 1 };
-            self.multiplier.axpy(kink.step, &self.direction, 1.0);
-            self.gradient.axpy(kink.step, &self.slope, 1.0);
+            add_multiple(&mut self.multiplier, kink.step, self.direction.as_slice());
+            add_multiple(&mut self.gradient, kink.step, self.slope.as_slice());
             self.exchange(program, leaving, kink.at);
             is_afresh = !self.basis.has_inverse();
             // As many iterations as there are variables without progress are no accident.
@@ -302,7 +307,7 @@ impl ElasticSolver {
         }
         for (multiplier, coefficients) in self.multiplier.as_slice().iter().zip(self.by_row.column_iter()) {
             if *multiplier != 0.0 {
-                self.gradient.axpy(*multiplier, &coefficients, 1.0);
+                add_multiple(&mut self.gradient, *multiplier, coefficients.as_slice());
             }
         }
         self.gradient_error = 0.0;
@@ -326,21 +331,24 @@ impl ElasticSolver {
     /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows, from where they are or afresh.
     fn update_point(&mut self, program: &ElasticProgram, is_afresh: bool) {
         let gradient_tolerance = self.gradient_tolerance();
-        for (column, coefficients) in program.matrix.column_iter().enumerate() {
-            if self.gradient[column].abs() > gradient_tolerance {
-                self.rest[column] = Rest::by(self.gradient[column]);
+        let bounds = program.lower.as_slice().iter().zip(program.upper.as_slice());
+        let places = self.rest.iter_mut().zip(&self.is_basic).zip(self.gradient.as_slice());
+        let variables = self.x.as_mut_slice().iter_mut().zip(places).zip(bounds);
+        for (column, ((x, ((rest, &is_basic), &gradient)), (&lower, &upper))) in variables.enumerate() {
+            if gradient.abs() > gradient_tolerance {
+                *rest = Rest::by(gradient);
             }
-            let x = match self.rest[column] {
-                _ if self.is_basic[column] && is_afresh => 0.0,
-                _ if self.is_basic[column] => continue,
-                Rest::Lower => program.lower[column],
+            let new = match rest {
+                _ if is_basic && is_afresh => 0.0,
+                _ if is_basic => continue,
+                Rest::Lower => lower,
                 Rest::Zero => 0.0,
-                Rest::Upper => program.upper[column],
+                Rest::Upper => upper,
             };
-            let change = x - self.x[column];
+            let change = new - *x;
             if change != 0.0 {
-                self.value.axpy(change, &coefficients, 1.0);
-                self.x[column] = x;
+                add_multiple(&mut self.value, change, program.matrix.column(column).as_slice());
+                *x = new;
             }
         }
         let missing =
@@ -348,13 +356,13 @@ impl ElasticSolver {
         let basic = &self.basis.inverse * missing;
         for (column, x) in self.basis.basic.iter().zip(basic.iter()) {
             self.x[*column] -= x;
-            self.value.axpy(-x, &program.matrix.column(*column), 1.0);
+            add_multiple(&mut self.value, -x, program.matrix.column(*column).as_slice());
         }
     }
 
     /// The change of the multipliers along the edge, and that of the gradients.
     fn update_direction(&mut self, program: &ElasticProgram, leaving: Leaving) {
-        self.direction.fill(0.0);
+        self.direction.as_mut_slice().fill(0.0);
         let tight = match leaving {
             Leaving::Basic { position, sign } => self.basis.inverse.row(position).transpose() * sign,
             Leaving::Row { row, sign } => {
@@ -366,10 +374,10 @@ impl ElasticSolver {
         for (row, change) in self.basis.tight.iter().zip(tight.iter()) {
             self.direction[*row] = *change;
         }
-        self.slope.fill(0.0);
+        self.slope.as_mut_slice().fill(0.0);
         for (change, coefficients) in self.direction.as_slice().iter().zip(self.by_row.column_iter()) {
             if *change != 0.0 {
-                self.slope.axpy(*change, &coefficients, 1.0);
+                add_multiple(&mut self.slope, *change, coefficients.as_slice());
             }
         }
     }
@@ -410,6 +418,14 @@ impl ElasticSolver {
         let column = self.basis.basic[position];
         self.is_basic[column] = false;
         self.rest[column] = Rest::by(sign);
+    }
+}
+
+/// Slices take half the time of nalgebra's `axpy`, which also scales the sum; its iterators look for the end of a column at every
+/// element.
+fn add_multiple(sum: &mut DVector<f64>, factor: f64, addend: &[f64]) {
+    for (sum, addend) in sum.as_mut_slice().iter_mut().zip(addend) {
+        *sum += factor * addend;
     }
 }
 
