@@ -159,6 +159,8 @@ impl<'a, const N: usize> Search<'a, N> {
 
     fn by_newton(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
         let (operator, problem, iteration_limit) = (self.operator, self.problem, self.iteration_limit);
+        // Without front friction no other pattern needs Newton: the compiler leaves out what the others would.
+        let pattern = if N == 3 { ContactPattern::ALL_SLIP } else { pattern };
         let newton = Newton { operator, problem, pattern, slip_smoothing: 0.0, iteration_limit };
         newton.solve(start, self.small_update(), |impulse| self.accepted(self.candidate(pattern, impulse)))
     }

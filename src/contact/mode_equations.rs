@@ -42,7 +42,8 @@ struct SlippingContact {
 
 impl<const N: usize> ModeEquations<N> {
     /// Linearises at an impact slip and normal impulses; none where a slip direction is undefined.
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would copy the equations and hide a pattern that is known")]
+    #[inline(always)]
     pub(super) fn at(
         operator: &DelassusOperator<N>,
         pattern: ContactPattern,
@@ -75,7 +76,8 @@ impl<const N: usize> ModeEquations<N> {
     }
 
     /// Rows of the Jacobian of the equations by the friction impulse.
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would copy the equations and hide a pattern that is known")]
+    #[inline(always)]
     pub(super) fn jacobian(&self, operator: &DelassusOperator<N>) -> [[f64; N]; N] {
         // The Delassus matrix is symmetric: its columns are its rows.
         let by_impulse = &operator.delassus().data.0;

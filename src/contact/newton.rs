@@ -25,6 +25,22 @@ pub(super) struct Newton<'a, const N: usize> {
     pub(super) iteration_limit: usize,
 }
 
+/// A step, of which the first share is taken that misses less than where it starts, or the smallest one.
+struct Step<const N: usize> {
+    from: SVector<f64, N>,
+    missed: f64,
+    update: SVector<f64, N>,
+    share: f64,
+}
+
+impl<const N: usize> Step<N> {
+    /// To an impulse, whatever it misses.
+    #[inline]
+    fn to(impulse: SVector<f64, N>) -> Self {
+        Self { from: impulse, missed: 0.0, update: SVector::zeros(), share: 0.0 }
+    }
+}
+
 /// An impulse with the equations linearised there, and what it misses them by.
 struct Point<const N: usize> {
     impulse: SVector<f64, N>,
@@ -45,46 +61,48 @@ impl<const N: usize> Newton<'_, N> {
         small_update: f64,
         accept: impl Fn(SVector<f64, N>) -> Option<T>,
     ) -> Option<T> {
-        let mut point = self.at(*start)?;
-        let mut is_refused = false;
-        for _ in 0..self.iteration_limit {
-            let update = solved(point.equations.jacobian(self.operator), point.miss)?;
-            let is_small = update.amax() <= small_update;
-            if !is_small {
-                point = self.searched(&point, &update)?;
+        // Points are made in one place, which they need not be copied from.
+        let mut step = Step::to(*start);
+        let (mut iterations, mut is_refused) = (0, false);
+        while iterations < self.iteration_limit {
+            let point = self.at(step.from - step.update * step.share)?;
+            let missed = largest(&point.miss);
+            let misses_less = missed < step.missed;
+            if !misses_less && step.share >= SMALLEST_SHARE {
+                step.share *= 0.5;
                 continue;
             }
-            let impulse = point.impulse - update;
-            let accepted = accept(impulse);
-            if accepted.is_some() || is_refused {
-                return accepted;
+            iterations += 1;
+            let update = solved(point.equations.jacobian(self.operator), point.miss)?;
+            if largest(&update) <= small_update {
+                let impulse = point.impulse - update;
+                let accepted = accept(impulse);
+                if accepted.is_some() || is_refused {
+                    return accepted;
+                }
+                is_refused = true;
+                step = Step::to(impulse);
+            } else {
+                step = Step { from: point.impulse, missed, update, share: 1.0 };
             }
-            is_refused = true;
-            point = self.at(impulse)?;
         }
         None
     }
 
-    /// The first point on the way along an update that misses less, or the shortest step.
-    #[inline]
-    fn searched(&self, from: &Point<N>, update: &SVector<f64, N>) -> Option<Point<N>> {
-        let mut share = 1.0;
-        loop {
-            let trial = self.at(from.impulse - update * share)?;
-            if trial.miss.amax() < from.miss.amax() || share < SMALLEST_SHARE {
-                return Some(trial);
-            }
-            share *= 0.5;
-        }
-    }
-
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would copy the equations and hide a pattern that is known")]
+    #[inline(always)]
     fn at(&self, impulse: SVector<f64, N>) -> Option<Point<N>> {
         let slip = self.operator.impact_slip(self.problem, &impulse);
         let normal = self.operator.normal_impulse(self.problem, &impulse);
         let equations = ModeEquations::at(self.operator, self.pattern, &slip, &normal, self.slip_smoothing)?;
         Some(Point { impulse, equations, miss: equations.residual(&impulse) })
     }
+}
+
+/// The largest magnitude: one instruction per component, where nalgebra's `amax` takes six.
+#[inline]
+pub(super) fn largest<const N: usize>(vector: &SVector<f64, N>) -> f64 {
+    vector.as_slice().iter().fold(0.0, |largest, value| if largest > value.abs() { largest } else { value.abs() })
 }
 
 /// The solution of a small linear system, given by its rows; none when it is singular.
