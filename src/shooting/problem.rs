@@ -67,7 +67,9 @@ impl<'a> ShootingProblem<'a> {
         let torque_scale = simulator.robot().torques_near_grip(maneuver.torque_limit);
         let (rows, length_unit) = goal_rows(maneuver, parameters);
         let path_constraints = PathConstraints::new(simulator.robot(), maneuver.limits, limits);
-        let sensitivity = EndSensitivity::watching(limits.quantities(), control_count);
+        let mut sensitivity = EndSensitivity::watching(limits.quantities(), control_count);
+        let wheel_angles = [StateComponent::WheelAngleLeft, StateComponent::WheelAngleRight];
+        sensitivity.omits_wheel_angles = wheel_angles.iter().all(|&angle| maneuver.goal.value(angle).is_none());
         Self {
             simulator,
             start: maneuver.start_at_center_of_mass(parameters),

@@ -1,5 +1,7 @@
 //! The chain rule through the friction impulse of one step.
 
+#![expect(clippy::inline_always, reason = "called in a sweep: a call would take derivatives through memory")]
+
 use nalgebra::SMatrix;
 
 use crate::contact::ImpulseDerivative;
@@ -19,7 +21,7 @@ pub(super) struct Chain<const K: usize> {
 impl<const K: usize> Chain<K> {
     /// Derivatives of `motion (u_A + dt a) + normal free_normal + response Lambda`, where
     /// `free_slip = (1 + e) W' u_A + W' dt a`; `slip_map` is `W'` and `restitution_factor` is `1 + e`.
-    #[inline]
+    #[inline(always)]
     pub(super) fn new<const N: usize>(
         (slip_map, restitution_factor): (&SMatrix<f64, N, 5>, f64),
         motion: &SMatrix<f64, K, 5>,
@@ -37,7 +39,7 @@ impl<const K: usize> Chain<K> {
 
 /// The matrix product, one column of the result at a time: unrolled for its size it takes a fraction of the time of
 /// nalgebra's, whose strides are not known at compile time.
-#[inline]
+#[inline(always)]
 pub(super) fn product<const R: usize, const K: usize, const C: usize>(
     left: &SMatrix<f64, R, K>,
     right: &SMatrix<f64, K, C>,

@@ -106,7 +106,8 @@ impl<const N: usize> StepModel<N> {
     }
 
     /// Derivatives of the body velocity at the end: `u_E = u_A + dt a + P Lambda`.
-    #[inline]
+    #[expect(clippy::inline_always, reason = "called in a sweep: a call would take derivatives through memory")]
+    #[inline(always)]
     pub(super) fn motion_chain(&self, impulse: &ImpulseDerivative<N>) -> Chain<5> {
         let response = (&self.impulse_response, impulse);
         Chain::new((&self.slip_map, self.restitution_factor), &SMatrix::identity(), &SMatrix::zeros(), response)

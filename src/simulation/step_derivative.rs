@@ -1,6 +1,8 @@
 //! Derivatives of one step in the body frame of its midpoint, given the derivatives of its friction impulse.
 
-use nalgebra::{SMatrix, SVector, Vector3};
+#![expect(clippy::inline_always, reason = "called in a sweep: a call would take derivatives through memory")]
+
+use nalgebra::{SMatrix, SVector};
 
 use super::chain::{Chain, product};
 use super::friction_law::FrictionLaw;
@@ -21,18 +23,21 @@ pub(super) struct StepDerivative<const K: usize> {
 
 impl StepDerivative<5> {
     /// Of the body velocity at the end.
-    #[inline]
+    #[inline(always)]
     pub(super) fn of_motion<const N: usize>(
         model: &StepModel<N>,
         entry: &TapeEntry,
         controls: (PerWheel<f64>, f64),
         law: FrictionLaw,
     ) -> Self {
-        if let Some(chain) = model.linear_chain(entry.pattern) {
-            return Self::along(chain, model, entry, controls);
-        }
-        let impulse = impulse_derivative(model, entry, law);
-        Self::along(&model.motion_chain(&impulse), model, entry, controls)
+        let chain_of_pattern;
+        let chain = if let Some(chain) = model.linear_chain(entry.pattern) {
+            chain
+        } else {
+            chain_of_pattern = model.motion_chain(&impulse_derivative(model, entry, law));
+            &chain_of_pattern
+        };
+        Self::along(chain, model, entry, controls)
     }
 }
 
@@ -54,7 +59,7 @@ impl<const K: usize> StepDerivative<K> {
     ///
     /// By the step length, with `M = M_0 + C dt` and the friction impulse as it is,
     /// `du_E/ddt = M^-1 (h - C u_A - C (u_E - u_A)) = M^-1 (h - C u_E)`: viscous friction counts with the rates at the end.
-    #[inline]
+    #[inline(always)]
     fn along<const N: usize>(
         chain: &Chain<K>,
         model: &StepModel<N>,
@@ -79,10 +84,11 @@ impl<const K: usize> StepDerivative<K> {
             column += gyroscopic;
         }
 
-        let by_torque = |wheel: usize, force: &Vector3<f64>| {
-            smooth.column(wheel) * (dt * model.inverse_spin_inertia) + product(by_normal, &(force * dt))
-        };
-        let by_torque = PerWheel::new(by_torque(3, &free.by_torque.left), by_torque(4, &free.by_torque.right));
+        let by_spin = dt * model.inverse_spin_inertia;
+        let by_torque = PerWheel::new(
+            smooth.column(3) * by_spin + product(by_normal, &(free.by_torque.left * dt)),
+            smooth.column(4) * by_spin + product(by_normal, &(free.by_torque.right * dt)),
+        );
         if model.viscous_friction > 0.0 {
             for (wheel, by_torque) in [(3, &by_torque.left), (4, &by_torque.right)] {
                 let mut column = by_velocity.column_mut(wheel);
