@@ -51,7 +51,7 @@ impl Constraints {
 
     /// Sum of all violations; NaN if a value is NaN.
     pub fn violation_sum(&self) -> f64 {
-        let violated: f64 = self.inequality.iter().map(|value| larger(0.0, *value)).sum();
+        let violated: f64 = self.inequality.as_slice().iter().map(|value| larger(0.0, *value)).sum();
         self.residual.lp_norm(1) + violated
     }
 

@@ -262,21 +262,22 @@ impl<'a> ShootingProblem<'a> {
 
     /// The goal rows of a column of the Jacobian.
     fn write_column(&self, derivative: &EndDerivative, mut column: nalgebra::DVectorViewMut<f64>) {
-        for (value, row) in column.iter_mut().zip(&self.rows) {
+        for (value, row) in column.as_mut_slice().iter_mut().zip(&self.rows) {
             *value = row.scale * derivative[row.component];
         }
     }
 
     fn write_goal_rows(&self, linearisation: &mut Linearisation) {
-        let (sensitivity, frame) = (&self.sensitivity, self.end_frame());
-        let end = &sensitivity.end;
-        self.write_residual(&frame.state(end), &mut linearisation.constraints.residual);
+        let sensitivity = &self.sensitivity;
+        let frame = self.end_frame();
+        self.write_residual(&frame.state(&sensitivity.end), &mut linearisation.constraints.residual);
+        let frame = frame.at(&sensitivity.end);
         let torques = sensitivity.by_left_torque.iter().chain(&sensitivity.by_right_torque);
         let jacobian = &mut linearisation.jacobian;
         for (index, derivative) in torques.enumerate() {
-            self.write_column(&frame.derivative(derivative, end), jacobian.column_mut(index));
+            self.write_column(&frame.derivative(derivative), jacobian.column_mut(index));
         }
-        let by_final_time = frame.derivative_by_final_time(&sensitivity.by_final_time, end);
+        let by_final_time = frame.derivative_by_final_time(&sensitivity.by_final_time);
         self.write_column(&by_final_time, jacobian.column_mut(self.cost.len() - 1));
     }
 

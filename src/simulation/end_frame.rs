@@ -35,42 +35,72 @@ impl EndFrame {
     /// The end state at the reference point, from that of the scheme at the chassis centre of mass.
     pub fn state(&self, end: &State) -> State {
         let mut turned = *end;
-        (turned.velocity.x, turned.velocity.y) = self.turned((end.velocity.x, end.velocity.y), end);
+        (turned.velocity.x, turned.velocity.y) = turn((end.velocity.x, end.velocity.y), self.angle(end).sin_cos());
         turned.moved_by(self.offset)
     }
 
-    /// A world vector, turned as the velocity of this end state.
-    fn turned(&self, (x, y): (f64, f64), end: &State) -> (f64, f64) {
-        let (sin, cos) = (self.turn_time * end.velocity.yaw_rate).sin_cos();
-        (cos * x - sin * y, sin * x + cos * y)
+    /// The turn of the velocity at an end state.
+    fn angle(&self, end: &State) -> f64 {
+        self.turn_time * end.velocity.yaw_rate
     }
 
+    /// The frame at one end state of the scheme.
+    pub fn at(&self, end: &State) -> EndFrameAt {
+        let angle = self.angle(end).sin_cos();
+        let (sin, cos) = end.configuration.heading.sin_cos();
+        EndFrameAt {
+            frame: *self,
+            angle,
+            velocity: turn((end.velocity.x, end.velocity.y), angle),
+            yaw_rate: end.velocity.yaw_rate,
+            arm: Vector2::new(cos * self.offset.x - sin * self.offset.y, sin * self.offset.x + cos * self.offset.y),
+        }
+    }
+}
+
+/// Turns a vector by the angle with this sine and cosine.
+fn turn((x, y): (f64, f64), (sin, cos): (f64, f64)) -> (f64, f64) {
+    (cos * x - sin * y, sin * x + cos * y)
+}
+
+/// An end frame at one end state, with the sines and cosines that all its derivatives need.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EndFrameAt {
+    frame: EndFrame,
+    /// Sine and cosine of the turn of the velocity.
+    angle: (f64, f64),
+    /// The turned velocity.
+    velocity: (f64, f64),
+    yaw_rate: f64,
+    /// The offset in the world frame.
+    arm: Vector2<f64>,
+}
+
+impl EndFrameAt {
     /// Derivative of [`EndFrame::state`] along a derivative of the scheme's end state.
-    pub fn derivative(&self, derivative: &EndDerivative, end: &State) -> EndDerivative {
-        self.along(derivative, end, self.turn_time * derivative[7])
+    pub fn derivative(&self, derivative: &EndDerivative) -> EndDerivative {
+        self.along(derivative, self.frame.turn_time * derivative[7])
     }
 
-    /// As [`EndFrame::derivative`] by the final time, which also changes the step.
-    pub fn derivative_by_final_time(&self, derivative: &EndDerivative, end: &State) -> EndDerivative {
-        let turn = self.turn_time * derivative[7] + self.turn_time_by_final_time * end.velocity.yaw_rate;
-        self.along(derivative, end, turn)
+    /// As [`EndFrameAt::derivative`] by the final time, which also changes the step.
+    pub fn derivative_by_final_time(&self, derivative: &EndDerivative) -> EndDerivative {
+        let by_turn = self.frame.turn_time * derivative[7] + self.frame.turn_time_by_final_time * self.yaw_rate;
+        self.along(derivative, by_turn)
     }
 
     /// With the derivative of the turn.
-    fn along(&self, derivative: &EndDerivative, end: &State, by_turn: f64) -> EndDerivative {
-        let velocity = self.turned((end.velocity.x, end.velocity.y), end);
-        let change = self.turned((derivative[5], derivative[6]), end);
+    fn along(&self, derivative: &EndDerivative, by_turn: f64) -> EndDerivative {
+        let Self { velocity, yaw_rate: end_yaw_rate, arm, .. } = self;
+        let change = turn((derivative[5], derivative[6]), self.angle);
         let mut moved = *derivative;
         moved[5] = change.0 - velocity.1 * by_turn;
         moved[6] = change.1 + velocity.0 * by_turn;
 
-        let (sin, cos) = end.configuration.heading.sin_cos();
-        let arm = Vector2::new(cos * self.offset.x - sin * self.offset.y, sin * self.offset.x + cos * self.offset.y);
         let (heading, yaw_rate) = (derivative[2], derivative[7]);
         moved[0] -= arm.y * heading;
         moved[1] += arm.x * heading;
-        moved[5] -= arm.y * yaw_rate + arm.x * heading * end.velocity.yaw_rate;
-        moved[6] += arm.x * yaw_rate - arm.y * heading * end.velocity.yaw_rate;
+        moved[5] -= arm.y * yaw_rate + arm.x * heading * end_yaw_rate;
+        moved[6] += arm.x * yaw_rate - arm.y * heading * end_yaw_rate;
         moved
     }
 }

@@ -19,7 +19,7 @@ mod torque_schedule;
 mod trajectory;
 
 pub use contact_timeline::{ContactModeSpan, NormalLoad, Separation};
-pub use end_frame::EndFrame;
+pub use end_frame::{EndFrame, EndFrameAt};
 pub use friction_law::FrictionLaw;
 pub use path_extremes::PathExtremes;
 pub use path_maxima::{PathMaxima, PathMaximum};
