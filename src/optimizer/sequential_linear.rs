@@ -17,7 +17,7 @@ mod criticality;
 mod move_limits;
 
 pub use criticality::{CriticalityMeasure, CriticalitySettings, criticality_measure};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 use self::move_limits::MoveLimits;
 use super::elastic_program::{ElasticProgram, violation_sum};
@@ -278,9 +278,7 @@ impl<'a> Search<'a> {
         let lower = (self.problem.lower() - &self.x).zip_map(&half_width, |room, width| share(room, width).max(-1.0));
         let upper = (self.problem.upper() - &self.x).zip_map(&half_width, |room, width| share(room, width).min(1.0));
         let mut matrix = self.model.jacobian.clone();
-        for (mut column, half_width) in matrix.column_iter_mut().zip(half_width.iter()) {
-            column *= *half_width;
-        }
+        scale_columns(&mut matrix, &half_width);
         let program = ElasticProgram {
             matrix: &matrix,
             target: &-self.model.rows_of(&self.model.constraints),
@@ -401,21 +399,28 @@ impl<'a> Search<'a> {
     /// `rows` is `missed`.
     fn least_change(&self, x: &DVector<f64>, rows: &[usize], missed: &DVector<f64>) -> Option<DVector<f64>> {
         let mut scale = self.problem.variable_scale(x);
-        for (index, scale) in scale.iter_mut().enumerate() {
+        for (index, scale) in scale.as_mut_slice().iter_mut().enumerate() {
             if x[index] <= self.problem.lower()[index] || x[index] >= self.problem.upper()[index] {
                 *scale = 0.0;
             }
         }
         let mut scaled = self.model.jacobian.select_rows(rows);
-        for (mut column, scale) in scaled.column_iter_mut().zip(scale.iter()) {
-            column *= *scale;
-        }
+        scale_columns(&mut scaled, &scale);
         let weights = pseudo_solve(&(&scaled * scaled.transpose()), &missed.select_rows(rows))?;
         Some((scaled.transpose() * weights).component_mul(&scale))
     }
 
     fn merit(&self, x: &DVector<f64>, constraints: &Constraints) -> f64 {
         self.problem.cost().dot(x) + self.penalty_parameter * constraints.violation_sum()
+    }
+}
+
+/// As slices: nalgebra's iterators look for the end of a column at every element.
+fn scale_columns(matrix: &mut DMatrix<f64>, scale: &DVector<f64>) {
+    for (mut column, scale) in matrix.column_iter_mut().zip(scale.as_slice()) {
+        for value in column.as_mut_slice() {
+            *value *= scale;
+        }
     }
 }
 
