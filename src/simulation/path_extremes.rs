@@ -123,20 +123,21 @@ impl PathExtremes {
 
     /// Notes a step with its torques.
     #[inline]
-    pub(super) fn note<const N: usize>(&mut self, index: usize, step: &Step<N>, entry: &TapeEntry, rollout: &Rollout) {
+    pub(super) fn note<const N: usize>(&mut self, index: usize, step: &Step<N>, rollout: &Rollout) {
         let stretch = control_interval(index, self.step_count, self.unloading.len() / CONTACT_COUNT);
         for contact in 0..CONTACT_COUNT {
             let extreme = &mut self.unloading[CONTACT_COUNT * stretch + contact];
-            if -entry.normal_impulse[contact] > extreme.value {
-                *extreme = Extreme { value: -entry.normal_impulse[contact], step: index };
+            let value = -step.contact.normal_impulse[contact];
+            if value > extreme.value {
+                *extreme = Extreme { value, step: index };
             }
         }
         if !self.others.is_empty() {
-            self.note_others(index, step, entry, rollout);
+            self.note_others(index, step, rollout);
         }
     }
 
-    fn note_others<const N: usize>(&mut self, index: usize, step: &Step<N>, entry: &TapeEntry, rollout: &Rollout) {
+    fn note_others<const N: usize>(&mut self, index: usize, step: &Step<N>, rollout: &Rollout) {
         let control_count = rollout.schedule.control_count();
         let interval_of = |step| control_interval(step, self.step_count, control_count);
         let interval = interval_of(index);
@@ -144,7 +145,7 @@ impl PathExtremes {
         let is_last = index + 1 == self.step_count || interval_of(index + 1) != interval;
         let sample = PathSample::new(step, rollout.schedule.torque(interval), self.step_length);
         let first = self.others.len() * interval;
-        PathQuantity::each_of_step(&self.others, entry, &sample, |place, value| {
+        PathQuantity::each_of_step(&self.others, &TapeEntry::new(step), &sample, |place, value| {
             let (extremes, quantity) = (&mut self.largest[first + place], self.others[place]);
             let extreme = Extreme { value, step: index };
             if is_last {

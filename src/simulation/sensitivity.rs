@@ -133,9 +133,8 @@ fn record<const N: usize>(
     tape.reserve(rollout.step_count);
     path.clear(rollout);
     let note = |index: usize, step: &Step<N>| {
-        let entry = TapeEntry::new(step);
-        path.note(index, step, &entry, rollout);
-        tape.push(entry);
+        path.note(index, step, rollout);
+        tape.push(TapeEntry::new(step));
     };
     *end = integrate_under(law, model, rollout, stop, note)?;
     Ok(())
