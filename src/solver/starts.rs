@@ -78,6 +78,9 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
         strategy: Strategy::Warm,
     });
     let mut starts: Vec<Start> = guess.collect();
+    if starts.len() >= count {
+        return starts;
+    }
     let is_nelder_mead = input.settings.method == Method::NelderMead;
     if input.maneuver.torque_limit == PerWheel::new(0.0, 0.0) {
         starts.extend(coasting(input));
