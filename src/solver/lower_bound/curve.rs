@@ -52,7 +52,7 @@ impl Curve {
     /// Growth from `start` on at rates that rise with time; each rate holds from `advance` earlier on.
     pub(super) fn by_time(levels: &[Level], start: f64, advance: f64, duration: f64) -> Self {
         let (mut time, mut value) = (0.0, start);
-        let mut segments = Vec::new();
+        let mut segments = Vec::with_capacity(levels.len());
         for level in levels.iter().filter(|level| level.until > advance) {
             let to = (level.until - advance).min(duration);
             segments.push(Segment { to, line: Line { start: value - level.rate * time, slope: level.rate } });
@@ -67,7 +67,7 @@ impl Curve {
     /// Growth from `start` on at rates that rise with the value, with `extra(value)` added to the rates.
     pub(super) fn by_value(levels: &[Level], start: f64, extra: impl Fn(f64) -> f64, duration: f64) -> Self {
         let (mut time, mut value) = (0.0, start);
-        let mut segments = Vec::new();
+        let mut segments = Vec::with_capacity(levels.len());
         for level in levels.iter().filter(|level| level.until > start) {
             let slope = level.rate + extra(level.until);
             let reached = if slope > 0.0 { time + (level.until - value) / slope } else { f64::INFINITY };

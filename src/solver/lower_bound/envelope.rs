@@ -1,6 +1,6 @@
 //! The lowest of some curves of straight pieces over a span of time, and integrals of it.
 
-use super::curve::{Curve, Line};
+use super::curve::{Curve, Segment};
 
 /// A span on which one line is the lowest.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -44,42 +44,44 @@ pub(super) struct Envelope {
 impl Envelope {
     /// Over the span of the curves, which are equally long.
     pub(super) fn new(curves: &[&Curve]) -> Self {
-        let mut envelope = Self { pieces: Vec::new(), areas_before: Vec::new() };
-        let mut rest: Vec<_> = curves.iter().map(|curve| curve.segments()).collect();
-        let mut lines = Vec::with_capacity(curves.len());
-        let mut from = 0.0;
-        while rest.iter().all(|segments| !segments.is_empty()) {
-            let to = rest.iter().fold(f64::INFINITY, |least, segments| segments[0].to.min(least));
-            lines.clear();
-            lines.extend(rest.iter().map(|segments| segments[0].line));
-            envelope.extend(&lines, from, to);
-            for segments in &mut rest {
-                if segments[0].to <= to {
-                    *segments = &segments[1..];
+        let segment_count = curves.iter().map(|curve| curve.segments().len()).sum();
+        let mut envelope =
+            Self { pieces: Vec::with_capacity(segment_count), areas_before: Vec::with_capacity(segment_count) };
+        let mut rest: Vec<_> = curves.iter().map(|curve| curve.segments().iter()).collect();
+        let firsts: Option<Vec<Segment>> = rest.iter_mut().map(|segments| segments.next().copied()).collect();
+        let mut segments = firsts.unwrap_or_default();
+        let (mut from, mut is_over) = (0.0, segments.is_empty());
+        while !is_over {
+            let to = segments.iter().fold(f64::INFINITY, |least, segment| segment.to.min(least));
+            envelope.extend(&segments, from, to);
+            for (segment, rest) in segments.iter_mut().zip(&mut rest).filter(|(segment, _)| segment.to <= to) {
+                match rest.next() {
+                    Some(next) => *segment = *next,
+                    None => is_over = true,
                 }
             }
             from = to;
         }
-        let areas_before = envelope.pieces.iter().scan(0.0, |area, piece| {
-            let before = *area;
-            *area += piece.area();
-            Some(before)
-        });
-        envelope.areas_before = areas_before.collect();
+        let mut area = 0.0;
+        for piece in &envelope.pieces {
+            envelope.areas_before.push(area);
+            area += piece.area();
+        }
         envelope
     }
 
-    /// Adds the lowest of some lines over a span.
-    fn extend(&mut self, lines: &[Line], mut from: f64, end: f64) {
+    /// Adds the lowest lines of some segments over a span.
+    fn extend(&mut self, segments: &[Segment], mut from: f64, end: f64) {
         let lower_then_flatter = |a: usize, b: usize| {
-            let order = lines[b].at(from).total_cmp(&lines[a].at(from)).then(lines[b].slope.total_cmp(&lines[a].slope));
+            let (one, other) = (segments[a].line, segments[b].line);
+            let order = other.at(from).total_cmp(&one.at(from)).then(other.slope.total_cmp(&one.slope));
             if order.is_lt() { b } else { a }
         };
-        let mut line = (1..lines.len()).fold(0, lower_then_flatter);
+        let mut line = (1..segments.len()).fold(0, lower_then_flatter);
         // Slopes fall from piece to piece, so there are no more pieces than lines.
-        for _ in 0..lines.len() {
-            let (to, next) = next_crossing(lines, line, from, end);
-            let (value_from, value_to) = (lines[line].at(from), lines[line].at(to));
+        for _ in 0..segments.len() {
+            let (to, next) = next_crossing(segments, line, from, end);
+            let (value_from, value_to) = (segments[line].line.at(from), segments[line].line.at(to));
             self.pieces.push(Piece { from, to, value_from, value_to, curve: line });
             let Some(next) = next else { break };
             (from, line) = (to, next);
@@ -107,14 +109,15 @@ impl Envelope {
     }
 }
 
-/// Where a flatter line undercuts `line`, and which; the end of the span where none does.
-fn next_crossing(lines: &[Line], line: usize, from: f64, end: f64) -> (f64, Option<usize>) {
+/// Where a flatter line undercuts that of a segment, and which; the end of the span where none does.
+fn next_crossing(segments: &[Segment], lowest: usize, from: f64, end: f64) -> (f64, Option<usize>) {
+    let line = segments[lowest].line;
     let mut crossing = (end, None);
-    for (index, other) in lines.iter().enumerate() {
-        let closing = lines[line].slope - other.slope;
+    for (index, Segment { line: other, .. }) in segments.iter().enumerate() {
+        let closing = line.slope - other.slope;
         if closing > 0.0 {
-            let time = (from + (other.at(from) - lines[line].at(from)) / closing).max(from);
-            let is_flatter = crossing.1.is_some_and(|best: usize| other.slope < lines[best].slope);
+            let time = (from + (other.at(from) - line.at(from)) / closing).max(from);
+            let is_flatter = crossing.1.is_some_and(|best: usize| other.slope < segments[best].line.slope);
             if time < crossing.0 || (time == crossing.0 && is_flatter) {
                 crossing = (time, Some(index));
             }
