@@ -134,17 +134,20 @@ impl DriveNorm {
         let body = self.body_norm_squared(speeds);
         let norm =
             |rate: PerWheel<f64>| (body + self.spin_inertia * (rate.left * rate.left + rate.right * rate.right)).sqrt();
-        let (mut scale, mut kept) = (norm(speeds.wheel), speeds.wheel);
+        let mut kept = speeds.wheel;
+        let mut last = norm(kept);
+        let mut scale = last;
         for _ in 0..KEPT_RATE_STEPS {
-            scale = norm(kept);
-            let before = kept;
+            scale = last;
             kept.left = kept.left.min(self.gain.left * scale);
             kept.right = kept.right.min(self.gain.right * scale);
-            if kept == before {
+            last = norm(kept);
+            // Another step would keep the same rates.
+            if last == scale {
                 break;
             }
         }
-        (scale, kept, norm(kept))
+        (scale, kept, last)
     }
 
     fn body_norm_squared(&self, speeds: &Speeds) -> f64 {
