@@ -97,7 +97,7 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
                 break;
             }
             starts.extend(others.next().cloned());
-            starts.push(Spin::drawn(&mut rng).of(plan, input.robot.torques_near_grip(input.maneuver.torque_limit)));
+            starts.push(Spin::drawn(&mut rng).of(plan, spin_torque(input)));
         }
     }
     starts.truncate(if is_nelder_mead { 1 } else { count });
@@ -107,8 +107,13 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
 /// So many spins of a plan, drawn from a stream of their own.
 pub(super) fn spun(input: &SolveInput, plan: &Start, (count, stream): (usize, u64)) -> Vec<Start> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed.wrapping_add(stream));
-    let limit = input.robot.torques_near_grip(input.maneuver.torque_limit);
-    (0..count).map(|_| Spin::drawn(&mut rng).of(plan, limit)).collect()
+    let torque = spin_torque(input);
+    (0..count).map(|_| Spin::drawn(&mut rng).of(plan, torque)).collect()
+}
+
+/// As much as the wheels bring to the floor under their loads at rest: more spins them up, which makes slower plans of strong motors.
+fn spin_torque(input: &SolveInput) -> PerWheel<f64> {
+    Rolling::new(input, 1.0).torque
 }
 
 /// Without torque there is only the final time to choose: those of the start's speed, the most likely first.
@@ -145,10 +150,10 @@ impl Spin {
         }
     }
 
-    /// The plan with this spin.
-    fn of(&self, plan: &Start, limit: PerWheel<f64>) -> Start {
+    /// The plan with this spin under as much torque.
+    fn of(&self, plan: &Start, torque: PerWheel<f64>) -> Start {
         // The left wheel forwards turns to the right.
-        let torque = PerWheel::new(-self.turn * limit.left, self.turn * limit.right);
+        let torque = PerWheel::new(-self.turn * torque.left, self.turn * torque.right);
         Start {
             schedule: self.in_schedule(&plan.schedule, torque),
             goal_heading: plan.goal_heading.map(|heading| heading + self.turn * self.revolutions * TAU),

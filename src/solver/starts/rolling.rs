@@ -20,7 +20,7 @@ pub(super) struct Pose {
 /// Inertias and torques of rolling without slip, from which the legs are computed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rolling {
-    torque: PerWheel<f64>,
+    pub(super) torque: PerWheel<f64>,
     /// Force of both torques at the floor, N.
     force: f64,
     /// Moment of both torques about the axle midpoint, N m.
