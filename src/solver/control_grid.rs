@@ -12,7 +12,7 @@ use super::run_control::RunControl;
 use super::search::{self, SearchResult};
 use super::settings::{Method, SolveInput, SolverSettings};
 use super::solution::StopReason;
-use super::strategies::FIRST_HOPS;
+use super::strategies::FIRST_PATIENCE;
 use crate::shooting::{ShootingProblem, decision_from_schedule, schedule_from_decision};
 use crate::simulation::{Simulator, TorqueSchedule};
 
@@ -102,7 +102,7 @@ fn use_all_intervals(
     problem.set_time_unit(best.final_time());
     let left = rollout_limit - result.rollouts;
     let mut search = LocalSearch::new(&mut problem, &input.settings, control, left);
-    let outcome = search.polish(best.clone(), FIRST_HOPS, 0);
+    let outcome = search.polish(best.clone(), FIRST_PATIENCE, 0);
     let (found, iterations, rollouts) = search.into_parts();
     result.iterations += iterations;
     result.rollouts += rollouts;

@@ -7,7 +7,7 @@ use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::starts::{Start, Strategy, spun};
-use super::strategies::{FIRST_HOPS, Heat};
+use super::strategies::{FIRST_PATIENCE, Heat};
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 
@@ -154,13 +154,13 @@ impl<'a> Race<'a> {
     /// Improves the fastest distinct optima, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
     /// Talwalkar 2016).
     pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
-        let (mut count, mut hops) = (self.input.settings.start_count.div_ceil(2 * STARTS_A_PLAN), FIRST_HOPS);
+        let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(2 * STARTS_A_PLAN), FIRST_PATIENCE);
         for round in 0.. {
-            self.polish(optima, count, (hops, round));
+            self.polish(optima, count, (patience, round));
             if count == 1 || self.found.interruption.is_some() {
                 break;
             }
-            (count, hops) = (count.div_ceil(2), 2 * hops);
+            (count, patience) = (count.div_ceil(2), 2 * patience);
         }
     }
 
@@ -175,7 +175,7 @@ impl<'a> Race<'a> {
     }
 
     /// Polishes the fastest distinct optima, so many of them.
-    fn polish(&mut self, optima: &mut [Candidate], count: usize, (hops, round): (usize, u64)) {
+    fn polish(&mut self, optima: &mut [Candidate], count: usize, (patience, round): (usize, u64)) {
         if self.found.interruption.is_some() {
             return;
         }
@@ -183,7 +183,7 @@ impl<'a> Race<'a> {
         let mut chosen = distinct(optima, |optimum| optimum.merit);
         chosen.truncate(count);
         let locals =
-            self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), hops, round));
+            self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), patience, round));
         for (index, local) in locals {
             optima[chosen[index]] = local;
         }

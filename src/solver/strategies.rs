@@ -32,10 +32,11 @@ const SMOOTHED_ITERATION_LIMIT: usize = 20;
 const START_RADIUS: f64 = 0.2;
 /// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
 const LOSS: f64 = 0.02;
-/// Hops of each local optimum in the first final; each further one has half as many optima, with twice as many hops.
-pub(super) const FIRST_HOPS: usize = 12;
-/// Hops of a direct start.
-const DIRECT_HOPS: usize = 4;
+/// A local optimum of the first final is left after so many hops in a row that gain nothing; each further final has half as many
+/// optima, and twice as much patience.
+pub(super) const FIRST_PATIENCE: usize = 6;
+/// The patience with a direct start.
+const DIRECT_PATIENCE: usize = 4;
 /// Fewest control intervals of the grids on which held wheels begin.
 const FEWEST_INTERVALS: usize = 10;
 
@@ -97,7 +98,7 @@ impl LocalSearch<'_, '_, '_> {
         let adapted = self.warmly(&candidate.decision, candidate.goal_heading)?;
         // A grid moves an optimum by little: one that is slower lies on a kink.
         if is_distinct(candidate.final_time(), adapted.final_time()) {
-            return self.polish(adapted, FIRST_HOPS, 0);
+            return self.polish(adapted, FIRST_PATIENCE, 0);
         }
         Ok(adapted)
     }
@@ -146,7 +147,12 @@ impl LocalSearch<'_, '_, '_> {
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn polish(&mut self, candidate: Candidate, hops: usize, round: u64) -> Result<Candidate, Interruption> {
+    pub(super) fn polish(
+        &mut self,
+        candidate: Candidate,
+        patience: usize,
+        round: u64,
+    ) -> Result<Candidate, Interruption> {
         if self.settings.method == Method::NelderMead {
             return Ok(candidate);
         }
@@ -156,7 +162,7 @@ impl LocalSearch<'_, '_, '_> {
         if round == 0 {
             self.leave_kinks(&mut best)?;
         }
-        self.hop(&mut best, hops, round)?;
+        self.hop(&mut best, patience, round)?;
         self.finish(&mut best)?;
         Ok(best)
     }
@@ -192,7 +198,7 @@ impl LocalSearch<'_, '_, '_> {
         if self.problem.forbids_slip() {
             self.settle(&mut best)?;
         } else {
-            self.hop(&mut best, DIRECT_HOPS, 0)?;
+            self.hop(&mut best, DIRECT_PATIENCE, 0)?;
             self.finish(&mut best)?;
         }
         Ok(best)
@@ -242,15 +248,22 @@ impl LocalSearch<'_, '_, '_> {
         self.descend_until(guess, FIRST_RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY))
     }
 
-    /// Basin hopping: descends again from perturbed copies of a local optimum. Local optima lie on kinks, and another one
-    /// nearby is often better.
-    fn hop(&mut self, best: &mut Candidate, hops: usize, stream: u64) -> Result<(), Interruption> {
+    /// Basin hopping: descends again from perturbed copies of a local optimum, until so many in a row gain nothing. Local optima lie
+    /// on kinks, and another one nearby is often better.
+    fn hop(&mut self, best: &mut Candidate, patience: usize, stream: u64) -> Result<(), Interruption> {
         let tolerance = self.settings.goal_tolerance;
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(stream));
-        for perturbation in [Perturbation::Shift, Perturbation::Noise].iter().cycle().take(hops) {
+        let mut in_vain = 0;
+        for perturbation in [Perturbation::Shift, Perturbation::Noise].iter().cycle() {
+            if in_vain == patience {
+                break;
+            }
             let perturbed = self.perturbed(&best.decision, *perturbation, &mut rng);
             let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
             let next = self.descend_until(&perturbed, FIRST_RADIUS, (ROUGH, time_to_beat))?;
+            // Less than what descents end with is no gain.
+            let gains = next.is_feasible(tolerance) && next.final_time() < (1.0 - CRITICALITY_TOLERANCE) * time_to_beat;
+            in_vain = if gains { 0 } else { in_vain + 1 };
             keep_better(best, next, tolerance);
         }
         Ok(())
