@@ -101,7 +101,7 @@ impl<const N: usize> Newton<'_, N> {
 
 /// The largest magnitude: one instruction per component, where nalgebra's `amax` takes six.
 #[inline]
-pub(super) fn largest<const N: usize>(vector: &SVector<f64, N>) -> f64 {
+fn largest<const N: usize>(vector: &SVector<f64, N>) -> f64 {
     vector.as_slice().iter().fold(0.0, |largest, value| if largest > value.abs() { largest } else { value.abs() })
 }
 

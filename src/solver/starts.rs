@@ -91,13 +91,13 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
         starts.push(Start { strategy: Strategy::Direct, ..plans[0].clone() });
         starts.push(plans[0].clone());
         let mut others = plans.iter().skip(1);
-        let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed);
+        let (torque, mut rng) = (spin_torque(input), Xoshiro256PlusPlus::seed_from_u64(input.settings.seed));
         for plan in plans[..SPUN_PLANS.min(plans.len())].iter().cycle() {
             if starts.len() >= count {
                 break;
             }
             starts.extend(others.next().cloned());
-            starts.push(Spin::drawn(&mut rng).of(plan, spin_torque(input)));
+            starts.push(Spin::drawn(&mut rng).of(plan, torque));
         }
     }
     starts.truncate(if is_nelder_mead { 1 } else { count });
