@@ -7,12 +7,12 @@ use std::iter::repeat_n;
 
 use super::candidate::{Candidate, improves};
 use super::grid_problem::problem_on;
+use super::hops::FIRST_PATIENCE;
 use super::local_search::LocalSearch;
 use super::run_control::RunControl;
 use super::search::{self, SearchResult};
 use super::settings::{Method, SolveInput, SolverSettings};
 use super::solution::StopReason;
-use super::strategies::FIRST_PATIENCE;
 use crate::shooting::{ShootingProblem, decision_from_schedule, schedule_from_decision};
 use crate::simulation::{Simulator, TorqueSchedule};
 

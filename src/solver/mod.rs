@@ -10,6 +10,7 @@ mod excluded_ends;
 mod goal_miss;
 mod grid_problem;
 mod helpers;
+mod hops;
 mod impossibility;
 mod largest_normal_force;
 mod limit_uses;

@@ -1,13 +1,14 @@
 //! The race of a search: from starts through ever fewer and ever more thorough heats to the best local optimum.
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, distinct, is_distinct};
+use super::hops::FIRST_PATIENCE;
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::starts::{Start, Strategy, spun};
-use super::strategies::{FIRST_PATIENCE, Heat};
+use super::strategies::Heat;
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 

@@ -1,22 +1,16 @@
 //! Strategies from a start to a local optimum, and from one local optimum to a better one nearby.
-//!
-//! The latter is monotonic basin hopping (Leary 2000; basin hopping: Wales & Doye 1997): a perturbed copy of the local
-//! optimum descends again, and the better of both is kept.
-
-use std::ops::Range;
 
 use nalgebra::DVector;
-use rand::{RngExt, SeedableRng};
-use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, is_distinct, keep_better};
+use super::hops::{DIRECT_PATIENCE, FIRST_PATIENCE};
 use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
 use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
-    Ending, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, Restoration, SequentialLinearSettings, StepRatios,
+    Ending, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Restoration, SequentialLinearSettings, StepRatios,
     criticality_measure, minimise_sequentially,
 };
 use crate::shooting::decision_from_schedule;
@@ -32,11 +26,6 @@ const SMOOTHED_ITERATION_LIMIT: usize = 20;
 const START_RADIUS: f64 = 0.2;
 /// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
 const LOSS: f64 = 0.02;
-/// A local optimum of the first final is left after so many hops in a row that gain nothing; each further final has half as many
-/// optima, and twice as much patience.
-pub(super) const FIRST_PATIENCE: usize = 6;
-/// The patience with a direct start.
-const DIRECT_PATIENCE: usize = 4;
 /// Fewest control intervals of the grids on which held wheels begin.
 const FEWEST_INTERVALS: usize = 10;
 
@@ -49,16 +38,6 @@ pub(super) enum Heat {
     OtherLaws,
     /// Under the exact law.
     Descend,
-}
-
-/// A perturbation of the torques.
-#[derive(Debug, Clone, Copy)]
-enum Perturbation {
-    /// The torques of both wheels between two intervals move one interval earlier or later: a descent cannot move a switch
-    /// to the next interval where the final time first rises.
-    Shift,
-    /// The torques of one stretch of each wheel change at random.
-    Noise,
 }
 
 impl LocalSearch<'_, '_, '_> {
@@ -248,55 +227,6 @@ impl LocalSearch<'_, '_, '_> {
         self.descend_until(guess, FIRST_RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY))
     }
 
-    /// Basin hopping: descends again from perturbed copies of a local optimum, until so many in a row gain nothing. Local optima lie
-    /// on kinks, and another one nearby is often better.
-    fn hop(&mut self, best: &mut Candidate, patience: usize, stream: u64) -> Result<(), Interruption> {
-        let tolerance = self.settings.goal_tolerance;
-        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(stream));
-        let mut in_vain = 0;
-        for perturbation in [Perturbation::Shift, Perturbation::Noise].iter().cycle() {
-            if in_vain == patience {
-                break;
-            }
-            let perturbed = self.perturbed(&best.decision, *perturbation, &mut rng);
-            let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
-            let next = self.descend_until(&perturbed, FIRST_RADIUS, (ROUGH, time_to_beat))?;
-            // Less than what descents end with is no gain.
-            let gains = next.is_feasible(tolerance) && next.final_time() < (1.0 - CRITICALITY_TOLERANCE) * time_to_beat;
-            in_vain = if gains { 0 } else { in_vain + 1 };
-            keep_better(best, next, tolerance);
-        }
-        Ok(())
-    }
-
-    fn perturbed(
-        &self,
-        decision: &DVector<f64>,
-        perturbation: Perturbation,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> DVector<f64> {
-        let mut perturbed = decision.clone();
-        let last = decision.len() - 1;
-        let scale = self.problem.variable_scale(decision);
-        let (left, right) = perturbed.as_mut_slice()[..last].split_at_mut(last / 2);
-        let (left_scale, right_scale) = scale.as_slice()[..last].split_at(last / 2);
-        match perturbation {
-            Perturbation::Shift => {
-                let (from, to) = (rng.random_range(0..left.len()), rng.random_range(0..left.len()));
-                shift(left, from, to);
-                shift(right, from, to);
-            }
-            Perturbation::Noise => {
-                for (torques, scale) in [(left, left_scale), (right, right_scale)] {
-                    for index in random_stretch(torques.len(), rng) {
-                        torques[index] += FIRST_RADIUS * scale[index] * rng.random_range(-1.0..1.0);
-                    }
-                }
-            }
-        }
-        perturbed
-    }
-
     /// Ends the descent to a local optimum.
     fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
         let next = self.descend(&best.decision, FIRST_RADIUS)?;
@@ -373,36 +303,5 @@ impl LocalSearch<'_, '_, '_> {
         }
         let candidate = Candidate::new(decision, f64::INFINITY, true, self.goal_heading);
         Ok(Candidate { merit, ..candidate })
-    }
-}
-
-fn random_stretch(count: usize, rng: &mut Xoshiro256PlusPlus) -> Range<usize> {
-    let (one, other) = (rng.random_range(0..count), rng.random_range(0..count));
-    one.min(other)..one.max(other) + 1
-}
-
-/// Drops the torque of one interval and repeats that of another; those in between move by one interval.
-fn shift(torques: &mut [f64], from: usize, to: usize) {
-    if from < to {
-        torques.copy_within(from + 1..=to, from);
-    } else {
-        torques.copy_within(to..from, to + 1);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_shift_drops_one_torque_and_repeats_another() {
-        let shifted = |from, to| {
-            let mut torques = [1.0, 2.0, 3.0, 4.0];
-            shift(&mut torques, from, to);
-            torques
-        };
-        assert_eq!(shifted(0, 2), [2.0, 3.0, 3.0, 4.0]);
-        assert_eq!(shifted(3, 1), [1.0, 2.0, 2.0, 3.0]);
-        assert_eq!(shifted(1, 1), [1.0, 2.0, 3.0, 4.0]);
     }
 }

@@ -1,0 +1,111 @@
+//! Monotonic basin hopping (Leary 2000; basin hopping: Wales & Doye 1997): a perturbed copy of a local optimum descends again, and
+//! the better of both is kept.
+
+use std::ops::Range;
+
+use nalgebra::DVector;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, keep_better};
+use super::local_search::{LocalSearch, ROUGH};
+use crate::optimizer::{FIRST_RADIUS, Interruption, Problem};
+
+/// A local optimum of the first final is left after so many hops in a row that gain nothing; each further final has half as many
+/// optima, and twice as much patience.
+pub(super) const FIRST_PATIENCE: usize = 6;
+/// The patience with a direct start.
+pub(super) const DIRECT_PATIENCE: usize = 4;
+
+/// A perturbation of the torques.
+#[derive(Debug, Clone, Copy)]
+enum Perturbation {
+    /// The torques of both wheels between two intervals move one interval earlier or later: a descent cannot move a switch
+    /// to the next interval where the final time first rises.
+    Shift,
+    /// The torques of one stretch of each wheel change at random.
+    Noise,
+}
+
+impl LocalSearch<'_, '_, '_> {
+    /// Basin hopping: descends again from perturbed copies of a local optimum, until so many in a row gain nothing. Local optima lie
+    /// on kinks, and another one nearby is often better.
+    pub(super) fn hop(&mut self, best: &mut Candidate, patience: usize, stream: u64) -> Result<(), Interruption> {
+        let tolerance = self.settings.goal_tolerance;
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(stream));
+        let mut in_vain = 0;
+        for perturbation in [Perturbation::Shift, Perturbation::Noise].iter().cycle() {
+            if in_vain == patience {
+                break;
+            }
+            let perturbed = self.perturbed(&best.decision, *perturbation, &mut rng);
+            let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
+            let next = self.descend_until(&perturbed, FIRST_RADIUS, (ROUGH, time_to_beat))?;
+            // Less than what descents end with is no gain.
+            let gains = next.is_feasible(tolerance) && next.final_time() < (1.0 - CRITICALITY_TOLERANCE) * time_to_beat;
+            in_vain = if gains { 0 } else { in_vain + 1 };
+            keep_better(best, next, tolerance);
+        }
+        Ok(())
+    }
+
+    /// A copy of the torques with a perturbation; the final time stays.
+    fn perturbed(
+        &self,
+        decision: &DVector<f64>,
+        perturbation: Perturbation,
+        rng: &mut Xoshiro256PlusPlus,
+    ) -> DVector<f64> {
+        let mut perturbed = decision.clone();
+        let last = decision.len() - 1;
+        let scale = self.problem.variable_scale(decision);
+        let (left, right) = perturbed.as_mut_slice()[..last].split_at_mut(last / 2);
+        let (left_scale, right_scale) = scale.as_slice()[..last].split_at(last / 2);
+        match perturbation {
+            Perturbation::Shift => {
+                let (from, to) = (rng.random_range(0..left.len()), rng.random_range(0..left.len()));
+                shift(left, from, to);
+                shift(right, from, to);
+            }
+            Perturbation::Noise => {
+                for (torques, scale) in [(left, left_scale), (right, right_scale)] {
+                    for index in random_stretch(torques.len(), rng) {
+                        torques[index] += FIRST_RADIUS * scale[index] * rng.random_range(-1.0..1.0);
+                    }
+                }
+            }
+        }
+        perturbed
+    }
+}
+
+fn random_stretch(count: usize, rng: &mut Xoshiro256PlusPlus) -> Range<usize> {
+    let (one, other) = (rng.random_range(0..count), rng.random_range(0..count));
+    one.min(other)..one.max(other) + 1
+}
+
+/// Drops the torque of one interval and repeats that of another; those in between move by one interval.
+fn shift(torques: &mut [f64], from: usize, to: usize) {
+    if from < to {
+        torques.copy_within(from + 1..=to, from);
+    } else {
+        torques.copy_within(to..from, to + 1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shift_drops_one_torque_and_repeats_another() {
+        let shifted = |from, to| {
+            let mut torques = [1.0, 2.0, 3.0, 4.0];
+            shift(&mut torques, from, to);
+            torques
+        };
+        assert_eq!(shifted(0, 2), [2.0, 3.0, 3.0, 4.0]);
+        assert_eq!(shifted(3, 1), [1.0, 2.0, 2.0, 3.0]);
+        assert_eq!(shifted(1, 1), [1.0, 2.0, 3.0, 4.0]);
+    }
+}
