@@ -34,11 +34,11 @@ impl LocalSearch<'_, '_, '_> {
         let tolerance = self.settings.goal_tolerance;
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(stream));
         let mut in_vain = 0;
-        for perturbation in [Perturbation::Shift, Perturbation::Noise].iter().cycle() {
+        for perturbation in [Perturbation::Shift, Perturbation::Noise].into_iter().cycle() {
             if in_vain == patience {
                 break;
             }
-            let perturbed = self.perturbed(&best.decision, *perturbation, &mut rng);
+            let perturbed = self.perturbed(&best.decision, perturbation, &mut rng);
             let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
             let next = self.descend_until(&perturbed, FIRST_RADIUS, (ROUGH, time_to_beat))?;
             // Less than what descents end with is no gain.
