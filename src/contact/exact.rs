@@ -150,7 +150,8 @@ impl<'a, const N: usize> Search<'a, N> {
         }
     }
 
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would copy the solution through memory")]
+    #[inline(always)]
     fn in_linear_pattern(&self, pattern: ContactPattern, index: usize) -> Option<ContactSolution<N>> {
         let map = self.operator.linear_mode(index)?;
         let impulse = map.by_free_slip * self.problem.free_slip + map.by_free_normal * self.problem.free_normal;
@@ -236,7 +237,8 @@ impl<'a, const N: usize> Search<'a, N> {
         .map_or(zero, |equations| -equations.residual(&zero))
     }
 
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would copy the solution through memory")]
+    #[inline(always)]
     fn candidate(&self, pattern: ContactPattern, impulse: SVector<f64, N>) -> ContactSolution<N> {
         let impact_slip = self.operator.impact_slip(self.problem, &impulse);
         let normal_impulse = self.operator.normal_impulse(self.problem, &impulse);

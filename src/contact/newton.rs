@@ -54,7 +54,8 @@ impl<const N: usize> Newton<'_, N> {
     ///
     /// None when the equations became singular, nothing converged, or two impulses were refused: the first may lack digits, the
     /// second shows that the pattern is wrong.
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would hide a pattern that is known")]
+    #[inline(always)]
     pub(super) fn solve<T>(
         &self,
         start: &SVector<f64, N>,

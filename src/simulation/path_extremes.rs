@@ -125,9 +125,9 @@ impl PathExtremes {
     #[inline]
     pub(super) fn note<const N: usize>(&mut self, index: usize, step: &Step<N>, rollout: &Rollout) {
         let stretch = control_interval(index, self.step_count, self.unloading.len() / CONTACT_COUNT);
-        for contact in 0..CONTACT_COUNT {
-            let extreme = &mut self.unloading[CONTACT_COUNT * stretch + contact];
-            let value = -step.contact.normal_impulse[contact];
+        let unloading = &mut self.unloading[CONTACT_COUNT * stretch..][..CONTACT_COUNT];
+        for (extreme, normal_impulse) in unloading.iter_mut().zip(step.contact.normal_impulse.as_slice()) {
+            let value = -normal_impulse;
             if value > extreme.value {
                 *extreme = Extreme { value, step: index };
             }

@@ -225,8 +225,10 @@ impl<const R: usize> BackwardSweep<R> {
         let (start, end) = (world(v, entry.rotation), world(w, entry.rotation));
         let mean = 0.5 * (start + end);
         self.by_step_length += self.by_heading * mean[2];
-        for (velocity, row) in MOVED.into_iter().filter(|(_, row)| *row < R) {
-            self.by_step_length[row] += mean[velocity];
+        for (velocity, row) in MOVED {
+            if row < R {
+                self.by_step_length += unit(row) * mean[velocity];
+            }
         }
         self.add_position_share(half);
 
@@ -255,10 +257,18 @@ impl<const R: usize> BackwardSweep<R> {
     #[inline]
     fn add_position_share(&mut self, half: f64) {
         self.by_velocity[2] += self.by_heading * half;
-        for (velocity, row) in MOVED.into_iter().filter(|(_, row)| *row < R) {
-            self.by_velocity[velocity][row] += half;
+        for (velocity, row) in MOVED {
+            if row < R {
+                self.by_velocity[velocity] += unit(row) * half;
+            }
         }
     }
+}
+
+/// One in this row: a sum of whole vectors, where that of one component would be stored by itself and be waited for.
+#[inline]
+fn unit<const R: usize>(row: usize) -> SweptDerivative<R> {
+    SweptDerivative::from_fn(|other, _| if other == row { 1.0 } else { 0.0 })
 }
 
 /// A body velocity in the world frame.
