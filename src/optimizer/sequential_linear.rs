@@ -130,8 +130,8 @@ pub struct SequentialLinearResult {
 
 /// Minimises `cost' x` subject to `residual = 0`, `inequality <= 0` and the bounds, from `start`.
 ///
-/// The first linear program begins where the last one of `programs` ended. `on_improvement` is called with each accepted point and
-/// its constraint values.
+/// The first linear program begins where the last one of `programs` ended. `on_improvement` is called with the start, each accepted
+/// point and its constraint values.
 pub fn minimise_sequentially(
     problem: &mut dyn Problem,
     (start, programs): (&DVector<f64>, &mut ElasticSolver),
@@ -196,6 +196,9 @@ impl<'a> Search<'a> {
         budget: &mut Budget,
         on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
     ) -> Result<Ending, Interruption> {
+        // A start that meets the constraints is a plan, even where the descent loses them.
+        self.linearise(budget)?;
+        on_improvement(&self.x, &self.model.constraints);
         loop {
             let ending = self.descend(budget, on_improvement)?;
             if ending == Ending::Hopeless || self.settings.restoration == Restoration::Skip {

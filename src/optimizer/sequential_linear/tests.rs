@@ -9,6 +9,7 @@ mod functions;
 mod small_problem;
 
 use std::f64::consts::TAU;
+use std::sync::atomic::AtomicBool;
 
 use functions::*;
 use small_problem::{PLENTY, SmallProblem, settings};
@@ -229,4 +230,18 @@ fn the_budget_ends_the_iteration_at_its_best_point() {
         assert!(merit <= last);
         last = merit;
     }
+}
+
+#[test]
+fn the_start_is_passed_on_too() {
+    // A caller keeps a start that meets its constraints, wherever the descent leads.
+    let mut problem = SmallProblem::new(&[WIDE; 2], &[circle], &[maratos]);
+    let start = DVector::from_row_slice(&[0.6, 0.8, -0.6]);
+    let (stop, mut passed) = (AtomicBool::new(false), Vec::new());
+    let mut budget = Budget::new(&stop, PLENTY);
+    let mut programs = ElasticSolver::new();
+    minimise_sequentially(&mut problem, (&start, &mut programs), &settings(), &mut budget, &mut |x, _| {
+        passed.push(x.clone());
+    });
+    assert_eq!(passed.first(), Some(&start));
 }
