@@ -40,18 +40,20 @@ impl<const N: usize> HeldSolver<N> {
             self.impulse = impulse;
             return solution;
         }
-        self.with_slipping_front(operator, problem)
+        self.with_slipping_front(operator, problem, &within_grip(operator, &solution))
     }
 
+    /// Newton starts from the last step's impulse, or else from this one.
     fn with_slipping_front(
         &mut self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
+        start: &SVector<f64, N>,
     ) -> ContactSolution<N> {
         let pattern = ContactPattern { wheels: WheelPattern::BothStick, front: ContactMode::Slip };
         let newton = Newton { operator, problem, pattern, slip_smoothing: 0.0, iteration_limit: NEWTON_LIMIT };
-        let found = [self.impulse, SVector::zeros()]
-            .iter()
+        let found = [&self.impulse, start]
+            .into_iter()
             .find_map(|start| newton.solve(start, SMALL_UPDATE * problem.weight_impulse(), Some));
         self.impulse = found.unwrap_or(self.impulse);
         let residual = if found.is_some() { 0.0 } else { f64::NAN };
@@ -71,6 +73,19 @@ fn solution<const N: usize>(
 
 /// Whether the friction of a sticking front support is within its grip.
 fn front_sticks<const N: usize>(operator: &DelassusOperator<N>, solution: &ContactSolution<N>) -> bool {
-    let friction = solution.impulse[N - 2].hypot(solution.impulse[N - 1]);
-    friction <= friction_radius(operator, 2, &solution.normal_impulse)
+    front_friction(solution) <= friction_radius(operator, 2, &solution.normal_impulse)
+}
+
+/// The impulse with as much of the front support's friction as its grip: the slip is then against the friction. At rest no torque
+/// slips it before the wheels have friction, so that without any impulse the direction of its slip is not defined.
+fn within_grip<const N: usize>(operator: &DelassusOperator<N>, solution: &ContactSolution<N>) -> SVector<f64, N> {
+    let share = friction_radius(operator, 2, &solution.normal_impulse) / front_friction(solution);
+    let mut impulse = solution.impulse;
+    impulse.fixed_rows_mut::<2>(N - 2).scale_mut(share);
+    impulse
+}
+
+/// N s.
+fn front_friction<const N: usize>(solution: &ContactSolution<N>) -> f64 {
+    solution.impulse[N - 2].hypot(solution.impulse[N - 1])
 }

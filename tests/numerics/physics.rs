@@ -3,7 +3,9 @@
 use nalgebra::SVector;
 use slipdrive::contact::{ContactMode, ContactName};
 use slipdrive::robot::{BodyVector, PerWheel, Robot, RobotParameters, State};
-use slipdrive::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
+use slipdrive::simulation::{
+    ContactMethod, EndSensitivity, FrictionLaw, Rollout, Simulator, TorqueSchedule, Trajectory,
+};
 use slipdrive::stop::Stop;
 
 use crate::random::RandomCases;
@@ -266,6 +268,34 @@ fn mirrored_robot_drives_the_mirrored_path() {
         let scale = end.to_vector().amax().max(1.0);
         assert!(difference.amax() <= ROUNDING * scale, "seed {seed}: {}", difference.amax());
     }
+}
+
+/// From rest the front support has no slip of its own: it begins with that of wheels that stick.
+#[test]
+fn held_wheels_move_off_as_sticking_ones_do() {
+    let mut compared = 0;
+    for seed in 0..300 {
+        let mut cases = RandomCases::new(seed);
+        let parameters = RobotParameters {
+            front_friction_coefficient: cases.between(0.02, 0.5),
+            tangential_restitution: 0.0,
+            ..*cases.robot().parameters()
+        };
+        let Ok(robot) = Robot::new(parameters) else { continue };
+        let schedule = cases.schedule(5, 0.5, 2.0);
+        let exact = roll(parameters, &State::default(), &schedule, 100);
+        if [ContactName::Left, ContactName::Right].iter().any(|wheel| exact.slip_time(*wheel) > 0.0) {
+            continue;
+        }
+        let (mut held, simulator) = (EndSensitivity::default(), Simulator::new(&robot));
+        let rollout = Rollout { start: &State::default(), schedule: &schedule, step_count: 100 };
+        simulator.record(&rollout, FrictionLaw::Held, &mut held, Stop::never()).unwrap();
+        let end = exact.state.last().unwrap().to_vector();
+        let difference = held.end.to_vector() - end;
+        assert!(difference.amax() <= 1e-9 * end.amax().max(1.0), "seed {seed}: {difference}");
+        compared += 1;
+    }
+    assert!(compared > 50, "{compared}");
 }
 
 #[test]
