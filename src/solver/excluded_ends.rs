@@ -8,10 +8,10 @@ use crate::robot::{BodyVector, State};
 use crate::shooting::{LIMIT_TOLERANCE, LONGEST_FINAL_TIME, StateComponent};
 
 /// An end of the maneuver: its state at the reference point, as far as it is given.
-struct End<'a> {
+struct End {
     name: &'static str,
     state: State,
-    is_given: &'a dyn Fn(StateComponent) -> bool,
+    is_given: [bool; State::LEN],
     /// s.
     time: f64,
 }
@@ -22,23 +22,32 @@ const WHEEL_RATES: [StateComponent; 2] = [StateComponent::WheelRateLeft, StateCo
 
 /// What a limit makes impossible at the start, or else at the goal.
 pub(super) fn excluded_end(input: &SolveInput) -> Option<Reason> {
-    let goal = &input.maneuver.goal;
-    let mut state = State::default().to_vector();
-    for (component, value) in goal.constrained() {
-        state[component.index()] = value;
-    }
-    let is_given = |component: StateComponent| goal.value(component).is_some();
-    [
-        End { name: "start", state: input.maneuver.start, is_given: &|_| true, time: 0.0 },
-        End { name: "goal", state: State::from_vector(&state), is_given: &is_given, time: LONGEST_FINAL_TIME },
-    ]
-    .iter()
-    .find_map(|end| end.leaves_aisle(input).or_else(|| end.exceeds_rates(input)).or_else(|| end.slips(input)))
+    [End::start(input), End::goal(input)]
+        .iter()
+        .find_map(|end| end.leaves_aisle(input).or_else(|| end.exceeds_rates(input)).or_else(|| end.slips(input)))
 }
 
-impl End<'_> {
+/// The slip speed of a wheel that the goal asks for, m/s; none where no wheel slips there, or where that is left open.
+pub(super) fn slip_at_goal(input: &SolveInput) -> Option<f64> {
+    let (slip, slack) = End::goal(input).slip(input)?;
+    (slip > slack).then_some(slip)
+}
+
+impl End {
+    fn start(input: &SolveInput) -> Self {
+        Self { name: "start", state: input.maneuver.start, is_given: [true; State::LEN], time: 0.0 }
+    }
+
+    fn goal(input: &SolveInput) -> Self {
+        let (mut state, mut is_given) = (State::default().to_vector(), [false; State::LEN]);
+        for (component, value) in input.maneuver.goal.constrained() {
+            (state[component.index()], is_given[component.index()]) = (value, true);
+        }
+        Self { name: "goal", state: State::from_vector(&state), is_given, time: LONGEST_FINAL_TIME }
+    }
+
     fn has(&self, components: &[StateComponent]) -> bool {
-        components.iter().all(|component| (self.is_given)(*component))
+        components.iter().all(|component| self.is_given[component.index()])
     }
 
     /// The corner that is furthest outside.
@@ -122,19 +131,7 @@ impl End<'_> {
 
     /// A wheel that slips where none may.
     fn slips(&self, input: &SolveInput) -> Option<Reason> {
-        let is_known = self.has(&POSE[2..]) && self.has(&VELOCITY) && self.has(&WHEEL_RATES);
-        if !input.maneuver.forbids_slip() || !is_known {
-            return None;
-        }
-        let offset = input.maneuver.reference_point.offset(input.robot.parameters());
-        let mut velocity = self.body_velocity();
-        velocity[0] += offset.y * velocity[2];
-        velocity[1] -= offset.x * velocity[2];
-        let slips = input.robot.tangent_jacobian().wheel_slip(&velocity);
-        let slip = slips.into_iter().map(f64::abs).fold(0.0, f64::max);
-        // Each component of a state may be off by the tolerance.
-        let [radius, width] = [input.robot.parameters().wheel_radius, input.robot.parameters().track_width];
-        let slack = input.settings.goal_tolerance * (2.0 + radius + width);
+        let (slip, slack) = self.slip(input).filter(|_| input.maneuver.forbids_slip())?;
         (slip > slack).then(|| Reason {
             code: if self.name == "start" { "start_slips" } else { "goal_slips" },
             field: "maneuver.slip".to_owned(),
@@ -147,5 +144,22 @@ impl End<'_> {
             value: slip,
             limit: slack,
         })
+    }
+
+    /// The largest slip speed of a wheel along or across, m/s, and how much of it tolerances may be; none where it is left open.
+    fn slip(&self, input: &SolveInput) -> Option<(f64, f64)> {
+        if !(self.has(&POSE[2..]) && self.has(&VELOCITY) && self.has(&WHEEL_RATES)) {
+            return None;
+        }
+        let parameters = input.robot.parameters();
+        let offset = input.maneuver.reference_point.offset(parameters);
+        let mut velocity = self.body_velocity();
+        velocity[0] += offset.y * velocity[2];
+        velocity[1] -= offset.x * velocity[2];
+        let slips = input.robot.tangent_jacobian().wheel_slip(&velocity);
+        let slip = slips.into_iter().map(f64::abs).fold(0.0, f64::max);
+        // Each component of a state may be off by the tolerance.
+        let slack = input.settings.goal_tolerance * (2.0 + parameters.wheel_radius + parameters.track_width);
+        Some((slip, slack))
     }
 }

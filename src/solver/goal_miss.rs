@@ -2,6 +2,7 @@
 
 use nalgebra::SVector;
 
+use super::excluded_ends::slip_at_goal;
 use super::settings::{Method, SolveInput};
 use super::solution::{Reason, StopReason};
 use crate::robot::State;
@@ -31,7 +32,7 @@ pub(super) fn goal_missed(
         (
             "motion_diverges",
             "every motion that was tried diverges, and the start",
-            "more `grid.steps` or a slower start",
+            "more `grid.steps` or a slower start".to_owned(),
         )
     } else {
         ("goal_missed", "the best plan", help(input, component, miss, stop_reason))
@@ -48,8 +49,17 @@ pub(super) fn goal_missed(
     }
 }
 
+/// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
+fn help(input: &SolveInput, component: StateComponent, miss: f64, stop_reason: StopReason) -> String {
+    let for_search = help_for_search(input, component, miss, stop_reason);
+    let Some(slip) = slip_at_goal(input) else { return for_search.to_owned() };
+    format!(
+        "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {slip} m/s), else {for_search}"
+    )
+}
+
 /// What would help the search to the goal, for the most certain cause first.
-fn help(input: &SolveInput, component: StateComponent, miss: f64, stop_reason: StopReason) -> &'static str {
+fn help_for_search(input: &SolveInput, component: StateComponent, miss: f64, stop_reason: StopReason) -> &'static str {
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     match stop_reason {

@@ -202,6 +202,10 @@ fn unmet() -> Vec<Case> {
             ask(case, X, 1.0);
             ask(case, Y, -3.0);
         }),
+        case("a speed with locked wheels", "goal_missed", "", |case| {
+            ask_rest_at(case, 0.0, 2.0, 0.0);
+            ask(case, VelocityY, 0.5);
+        }),
         case("the paper's method against eight requirements", "goal_missed", "", |case| {
             case.settings.method = Method::NelderMead;
             case.settings.rollout_limit = 2000;
@@ -268,6 +272,9 @@ fn what_the_search_missed_is_named_with_what_would_help() {
         let cause = match kind {
             "no rollouts to search with" => "`solver.rollout_limit`",
             "one torque for the whole maneuver" => "`grid.control_intervals`",
+            "a speed with locked wheels" => {
+                "wheel rates fit its velocity or are free (as asked, a wheel slips by 0.5 m/s)"
+            }
             _ => "",
         };
         assert!(reason.message.contains(cause), "{kind}: {}", reason.message);

@@ -139,8 +139,9 @@ class ExportRequest(_ExportRequestRequired, total=False):
 
 
 class Goal(TypedDict, total=False):
-    """The goal at the reference point. Absent: position and heading are the start's, velocities are 0, wheel angles
-    are free.
+    """The goal at the reference point. Absent: position and heading are the start's, velocities and wheel rates are
+    0, wheel angles are free. A goal at speed needs wheel rates that fit, or free ones: those of 0 ask for locked
+    wheels that slide.
     """
 
     free: Sequence[str]
