@@ -52,7 +52,7 @@ fn counts(seed: u64) -> Counts {
     let quantities = vec![PathQuantity::YawRate, PathQuantity::WheelRate { wheel: 0 }];
     let mut sensitivity = EndSensitivity::watching(quantities, schedule.control_count());
     simulator.end_sensitivity(&rollout, FrictionLaw::Exact, &mut sensitivity, Stop::never()).unwrap();
-    let laws = [FrictionLaw::Exact, FrictionLaw::Smoothed(0.03), FrictionLaw::Held];
+    let laws = [FrictionLaw::Exact, FrictionLaw::Smoothed(0.03), FrictionLaw::Held(0.0)];
     let later_sensitivities = laws
         .map(|law| allocations(|| simulator.end_sensitivity(&rollout, law, &mut sensitivity, Stop::never()).unwrap()));
     Counts { end_state, end_state_by_fixed_point, later_sensitivities }

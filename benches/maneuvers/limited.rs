@@ -263,7 +263,7 @@ fn active_share(input: &SolveInput, plan: &Solution) -> f64 {
     let start = input.maneuver.start_at_center_of_mass(input.robot.parameters());
     let step_count = plan.report.step_count;
     let rollout = Rollout { start: &start, schedule: &plan.schedule, step_count };
-    let law = if limits.forbids_slip { FrictionLaw::Held } else { FrictionLaw::Exact };
+    let law = if limits.forbids_slip { FrictionLaw::Held(0.0) } else { FrictionLaw::Exact };
     let mut motion = EndSensitivity::watching(limits.quantities(), CONTROL_COUNT);
     Simulator::new(&input.robot).record(&rollout, law, &mut motion, Stop::never()).expect("nothing stops it");
     let mut is_active = [false; CONTROL_COUNT];

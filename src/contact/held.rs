@@ -17,16 +17,17 @@ const SMALL_UPDATE: f64 = 1e-9;
 /// Solves steps with sticking wheels, warm-started from the last step.
 #[derive(Debug, Clone)]
 pub struct HeldSolver<const N: usize> {
+    /// Of the front support's law, m/s; 0 is the exact one.
+    slip_smoothing: f64,
     impulse: SVector<f64, N>,
 }
 
-impl<const N: usize> Default for HeldSolver<N> {
-    fn default() -> Self {
-        Self { impulse: SVector::zeros() }
-    }
-}
-
 impl<const N: usize> HeldSolver<N> {
+    /// A solver for one smoothing speed of the front support's law, m/s, or 0.
+    pub fn new(slip_smoothing: f64) -> Self {
+        Self { slip_smoothing, impulse: SVector::zeros() }
+    }
+
     /// Solves one step; without wheel friction the wheels are not held. The residual of the answer is 0, or NaN where no friction
     /// of the front support was found.
     #[inline]
@@ -36,7 +37,7 @@ impl<const N: usize> HeldSolver<N> {
             map.by_free_slip * problem.free_slip + map.by_free_normal * problem.free_normal
         });
         let solution = solution(operator, problem, (sticking, impulse));
-        if N == 3 || front_sticks(operator, &solution) {
+        if N == 3 || self.slip_smoothing == 0.0 && front_sticks(operator, &solution) {
             self.impulse = impulse;
             return solution;
         }
@@ -51,7 +52,8 @@ impl<const N: usize> HeldSolver<N> {
         start: &SVector<f64, N>,
     ) -> ContactSolution<N> {
         let pattern = ContactPattern { wheels: WheelPattern::BothStick, front: ContactMode::Slip };
-        let newton = Newton { operator, problem, pattern, slip_smoothing: 0.0, iteration_limit: NEWTON_LIMIT };
+        let newton =
+            Newton { operator, problem, pattern, slip_smoothing: self.slip_smoothing, iteration_limit: NEWTON_LIMIT };
         let found = [&self.impulse, start]
             .into_iter()
             .find_map(|start| newton.solve(start, SMALL_UPDATE * problem.weight_impulse(), Some));
@@ -76,10 +78,10 @@ fn front_sticks<const N: usize>(operator: &DelassusOperator<N>, solution: &Conta
     front_friction(solution) <= friction_radius(operator, 2, &solution.normal_impulse)
 }
 
-/// The impulse with as much of the front support's friction as its grip: the slip is then against the friction. At rest no torque
+/// The impulse with no more of the front support's friction than its grip: the slip is then against the friction. At rest no torque
 /// slips it before the wheels have friction, so that without any impulse the direction of its slip is not defined.
 fn within_grip<const N: usize>(operator: &DelassusOperator<N>, solution: &ContactSolution<N>) -> SVector<f64, N> {
-    let share = friction_radius(operator, 2, &solution.normal_impulse) / front_friction(solution);
+    let share = (friction_radius(operator, 2, &solution.normal_impulse) / front_friction(solution)).min(1.0);
     let mut impulse = solution.impulse;
     impulse.fixed_rows_mut::<2>(N - 2).scale_mut(share);
     impulse

@@ -91,7 +91,7 @@ impl<'a> ShootingProblem<'a> {
             },
             sensitivity,
             recorded: None,
-            law: if limits.forbids_slip { FrictionLaw::Held } else { FrictionLaw::Exact },
+            law: if limits.forbids_slip { FrictionLaw::Held(0.0) } else { FrictionLaw::Exact },
         }
     }
 
@@ -174,9 +174,10 @@ impl<'a> ShootingProblem<'a> {
         Ok(self.sensitivity.end.configuration.heading)
     }
 
-    /// Whether the rollouts hold the wheels: their motion is smooth, and smoothing changes nothing.
-    pub fn forbids_slip(&self) -> bool {
-        self.law == FrictionLaw::Held
+    /// Whether the motion is smooth in everything, and smoothing changes nothing: rollouts hold the wheels, and nothing else rubs.
+    pub fn is_smooth(&self) -> bool {
+        matches!(self.law, FrictionLaw::Held(_))
+            && self.simulator.robot().parameters().front_friction_coefficient == 0.0
     }
 
     /// Whether a plan must keep more on the way than its normal forces.
@@ -187,10 +188,17 @@ impl<'a> ShootingProblem<'a> {
     /// Sets the slip smoothing of the friction law as a share of the maneuver's speed, unit of length over unit of time; 0 is the
     /// exact law. Held wheels stay held.
     pub fn set_slip_smoothing(&mut self, share: f64) {
-        if !self.forbids_slip() {
-            let slip_smoothing = share * self.length_unit / self.time_unit;
-            self.law = if slip_smoothing > 0.0 { FrictionLaw::Smoothed(slip_smoothing) } else { FrictionLaw::Exact };
+        if self.is_smooth() {
+            return;
         }
+        let slip_smoothing = share * self.length_unit / self.time_unit;
+        self.law = match self.law {
+            FrictionLaw::Held(_) => FrictionLaw::Held(slip_smoothing),
+            FrictionLaw::Exact | FrictionLaw::Smoothed(_) if slip_smoothing > 0.0 => {
+                FrictionLaw::Smoothed(slip_smoothing)
+            }
+            FrictionLaw::Exact | FrictionLaw::Smoothed(_) => FrictionLaw::Exact,
+        };
     }
 
     /// What the cost counts as 1, s.

@@ -165,7 +165,9 @@ pub(super) fn integrate_under<const N: usize>(
         FrictionLaw::Smoothed(slip_smoothing) => {
             integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), stop, on_step)
         }
-        FrictionLaw::Held => integrate(model, rollout, &mut HeldSolver::default(), stop, on_step),
+        FrictionLaw::Held(slip_smoothing) => {
+            integrate(model, rollout, &mut HeldSolver::new(slip_smoothing), stop, on_step)
+        }
     }
 }
 

@@ -36,7 +36,7 @@ pub(super) fn motion_with_limits(
     let maxima = |law, quantities: &[PathQuantity]| simulator.path_maxima(rollout, law, quantities, stop);
     let mut motion = maxima(FrictionLaw::Exact, &quantities)?;
     if limits.forbids_slip && motion.slips {
-        let held = maxima(FrictionLaw::Held, &quantities)?;
+        let held = maxima(FrictionLaw::Held(0.0), &quantities)?;
         for ((limit, maximum), held) in judged.iter().zip(&mut motion.maxima).zip(held.maxima) {
             if matches!(limit.quantity, PathQuantity::GripUtilization { .. }) {
                 *maximum = held;

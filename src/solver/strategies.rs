@@ -115,8 +115,8 @@ impl LocalSearch<'_, '_, '_> {
         };
         match heat {
             Heat::FirstLaw => through(self, &SMOOTHING[..1]),
-            // Held wheels have one law.
-            Heat::OtherLaws if self.problem.forbids_slip() => Ok(from.clone()),
+            // A smooth motion has one law.
+            Heat::OtherLaws if self.problem.is_smooth() => Ok(from.clone()),
             Heat::OtherLaws => through(self, &SMOOTHING[1..]),
             Heat::Descend => self.descend_until(&from.decision, FIRST_RADIUS, (ROUGH, f64::INFINITY)),
         }
@@ -165,7 +165,7 @@ impl LocalSearch<'_, '_, '_> {
     }
 
     /// Under the exact law, then from perturbed copies of the best point; through smoothing where the exact law does not lead
-    /// to the goal. Held wheels have no kinks to leave by hops; they begin on coarser control grids.
+    /// to the goal. A smooth motion has no kinks to leave by hops; its descents begin on coarser control grids.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let (from, radius) = self.on_coarser_controls(guess)?;
         let mut best = self.descend(&from, radius)?;
@@ -174,7 +174,7 @@ impl LocalSearch<'_, '_, '_> {
             let next = self.descend(&smoothed.decision, FIRST_RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
-        if self.problem.forbids_slip() {
+        if self.problem.is_smooth() {
             self.settle(&mut best)?;
         } else {
             self.hop(&mut best, DIRECT_PATIENCE, 0)?;
@@ -187,7 +187,7 @@ impl LocalSearch<'_, '_, '_> {
     /// control intervals lead, one after another (grid sequencing): on a coarse one linear programs are small, and a plan goes far.
     fn on_coarser_controls(&mut self, guess: &DVector<f64>) -> Result<(DVector<f64>, f64), Interruption> {
         let (control_count, coarser_count) = (self.problem.control_count(), self.problem.control_count() / 2);
-        if !self.problem.forbids_slip() || coarser_count < FEWEST_INTERVALS {
+        if !self.problem.is_smooth() || coarser_count < FEWEST_INTERVALS {
             return Ok((guess.clone(), START_RADIUS));
         }
         self.set_control_count(coarser_count);
@@ -279,8 +279,8 @@ impl LocalSearch<'_, '_, '_> {
         (mut first_radius, iteration_limit): (f64, usize),
     ) -> Result<Candidate, Interruption> {
         let (mut decision, mut merit) = (guess.clone(), f64::INFINITY);
-        // Held wheels have one law.
-        let smoothings = if self.problem.forbids_slip() { &smoothings[..1] } else { smoothings };
+        // A smooth motion has one law.
+        let smoothings = if self.problem.is_smooth() { &smoothings[..1] } else { smoothings };
         for &smoothing in smoothings {
             let settings = SequentialLinearSettings {
                 first_radius,

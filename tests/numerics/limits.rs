@@ -156,6 +156,18 @@ fn a_limit_that_the_finest_grid_hides_is_backed_off_from() {
 }
 
 #[test]
+fn one_start_does_where_the_front_support_rubs() {
+    let mut parameters = symmetric();
+    parameters.robot.front_friction_coefficient = 0.2;
+    parameters.maneuver.torque_limit = PerWheel::new(0.6, 0.95);
+    parameters.maneuver.limits.speed = Some(0.5);
+    parameters.maneuver.goal = Goal::at_rest(0.0, 2.5, 0.0);
+    let solution = converged(parameters);
+    // As far at the speed limit, and a little to start and to brake.
+    assert_near(solution.schedule.final_time, 2.5 / 0.5, 0.1);
+}
+
+#[test]
 fn accelerations_and_torque_rates_are_kept() {
     let mut parameters = symmetric();
     let limits = &mut parameters.maneuver.limits;

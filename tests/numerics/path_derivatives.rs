@@ -157,13 +157,14 @@ fn rows_agree_with_differences_under_the_exact_law() {
 
 #[test]
 fn rows_agree_with_differences_with_held_wheels() {
-    compare_random(FrictionLaw::Held, TOLERANCE, false);
-    compare_random(FrictionLaw::Held, TOLERANCE, true);
+    compare_random(FrictionLaw::Held(0.0), TOLERANCE, false);
+    compare_random(FrictionLaw::Held(0.0), TOLERANCE, true);
 }
 
 #[test]
 fn rows_agree_with_differences_under_smoothed_friction() {
     compare_random(FrictionLaw::Smoothed(0.05), SMOOTHED_TOLERANCE, false);
+    compare_random(FrictionLaw::Held(0.05), SMOOTHED_TOLERANCE, false);
 }
 
 #[test]
@@ -175,7 +176,7 @@ fn maxima_are_the_largest_values_that_are_noted_for_derivatives() {
         let quantities = quantities(&mut cases, robot.parameters());
         let (start, schedule) = (cases.state(&robot, 1.0), cases.schedule(CONTROL_COUNT, 1.0, 2.0));
         let rollout = Rollout { start: &start, schedule: &schedule, step_count: STEP_COUNT };
-        for law in [FrictionLaw::Exact, FrictionLaw::Held, FrictionLaw::Smoothed(0.05)] {
+        for law in [FrictionLaw::Exact, FrictionLaw::Held(0.0), FrictionLaw::Smoothed(0.05)] {
             let maxima = simulator.path_maxima(&rollout, law, &quantities, Stop::never()).unwrap();
             let mut noted = EndSensitivity::watching(quantities.clone(), CONTROL_COUNT);
             simulator.record(&rollout, law, &mut noted, Stop::never()).unwrap();

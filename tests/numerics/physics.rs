@@ -289,7 +289,7 @@ fn held_wheels_move_off_as_sticking_ones_do() {
         }
         let (mut held, simulator) = (EndSensitivity::default(), Simulator::new(&robot));
         let rollout = Rollout { start: &State::default(), schedule: &schedule, step_count: 100 };
-        simulator.record(&rollout, FrictionLaw::Held, &mut held, Stop::never()).unwrap();
+        simulator.record(&rollout, FrictionLaw::Held(0.0), &mut held, Stop::never()).unwrap();
         let end = exact.state.last().unwrap().to_vector();
         let difference = held.end.to_vector() - end;
         assert!(difference.amax() <= 1e-9 * end.amax().max(1.0), "seed {seed}: {difference}");
