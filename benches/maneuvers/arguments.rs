@@ -96,7 +96,7 @@ pub(crate) struct RandomArguments {
 /// Maneuvers with limits.
 #[derive(Debug, Args)]
 pub(crate) struct LimitedArguments {
-    /// Maneuvers of each of six robots.
+    /// Maneuvers of each of five robots.
     #[arg(long, value_name = "N", default_value_t = 40)]
     pub(crate) per_robot: usize,
     /// Seed of the maneuvers and limits.
