@@ -29,8 +29,7 @@ pub(super) fn excluded_end(input: &SolveInput) -> Option<Reason> {
 
 /// The slip speed of a wheel that the goal asks for, m/s; none where no wheel slips there, or where that is left open.
 pub(super) fn slip_at_goal(input: &SolveInput) -> Option<f64> {
-    let (slip, slack) = End::goal(input).slip(input)?;
-    (slip > slack).then_some(slip)
+    End::goal(input).slip(input).map(|(slip, _)| slip)
 }
 
 impl End {
@@ -132,7 +131,7 @@ impl End {
     /// A wheel that slips where none may.
     fn slips(&self, input: &SolveInput) -> Option<Reason> {
         let (slip, slack) = self.slip(input).filter(|_| input.maneuver.forbids_slip())?;
-        (slip > slack).then(|| Reason {
+        Some(Reason {
             code: if self.name == "start" { "start_slips" } else { "goal_slips" },
             field: "maneuver.slip".to_owned(),
             message: format!(
@@ -146,7 +145,8 @@ impl End {
         })
     }
 
-    /// The largest slip speed of a wheel along or across, m/s, and how much of it tolerances may be; none where it is left open.
+    /// The largest slip speed of a wheel along or across, m/s, and what tolerances may be of it; none where it is no more than that,
+    /// or left open.
     fn slip(&self, input: &SolveInput) -> Option<(f64, f64)> {
         if !(self.has(&POSE[2..]) && self.has(&VELOCITY) && self.has(&WHEEL_RATES)) {
             return None;
@@ -160,6 +160,6 @@ impl End {
         let slip = slips.into_iter().map(f64::abs).fold(0.0, f64::max);
         // Each component of a state may be off by the tolerance.
         let slack = input.settings.goal_tolerance * (2.0 + parameters.wheel_radius + parameters.track_width);
-        Some((slip, slack))
+        (slip > slack).then_some((slip, slack))
     }
 }

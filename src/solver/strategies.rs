@@ -183,7 +183,7 @@ impl LocalSearch<'_, '_, '_> {
         Ok(best)
     }
 
-    /// Where a descent from this guess is to begin, and its first trust radius. With held wheels that is where grids of half as many
+    /// Where a descent from this guess is to begin, and its first trust radius. With a smooth motion that is where grids of half as many
     /// control intervals lead, one after another (grid sequencing): on a coarse one linear programs are small, and a plan goes far.
     fn on_coarser_controls(&mut self, guess: &DVector<f64>) -> Result<(DVector<f64>, f64), Interruption> {
         let (control_count, coarser_count) = (self.problem.control_count(), self.problem.control_count() / 2);
