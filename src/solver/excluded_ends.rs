@@ -1,5 +1,7 @@
 //! Starts and goals that the limits of a maneuver exclude, found without any rollout.
 
+use std::f64::consts::SQRT_2;
+
 use nalgebra::{Rotation2, Vector2};
 
 use super::settings::SolveInput;
@@ -63,8 +65,10 @@ impl End {
             aisle.keep_in.edges().map(move |edge| (index, edge.normal.dot(&place) - edge.offset))
         });
         let (corner, distance) = outside.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let [right, forward] = aisle.footprint.corners()[corner].into();
-        (distance > input.settings.goal_tolerance).then(|| Reason {
+        let corner = aisle.footprint.corners()[corner];
+        let slack = input.settings.goal_tolerance * (SQRT_2 + (from_reference + corner).norm());
+        let [right, forward] = corner.into();
+        (distance > slack).then(|| Reason {
             code: if self.name == "start" { "start_outside" } else { "goal_outside" },
             field: "maneuver.keep_in".to_owned(),
             message: format!(
@@ -81,15 +85,16 @@ impl End {
     fn exceeds_rates(&self, input: &SolveInput) -> Option<Reason> {
         let (limits, velocity) = (&input.maneuver.limits, &self.state.velocity);
         let wheel_rate = velocity.wheel_rate.left.abs().max(velocity.wheel_rate.right.abs());
+        let (speed, play) = self.speed_of_payload(input);
         [
-            ("wheel_rate_rad_s", wheel_rate, limits.wheel_rate, &WHEEL_RATES[..]),
-            ("yaw_rate_rad_s", velocity.yaw_rate.abs(), limits.yaw_rate, &VELOCITY[2..]),
-            ("speed_m_s", self.speed_of_payload(input), limits.speed, &VELOCITY[..]),
+            ("wheel_rate_rad_s", wheel_rate, limits.wheel_rate, self.has(&WHEEL_RATES), 1.0),
+            ("yaw_rate_rad_s", velocity.yaw_rate.abs(), limits.yaw_rate, self.has(&VELOCITY[2..]), 1.0),
+            ("speed_m_s", speed, limits.speed, self.has(&VELOCITY), play),
         ]
         .into_iter()
-        .find_map(|(field, value, limit, components)| {
-            let limit = limit.filter(|_| self.has(components))?;
-            let slack = LIMIT_TOLERANCE * limit + input.settings.goal_tolerance;
+        .find_map(|(field, value, limit, is_given, play)| {
+            let limit = limit.filter(|_| is_given)?;
+            let slack = LIMIT_TOLERANCE * limit + play * input.settings.goal_tolerance;
             (value > limit + slack).then(|| self.reason(field, value, limit))
         })
     }
@@ -108,16 +113,18 @@ impl End {
         }
     }
 
-    /// Speed of the point that the limits speak of, m/s. A payload's centre turns around the reference point.
-    fn speed_of_payload(&self, input: &SolveInput) -> f64 {
-        let parameters = input.robot.parameters();
+    /// The least speed of the point that the limits speak of, m/s, at any heading where that is open, and how many tolerances it may be
+    /// of it. A payload's centre turns around the reference point.
+    fn speed_of_payload(&self, input: &SolveInput) -> (f64, f64) {
+        let arm = input.limited_point() - input.maneuver.reference_point.offset(input.robot.parameters());
         let body = self.body_velocity();
-        let from_reference = input.payload.map_or(Vector2::zeros(), |payload| {
-            let point = parameters.axle_midpoint() + Vector2::new(payload.right, payload.forward);
-            point - input.maneuver.reference_point.offset(parameters)
-        });
-        let (right, forward) = (body[0] - from_reference.y * body[2], body[1] + from_reference.x * body[2]);
-        right.hypot(forward)
+        let yaw_rate = body[2].abs();
+        let speed = if self.has(&POSE[2..]) {
+            (body[0] - arm.y * body[2]).hypot(body[1] + arm.x * body[2])
+        } else {
+            (body[0].hypot(body[1]) - arm.norm() * yaw_rate).abs()
+        };
+        (speed, SQRT_2 + arm.norm() * (1.0 + yaw_rate))
     }
 
     /// At the reference point, in the frame of the heading.
@@ -158,8 +165,74 @@ impl End {
         velocity[1] -= offset.x * velocity[2];
         let slips = input.robot.tangent_jacobian().wheel_slip(&velocity);
         let slip = slips.into_iter().map(f64::abs).fold(0.0, f64::max);
-        // Each component of a state may be off by the tolerance.
-        let slack = input.settings.goal_tolerance * (2.0 + parameters.wheel_radius + parameters.track_width);
+        // Each component of a state may be off by the tolerance; a heading that is turns the velocity.
+        let speed = velocity[0].hypot(velocity[1]);
+        let play = SQRT_2 + speed + offset.norm() + parameters.track_width + parameters.wheel_radius;
+        let slack = input.settings.goal_tolerance * play;
         (slip > slack).then_some((slip, slack))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    use super::*;
+    use crate::robot::{Configuration, Payload, PerWheel, Velocity};
+    use crate::shooting::{AisleCorners, ReferencePoint, SlipPolicy};
+    use crate::solver::settings::SolveParameters;
+
+    /// A state at the axle midpoint that rolls, any way round.
+    fn rolling(rng: &mut Xoshiro256PlusPlus, parameters: &SolveParameters) -> State {
+        let robot = &parameters.robot;
+        let [heading, speed, yaw_rate] = [3.0, 10.0, 5.0].map(|most| rng.random_range(-most..most));
+        let across = 0.5 * robot.track_width * yaw_rate;
+        let wheel_rate = [speed - across, speed + across].map(|speed| speed / robot.wheel_radius);
+        let [x, y] = (Rotation2::new(heading) * Vector2::y() * speed).into();
+        State {
+            configuration: Configuration { heading, ..State::default().configuration },
+            velocity: Velocity { x, y, yaw_rate, wheel_rate: PerWheel::new(wheel_rate[0], wheel_rate[1]) },
+        }
+    }
+
+    /// Limits that a state just keeps, and an aisle that it touches along a slanted wall.
+    fn limit_to(state: &State, parameters: &mut SolveParameters, rng: &mut Xoshiro256PlusPlus) {
+        let [right, forward] = [0; 2].map(|_| rng.random_range(-1.0..1.0));
+        parameters.payload = Some(Payload { mass: 0.0, right, forward, height: 0.1, yaw_inertia: 0.0 });
+        let velocity = &state.velocity;
+        let turn = Rotation2::new(state.configuration.heading);
+        let arm = turn * Vector2::new(right, forward);
+        let speed = (Vector2::new(velocity.x, velocity.y) + velocity.yaw_rate * Vector2::new(-arm.y, arm.x)).norm();
+        let limits = &mut parameters.maneuver.limits;
+        (limits.speed, limits.yaw_rate) = (Some(speed), Some(velocity.yaw_rate.abs()));
+        limits.wheel_rate = Some(velocity.wheel_rate.left.abs().max(velocity.wheel_rate.right.abs()));
+        let footprint = [[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]].map(Vector2::from).to_vec();
+        let keep_in = footprint.iter().map(|corner| turn * corner).collect();
+        parameters.aisle = AisleCorners { keep_in, footprint };
+    }
+
+    #[test]
+    fn an_end_that_some_state_within_the_tolerances_keeps_to_is_not_excluded() {
+        for seed in 0..2000 {
+            let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+            let mut parameters = SolveParameters::forward_drive();
+            parameters.maneuver.slip = SlipPolicy::Forbidden;
+            parameters.maneuver.reference_point = ReferencePoint::AxleMidpoint;
+            let state = rolling(&mut rng, &parameters);
+            limit_to(&state, &mut parameters, &mut rng);
+            let tolerance = 10_f64.powf(rng.random_range(-6.0..-1.0));
+            parameters.settings.goal_tolerance = tolerance;
+            let goal = &mut parameters.maneuver.goal;
+            for (component, value) in StateComponent::ALL.into_iter().zip(state.to_vector().iter()) {
+                let is_free = component == StateComponent::Heading && seed.is_multiple_of(2);
+                if goal.constrained().any(|(constrained, _)| constrained == component) {
+                    goal.set(component, (!is_free).then(|| value + tolerance * [-1.0, 1.0][rng.random_range(0..2)]));
+                }
+            }
+            parameters.maneuver.start = state;
+            let excluded = excluded_end(&SolveInput::new(parameters).unwrap());
+            assert!(excluded.is_none(), "{seed} at {tolerance}: {excluded:?}");
+        }
     }
 }
