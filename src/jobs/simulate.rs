@@ -94,9 +94,9 @@ impl Kind for Simulate {
         let contact_solver: ContactSolver = named(contact_solver, "contact_solver")?;
         let SimulateGrid { steps } = grid.unwrap_or_default();
         let mut schedule = schedule(required(torque_schedule, "torque_schedule")?, "torque_schedule")?;
-        // Absent: the paper's number of steps, or one step per interval where there are more intervals.
-        let interval_count = schedule.control_count().min(limits.max_control_intervals);
-        let step_count = steps.map_or(SolverSettings::PAPER_STEP_COUNT.max(interval_count), |steps| steps as usize);
+        // Absent: the paper's number of steps, or the next one that gives all intervals as many.
+        let interval_count = schedule.control_count().clamp(1, limits.max_control_intervals);
+        let step_count = steps.map_or(SolverSettings::first_step_count(interval_count), |steps| steps as usize);
         let mut checks = Checks::new();
         checks.server_limit("grid.steps", step_count as f64, limits.max_steps as f64);
         if !limits.check_arrays(&mut checks, [(ARRAYS[0], &schedule.left), (ARRAYS[1], &schedule.right)]) {
@@ -118,8 +118,8 @@ impl Kind for Simulate {
         Ok(AcceptedSimulation { input, time_limit: limits.time_limit() })
     }
 
-    fn answer_numbers(accepted: &AcceptedSimulation) -> usize {
-        ARRAYS_OF_STEPS * accepted.input.step_count
+    fn answer_bytes(accepted: &AcceptedSimulation, number_bytes: usize) -> usize {
+        number_bytes * ARRAYS_OF_STEPS * accepted.input.step_count
     }
 
     fn answer(_accepted: &AcceptedSimulation, done: &Done<Simulation>) -> SimulateResponse {

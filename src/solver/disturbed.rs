@@ -6,12 +6,12 @@ use nalgebra::{Rotation2, Vector2};
 
 use super::carried::{check_robot, joined};
 use super::limit_uses::motion_with_limits;
-use super::settings::SolverSettings;
+use super::settings::{ROUNDING, SolverSettings};
 use super::solution::LimitUse;
 use crate::robot::{Payload, PerWheel, Robot, RobotParameters, State};
 use crate::rules::{Checks, Number, Rule, Violations};
 use crate::shooting::{PathLimits, ReferencePoint, check_state};
-use crate::simulation::{Rollout, Simulator, TorqueSchedule};
+use crate::simulation::{Rollout, Simulator, TorqueSchedule, control_interval};
 use crate::stop::{Stop, Stopped};
 
 /// Most intervals of a schedule that a delay leaves.
@@ -213,12 +213,12 @@ impl Undisturbed {
             checks.within("maneuver", |checks| checks.within("start", |checks| check_state(&start, checks)));
         }
         if delay != PerWheel::default() {
-            check_delay(&delay, (&schedule, step_count), &mut checks);
+            check_delay(&delay, &schedule, &mut checks);
         }
         check_robot(&bare_robot, payload.as_ref(), &mut checks);
         checks.finish()?;
         if delay != PerWheel::default() {
-            (schedule, step_count) = delayed(schedule, step_count, &delay);
+            (schedule, step_count) = delayed(&schedule, step_count, &delay);
         }
         let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
         Ok(Disturbed { bare_robot, payload, robot, start, schedule, step_count })
@@ -233,7 +233,8 @@ impl Undisturbed {
     /// Steps that the motion has under a delay, s, of either wheel.
     pub fn steps_under_delay(&self, delay: f64) -> f64 {
         let intervals = self.schedule.control_count() as f64;
-        self.step_count as f64 * (1.0 + (delay / self.schedule.interval()).ceil() / intervals)
+        let steps = self.step_count as f64 * (1.0 + (delay / self.schedule.interval()).ceil() / intervals);
+        steps.min(SolverSettings::STEP_LIMIT.max(self.step_count) as f64)
     }
 }
 
@@ -270,7 +271,7 @@ fn as_read(mut schedule: TorqueSchedule) -> TorqueSchedule {
     schedule
 }
 
-fn check_delay(delay: &PerWheel<f64>, (schedule, step_count): (&TorqueSchedule, usize), checks: &mut Checks) {
+fn check_delay(delay: &PerWheel<f64>, schedule: &TorqueSchedule, checks: &mut Checks) {
     let before = checks.count();
     checks.bounds(ChangedParameter::DelayLeft.as_str(), delay.left, &DELAY_RULE);
     checks.bounds(ChangedParameter::DelayRight.as_str(), delay.right, &DELAY_RULE);
@@ -282,44 +283,43 @@ fn check_delay(delay: &PerWheel<f64>, (schedule, step_count): (&TorqueSchedule, 
     } else {
         (ChangedParameter::DelayRight, delay.right)
     };
-    let intervals = schedule.control_count() as f64;
-    let with_delay = intervals + (longest / schedule.interval()).ceil();
-    let steps = (step_count as f64 * with_delay / intervals).ceil();
-    let fits = with_delay <= MOST_INTERVALS as f64 && steps <= SolverSettings::STEP_LIMIT as f64;
-    checks.require(
-        name.as_str(),
-        Number(longest),
-        fits,
-        "a delay of at most 1000 intervals and 10000 steps in all",
-        None,
-    );
+    let with_delay = schedule.control_count() as f64 + (longest / schedule.interval()).ceil();
+    let fits = with_delay <= MOST_INTERVALS as f64;
+    checks.require(name.as_str(), Number(longest), fits, "a delay of at most 1000 intervals in all", None);
 }
 
-/// The torques that each wheel begins after its delay, in intervals into which both delays fit when rounded.
-fn delayed(schedule: TorqueSchedule, step_count: usize, delay: &PerWheel<f64>) -> (TorqueSchedule, usize) {
-    let (count, interval) = (schedule.control_count(), schedule.interval());
+/// The torques that each wheel begins after its delay, in equal parts of whole steps. A part within which a torque changes holds the
+/// mean of it; the end of the slower wheel is rounded up to that of a part.
+fn delayed(schedule: &TorqueSchedule, step_count: usize, delay: &PerWheel<f64>) -> (TorqueSchedule, usize) {
+    let (count, final_time) = (schedule.control_count(), schedule.final_time);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked: 0 to 1,000")]
-    let whole = |intervals: f64| intervals as usize;
-    let longest = count + whole((delay.left.max(delay.right) / interval).ceil());
-    // Each interval in equal parts of as many steps as the others, where there is such a number.
-    let most = (MOST_INTERVALS / longest).min(step_count / count).max(1);
-    let parts = (1..=most).rev().find(|parts| step_count.is_multiple_of(count * parts)).unwrap_or(most);
-    let part = interval / parts as f64;
-    let (left, right) = (whole((delay.left / part).round()), whole((delay.right / part).round()));
-    if left.max(right) == 0 {
-        return (schedule, step_count);
-    }
-    let part_count = count * parts + left.max(right);
-    let of_wheel = |torques: &[f64], zeros: usize| {
-        let torques = torques.iter().flat_map(|&torque| std::iter::repeat_n(torque, parts));
-        let mut delayed: Vec<f64> = std::iter::repeat_n(0.0, zeros).chain(torques).collect();
-        delayed.resize(part_count, 0.0);
-        delayed
+    let whole = |parts: f64| parts as usize;
+    let longest = delay.left.max(delay.right);
+    let most = MOST_INTERVALS / (count + whole((longest / schedule.interval()).ceil()));
+    // The same steps as without delay: of equal parts of each interval, or each step by itself where they cross the ends of intervals.
+    let within_interval = (1..=most).rev().find(|parts| step_count.is_multiple_of(count * parts));
+    let part_count = within_interval.map_or(step_count.min(count * most), |parts| count * parts);
+    let part = final_time / part_count as f64;
+    let shift = |delay: f64| {
+        let parts = delay / part;
+        // A whole number of parts but for rounding is one.
+        let parts = if (parts - parts.round()).abs() <= ROUNDING { parts.round() } else { parts };
+        (whole(parts), parts.fract())
     };
-    let final_time = part * part_count as f64;
-    let (left, right) = (of_wheel(&schedule.left, left), of_wheel(&schedule.right, right));
-    let steps = (step_count * part_count).div_ceil(count * parts);
-    (as_read(TorqueSchedule { final_time, left, right }), steps)
+    let with_delay = part_count + whole((longest / part - ROUNDING).ceil().max(0.0));
+    let of_wheel = |torques: &[f64], delay: f64| -> Vec<f64> {
+        let (parts, rest) = shift(delay);
+        let held = |part: usize, later: usize| {
+            let from = part.checked_sub(later).filter(|from| *from < part_count);
+            from.map_or(0.0, |from| torques[control_interval(from, part_count, count)])
+        };
+        // Without a rest these are the torques themselves, to the bit.
+        (0..with_delay).map(|part| (1.0 - rest) * held(part, parts) + rest * held(part, parts + 1)).collect()
+    };
+    let (left, right) = (of_wheel(&schedule.left, delay.left), of_wheel(&schedule.right, delay.right));
+    let steps_per_part = step_count.div_ceil(part_count).min(SolverSettings::STEP_LIMIT / with_delay);
+    let final_time = part * with_delay as f64;
+    (as_read(TorqueSchedule { final_time, left, right }), steps_per_part * with_delay)
 }
 
 fn scale(torques: &mut [f64], share: f64) {
@@ -350,16 +350,52 @@ mod tests {
     #[test]
     fn delayed_wheel_holds_zero_torque_first_and_the_other_one_last() {
         let changes = [(ChangedParameter::DelayLeft, 0.1), (ChangedParameter::DelayRight, 0.06)];
-        // Two parts of 0.1 s per interval, since it has two steps.
+        // Two parts of 0.1 s per interval, since it has two steps; the right wheel begins within the first.
         let Disturbed { schedule, step_count, .. } = planned(4).under(&changes).unwrap();
         assert_eq!(schedule.left, [0.0, 1.0, 1.0, 2.0, 2.0]);
-        assert_eq!(schedule.right, [0.0, 3.0, 3.0, 4.0, 4.0]);
+        for (torque, mean) in schedule.right.iter().zip([1.2, 3.0, 3.4, 4.0, 2.4]) {
+            assert!((torque - mean).abs() < 1e-14, "{:?}", schedule.right);
+        }
         assert_eq!(step_count, 5);
         assert!((schedule.final_time - 0.5).abs() < 1e-15);
         let Disturbed { schedule, step_count, .. } = planned(40).under(&changes).unwrap();
         assert_eq!((schedule.left.len(), schedule.right.len(), step_count), (50, 50, 50));
         assert_eq!(schedule.right.iter().filter(|&&torque| torque == 0.0).count(), 10);
         assert_eq!((schedule.right[5], schedule.right[6], schedule.right[49]), (0.0, 3.0, 0.0));
+    }
+
+    #[test]
+    fn delays_keep_the_steps_and_the_impulse() {
+        for (step_count, delay) in [(4, 1e-4), (5, 0.05), (7, 0.33), (1001, 0.01), (10_000, 0.02), (1999, 0.7)] {
+            let (planned, change) = (planned(step_count), [(ChangedParameter::DelayLeft, delay)]);
+            let Disturbed { schedule, step_count: steps, .. } = planned.under(&change).unwrap();
+            assert!(schedule.control_count() <= MOST_INTERVALS && steps <= SolverSettings::STEP_LIMIT);
+            assert!(steps.is_multiple_of(schedule.control_count()));
+            let step = 0.4 / step_count as f64;
+            assert!(schedule.final_time / steps as f64 <= 1.1 * step, "{step_count} become {steps}");
+            let with_part = 0.4 + delay + schedule.interval();
+            assert!(schedule.final_time >= 0.4 + delay - 1e-12 && schedule.final_time <= with_part);
+            let impulse = |torques: &[f64]| schedule.interval() * torques.iter().sum::<f64>();
+            // Where steps cross the ends of intervals, the midpoints of a plan favour some.
+            let slack = if step_count.is_multiple_of(2) { 1e-12 } else { step };
+            assert!((impulse(&schedule.left) - 0.6).abs() < slack && (impulse(&schedule.right) - 1.4).abs() < slack);
+        }
+    }
+
+    #[test]
+    fn wheels_that_begin_late_together_move_alike() {
+        for step_count in [60, 90, 200, 10_000] {
+            let mut planned = planned(step_count);
+            planned.schedule =
+                TorqueSchedule { final_time: 1.0, left: vec![0.5, -0.2, 0.1], right: vec![0.4, 0.1, -0.3] };
+            let end = |delay: f64| {
+                let changes = [(ChangedParameter::DelayLeft, delay), (ChangedParameter::DelayRight, delay)];
+                planned.under(&changes).unwrap().end(Stop::never()).unwrap().0.configuration
+            };
+            let (prompt, late) = (end(0.0), end(10.0 / 60.0));
+            let apart = [late.x - prompt.x, late.y - prompt.y, late.heading - prompt.heading];
+            assert!(apart.iter().all(|apart| apart.abs() < 0.02), "{step_count}: {apart:?}");
+        }
     }
 
     #[test]

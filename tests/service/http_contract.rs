@@ -156,6 +156,17 @@ async fn simulation_answers_with_trajectory_and_contacts() {
 }
 
 #[tokio::test]
+async fn steps_of_a_simulation_without_a_grid_give_all_intervals_as_many() {
+    let server = TestServer::start(4, real_solver()).await;
+    for (intervals, steps) in [(1, 200), (40, 200), (150, 300), (999, 999)] {
+        let torques = json!(vec![0.1; intervals]);
+        let body = json!({"torque_schedule": {"interval_s": 0.01, "left_n_m": torques, "right_n_m": torques}});
+        let answer = server.post("/simulate", body.to_string()).await.json();
+        assert_eq!(answer["trajectory"]["time_s"].as_array().unwrap().len(), steps + 1);
+    }
+}
+
+#[tokio::test]
 async fn probes_answer() {
     let server = server().await;
     assert_eq!((server.get("/livez").await.status, server.get("/readyz").await.status), (200, 200));

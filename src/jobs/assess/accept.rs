@@ -29,7 +29,8 @@ const TOLERANCES: [(&str, Rule); 5] = [
 const FORM_RULE: &str = "either `low` and `high` or `mean` and `standard_deviation`";
 
 /// Beyond four standard deviations above the mean are 3 of 100,000 samples.
-const LONGEST_DELAY_FITS: &str = "such that the longest delay (`high`, or `mean` and four standard deviations) leaves at most 1000 intervals and 10000 steps";
+const LONGEST_DELAY_FITS: &str =
+    "such that the longest delay (`high`, or `mean` and four standard deviations) leaves at most 1000 intervals";
 
 /// A plan and what is not known of it.
 #[derive(Debug)]

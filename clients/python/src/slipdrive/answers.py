@@ -145,7 +145,8 @@ class AssessResponse:
     steps: int
     """Steps of a sample without delay: on the first grid of 1, 2, 4, 8 and 16 times the plan's on which the motion
     without changes is a success. Where there is none, and where finer ones would take more than 10,000 steps a
-    sample or 20,000,000 in all: the finest.
+    sample or 20,000,000 in all: the finest. A delay adds steps as long; where these would be more than 10,000, they
+    are a little longer.
     """
     success_rate: float
     """Their share."""
@@ -846,7 +847,9 @@ class SimulateGrid:
     """The time grid of a simulation."""
 
     steps: int | None = None
-    """Number of time steps; default 200, or one per interval where there are more intervals."""
+    """Number of time steps; default 200, or the next multiple of the number of intervals. Each step has the torques
+    at its midpoint: on other numbers some intervals last a step longer than others.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

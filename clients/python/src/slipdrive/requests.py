@@ -328,7 +328,9 @@ class SimulateGrid(TypedDict, total=False):
     """The time grid of a simulation."""
 
     steps: int
-    """Number of time steps; default 200, or one per interval where there are more intervals. [>= 1, <= 10000]"""
+    """Number of time steps; default 200, or the next multiple of the number of intervals. Each step has the torques
+    at its midpoint: on other numbers some intervals last a step longer than others. [>= 1, <= 10000]
+    """
 
 
 class _SimulateRequestRequired(TypedDict):
