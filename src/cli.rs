@@ -16,7 +16,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use clap::{Arg, ArgMatches, Args as _, Command, FromArgMatches as _};
+use clap::{Arg, ArgAction, ArgMatches, Args as _, Command, FromArgMatches as _};
 use serde_json::{Map, Value};
 use slipdrive::contract::{Problem, indented, json};
 use slipdrive::jobs::{Flag, InProcessSolver, Jobs, Kind, Limits, Visitor};
@@ -107,7 +107,7 @@ impl Visitor for Commands {
         };
         let command = JobArguments::augment_args(Command::new(K::NAME)).about(sentence(K::SUMMARY));
         let command = command.mut_arg("input", |argument| {
-            let argument = argument.help(input).num_args(1..=K::SAVED_FILES.max(1));
+            let argument = argument.help(input).action(ArgAction::Set).num_args(1..=K::SAVED_FILES.max(1));
             match K::EXAMPLES.first() {
                 Some(example) => argument.required(false).default_value(example.name),
                 None => argument,

@@ -1,6 +1,9 @@
 //! Receives a body within its limit, its time and the byte budget, the same for every transport.
 
+use std::error::Error;
 use std::future::poll_fn;
+use std::io;
+use std::iter;
 use std::net::SocketAddr;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -45,10 +48,21 @@ pub(super) fn memory_full() -> Problem {
     Problem::new(ErrorCode::MemoryFull, detail).worth_retrying_after(Some(RETRY))
 }
 
+/// A body that cannot be read: malformed where its chunks are, else its caller left.
+fn unreadable(error: &axum::Error) -> Problem {
+    let causes = iter::successors(error.source(), |&cause| cause.source());
+    let mut kinds = causes.filter_map(|cause| cause.downcast_ref::<io::Error>()).map(io::Error::kind);
+    if kinds.any(|kind| matches!(kind, io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData)) {
+        Problem::new(ErrorCode::MalformedBody, format!("the body cannot be read: {error}"))
+    } else {
+        Problem::new(ErrorCode::Cancelled, format!("the body ended before it was complete: {error}"))
+    }
+}
+
 /// A whole body, and the memory that is reserved for it.
 ///
 /// # Errors
-/// `body_too_large`, `body_timeout`, `memory_full`, or `malformed_body` when it ends too early.
+/// `body_too_large`, `body_timeout`, `memory_full`, `malformed_body`, or `cancelled` when it ends too early.
 pub(super) async fn receive(
     body: &mut Body,
     limit: usize,
@@ -84,9 +98,7 @@ async fn read_within(body: &mut Body, limit: usize, connection: &Arc<Connection>
     let lease = Lease::empty(connection, Purpose::Requests);
     let mut bytes = Vec::with_capacity(FIRST_BYTES);
     while let Some(chunk) = next_chunk(body).await {
-        let chunk = chunk.map_err(|error| {
-            Problem::new(ErrorCode::MalformedBody, format!("the body ended before it was complete: {error}"))
-        })?;
+        let chunk = chunk.map_err(|error| unreadable(&error))?;
         let length = bytes.len() + chunk.len();
         if length > limit {
             return Err(Problem::body_too_large(limit));

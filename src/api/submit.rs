@@ -67,7 +67,7 @@ pub(super) async fn answer_of_item<K: Kind, T: Send + 'static>(
     (caller, number_bytes): (&Caller, usize),
     write: impl FnOnce(K::Answer) -> Written<T> + Send + 'static,
 ) -> Result<(T, Arc<Lease>), Problem> {
-    let bytes = K::answer_numbers(&input) * number_bytes;
+    let bytes = K::answer_bytes(&input, number_bytes);
     let reserve = async {
         let lease = tokio::select! {
             lease = caller.connection.lease_at_last(bytes) => lease.ok_or_else(memory_full)?,

@@ -66,16 +66,21 @@ pub(crate) fn robot(given: &message::Robot, checks: &mut Checks) -> RobotParamet
 }
 
 fn motor(given: &message::Robot, checks: &mut Checks) -> Option<Motor> {
-    let fields = [
-        ("motor_stall_torque_n_m", given.motor_stall_torque_n_m),
-        ("motor_free_speed_rad_s", given.motor_free_speed_rad_s),
-    ];
-    for ((field, value), (other, other_value)) in [(fields[0], fields[1]), (fields[1], fields[0])] {
-        let holds = value.is_some() || other_value.is_none();
-        checks.require(field, "absent", holds, format!("given where `robot.{other}` is"), None);
+    let given = [given.motor_stall_torque_n_m, given.motor_free_speed_rad_s];
+    if let [Some(stall_torque), Some(free_speed)] = given {
+        return Some(Motor { stall_torque, free_speed });
     }
-    let (stall_torque, free_speed) = (fields[0].1?, fields[1].1?);
-    Some(Motor { stall_torque, free_speed })
+    for (index, (field, _, rule)) in Motor::RULES.into_iter().enumerate() {
+        let (other, other_value) = (Motor::RULES[1 - index].0, given[1 - index]);
+        match given[index] {
+            Some(value) => checks.bounds(field, value, &rule),
+            None => {
+                let rule = format!("given where `robot.{other}` is");
+                checks.require(field, "absent", other_value.is_none(), rule, None);
+            }
+        }
+    }
+    None
 }
 
 /// The parameters as a message; without a footprint, which is no parameter.

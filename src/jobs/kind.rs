@@ -96,9 +96,9 @@ pub trait Kind: Job {
         limits.max_body_bytes
     }
 
-    /// How many numbers the answer will probably have, where that grows with the input: memory is reserved for them before
-    /// the job is queued.
-    fn answer_numbers(_input: &Self::Input) -> usize {
+    /// How long the answer will probably be, bytes, where that grows with the input and a number takes so many: memory is reserved
+    /// for it before the job is queued.
+    fn answer_bytes(_input: &Self::Input, _number_bytes: usize) -> usize {
         0
     }
 

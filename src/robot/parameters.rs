@@ -25,7 +25,7 @@ pub struct Motor {
 impl Motor {
     /// The bounds of the stall torque, which is the torque limit of those who give none.
     pub(crate) const STALL_TORQUE_RULE: Rule = Rule::between(1e-6, 1e6, "N m");
-    const RULES: [BoundedField<Self>; 2] = [
+    pub(crate) const RULES: [BoundedField<Self>; 2] = [
         ("motor_stall_torque_n_m", |motor| motor.stall_torque, Self::STALL_TORQUE_RULE),
         ("motor_free_speed_rad_s", |motor| motor.free_speed, Rule::between(1e-3, 1e5, "rad/s")),
     ];

@@ -130,6 +130,8 @@ impl Axis {
 
     fn single(form: AxisForm, checks: &mut Checks) -> Option<Self> {
         let AxisForm { field, values, from, to, count, paired: _ } = form;
+        let is_of_form =
+            matches!((&values, &from, &to, count), (Some(_), None, None, None) | (None, Some(_), Some(_), Some(_)));
         let values = match (values, from, to, count) {
             (Some(values), None, None, None) => {
                 checks.length("values", values.len(), &LENGTH_RULE);
@@ -151,7 +153,7 @@ impl Axis {
             }
             None => checks.require("field", "absent", false, FORM_RULE, None),
         }
-        checks.require("values", "not as it must be", values.is_some(), FORM_RULE, None);
+        checks.require("values", "not as it must be", is_of_form, FORM_RULE, None);
         let (name, path, values) = (field?, path?, values?);
         let length = values.len();
         Some(Self { fields: vec![Field { name, path, values }], length })

@@ -50,6 +50,7 @@ fn malformed_and_large_bodies_are_refused() {
 #[test]
 fn wrong_usage_is_bad_input_and_help_is_not() {
     assert!(refused(&["solve", "--no-such-flag"], b"").contains("--no-such-flag"));
+    assert!(refused(&["solve", "forward-drive", "straight-drive"], b"").contains("straight-drive"));
     let help = run_with_input(&["serve", "--help"], b"");
     assert_eq!(help.status.code(), Some(0));
     let text = String::from_utf8(help.stdout).unwrap();

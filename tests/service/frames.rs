@@ -227,6 +227,26 @@ async fn requests_of_doubtful_length_are_refused_with_their_connection() {
 }
 
 #[tokio::test]
+async fn caller_who_leaves_within_a_body_has_not_sent_a_wrong_one() {
+    let server = patient().await;
+    let mut stream = TcpStream::connect(server.address).await.unwrap();
+    let half = b"POST /solve HTTP/1.1\r\nhost: h\r\ncontent-type: application/json\r\ncontent-length: 99\r\n\r\n{\"man";
+    stream.write_all(half).await.unwrap();
+    drop(stream);
+    let metrics = timeout(HANG_BOUND, async {
+        loop {
+            let metrics = server.get("/metrics").await.text();
+            if metrics.contains("route=\"/solve\"") {
+                return metrics;
+            }
+        }
+    });
+    let metrics = metrics.await.unwrap();
+    assert!(metrics.contains("_count{code=\"499\",route=\"/solve\"} 1"), "{metrics}");
+    assert!(metrics.contains("slipdrive_rejected_total{code=\"malformed_body\"} 0"), "{metrics}");
+}
+
+#[tokio::test]
 async fn body_of_a_get_is_no_request() {
     let server = patient().await;
     let last = "GET /livez HTTP/1.1\r\nhost: h\r\nconnection: close\r\n\r\n";

@@ -264,6 +264,17 @@ async fn other_media_types_are_refused() {
 }
 
 #[tokio::test]
+async fn motor_that_is_half_given_is_judged_all_the_same() {
+    let server = server().await;
+    let problem =
+        server.post("/validate", r#"{"robot": {"motor_stall_torque_n_m": -5, "wheel_radius_m": 0}}"#).await.problem();
+    let pointers: Vec<_> =
+        problem["errors"].as_array().unwrap().iter().map(|error| error["pointer"].as_str().unwrap()).collect();
+    let expected = ["motor_stall_torque_n_m", "motor_free_speed_rad_s", "wheel_radius_m"];
+    assert_eq!(pointers, expected.map(|field| format!("#/robot/{field}")), "{problem}");
+}
+
+#[tokio::test]
 async fn unknown_paths_and_methods_are_problems() {
     let server = server().await;
     let missing = server.get("/nowhere").await;

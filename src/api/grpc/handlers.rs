@@ -151,7 +151,7 @@ impl Handlers {
         let call = call_of(&request)?;
         let started = async {
             let input = K::accept(request.into_inner(), self.0.jobs.limits())?;
-            let bytes = K::answer_numbers(&input) * NUMBER_BYTES;
+            let bytes = K::answer_bytes(&input, NUMBER_BYTES);
             let lease = Arc::new(call.caller.connection.lease_soon(bytes).await.ok_or_else(memory_full)?);
             Ok((start(kind, call.take_permit()?, input, (&call.caller, &lease), measured)?, lease))
         };

@@ -52,7 +52,7 @@ pub(super) async fn run<K: Kind>(
     let input = K::read(&body, state.jobs.limits())?;
     drop((body, of_body));
     let connection = connection_of(&head.extensions);
-    let lease = connection.lease_soon(K::answer_numbers(&input) * NUMBER_BYTES).await.ok_or_else(memory_full)?;
+    let lease = connection.lease_soon(K::answer_bytes(&input, NUMBER_BYTES)).await.ok_or_else(memory_full)?;
     let lease = Arc::new(lease);
     let deadline = deadline(&head.headers, context.arrival)?;
     let caller = Caller { notes: context.notes.clone(), deadline, connection, credential };

@@ -137,8 +137,8 @@ fn problem_of(response: &mut Response, method: &Method, path: &str) -> Option<Pr
     match status {
         StatusCode::NOT_FOUND => Some(Problem::new(ErrorCode::NotFound, format!("there is nothing at `{path}`"))),
         StatusCode::METHOD_NOT_ALLOWED => {
-            let allowed = response.headers().get(header::ALLOW).and_then(|value| value.to_str().ok());
-            let detail = format!("`{path}` does not take {method}, allowed: {}", allowed.unwrap_or("nothing"));
+            // The router adds `allow` after this.
+            let detail = format!("`{path}` does not take {method}; the header `allow` says what it takes");
             Some(Problem::new(ErrorCode::MethodNotAllowed, detail))
         }
         _ if status.is_client_error() => {

@@ -110,9 +110,9 @@ impl Kind for Assess {
         accept::accept(request, limits)
     }
 
-    fn answer_numbers(accepted: &AcceptedAssess) -> usize {
+    fn answer_bytes(accepted: &AcceptedAssess, number_bytes: usize) -> usize {
         // The schedule of the worst sample.
-        2 * accepted.input.driven.schedule.control_count()
+        number_bytes * 2 * accepted.input.driven.schedule.control_count()
     }
 
     fn answer(accepted: &AcceptedAssess, done: &Done<Assessment>) -> AssessResponse {

@@ -109,17 +109,17 @@ impl Kind for Export {
         accept::accept(request, limits)
     }
 
-    fn answer_numbers(export: &AcceptedExport) -> usize {
-        // Of 8 characters in base64, as if frames had the longest name.
+    fn answer_bytes(export: &AcceptedExport, _number_bytes: usize) -> usize {
+        // In base64; two points more for each interval. 10,000 points of 1,000 intervals fit into the share of a connection.
         let by_point = match export.format {
-            ExportFormat::Csv | ExportFormat::Unspecified => 40.0,
-            ExportFormat::Ros2Mcap => 72.0,
-            ExportFormat::Ros2Json => 144.0,
+            ExportFormat::Csv | ExportFormat::Unspecified => 300.0,
+            ExportFormat::Ros2Mcap => 400.0,
+            ExportFormat::Ros2Json => 1_000.0,
         };
         let point_count = export.point_count() + 2.0 * export.plan.motion.schedule.control_count() as f64;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 12,000 points")]
-        let numbers = (point_count * by_point) as usize;
-        numbers
+        let bytes = (point_count * by_point) as usize;
+        bytes
     }
 
     fn answer(_export: &AcceptedExport, done: &Done<Exported>) -> ExportResponse {

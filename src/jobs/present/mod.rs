@@ -127,9 +127,9 @@ impl Kind for Present {
         MAX_BODY_BYTES
     }
 
-    fn answer_numbers(input: &AcceptedPlans) -> usize {
+    fn answer_bytes(input: &AcceptedPlans, number_bytes: usize) -> usize {
         // A report has the figures again.
-        input.plans.len() * NUMBERS_OF_FIGURES * if input.quoted.is_some() { 2 } else { 1 }
+        number_bytes * input.plans.len() * NUMBERS_OF_FIGURES * if input.quoted.is_some() { 2 } else { 1 }
     }
 
     fn answer(input: &AcceptedPlans, done: &Done<Presented>) -> PresentResponse {

@@ -139,10 +139,10 @@ impl Kind for Solve {
         accept::accept(request, limits)
     }
 
-    fn answer_numbers(accepted: &AcceptedSolve) -> usize {
+    fn answer_bytes(accepted: &AcceptedSolve, number_bytes: usize) -> usize {
         let SolverSettings { step_count, control_count, .. } = accepted.input.settings;
         let of_steps = if accepted.view == View::Full { ARRAYS_OF_STEPS * step_count } else { 0 };
-        of_steps + 2 * control_count
+        number_bytes * (of_steps + 2 * control_count)
     }
 
     fn answer(accepted: &AcceptedSolve, done: &Done<Solved>) -> message::Solution {
