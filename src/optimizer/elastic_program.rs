@@ -23,7 +23,7 @@ pub struct ElasticProgram<'a> {
     pub penalty_parameter: f64,
 }
 
-/// The minimiser.
+/// The minimiser; where rounding lets none be found, the best point that was met.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElasticSolution {
     /// n.
@@ -33,6 +33,8 @@ pub struct ElasticSolution {
     pub multiplier: DVector<f64>,
     /// `cost' x + penalty_parameter (violations of all rows)`.
     pub objective: f64,
+    /// By how much the minimum may lie below the objective, but for rounding: 0 where it is the minimum.
+    pub gap: f64,
     /// Simplex iterations.
     pub iterations: usize,
 }
@@ -41,6 +43,17 @@ impl ElasticProgram<'_> {
     /// `cost' x + penalty_parameter (violations of all rows)`.
     pub(super) fn objective(&self, x: &DVector<f64>) -> f64 {
         self.cost.dot(x) + self.penalty_parameter * violation_sum(&(self.matrix * x - self.target), self.equation_count)
+    }
+
+    /// What no point within the bounds is below: D at these multipliers, moved into their box (weak duality).
+    pub(super) fn lower_bound(&self, multiplier: &DVector<f64>) -> f64 {
+        let multiplier = DVector::from_fn(multiplier.len(), |row, _| {
+            let (low, high) = self.multiplier_bounds(row);
+            multiplier[row].max(low).min(high)
+        });
+        let gradient = self.cost + self.matrix.tr_mul(&multiplier);
+        let least = |column: usize| (gradient[column] * self.lower[column]).min(gradient[column] * self.upper[column]);
+        (0..gradient.len()).map(least).sum::<f64>() - multiplier.dot(self.target)
     }
 
     /// The rows that a solution needs: where there are more than variables, only equations and those inequalities that a point within

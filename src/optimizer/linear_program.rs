@@ -36,9 +36,11 @@ use ratio_test::{Kink, KinkAt};
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
 use crate::stop::{Stop, Stopped};
 
-/// Gradients closer to zero are rounding of the multipliers, and so are those within so many times the largest of a basic variable,
-/// which should be zero: where rows are nearly dependent, as those of rolling wheels are, it is far from that.
-const GRADIENT_TOLERANCE: f64 = 1e-11;
+/// Gradients closer to zero than this share of the largest cost are rounding of the multipliers. Costs are as small as the trust region
+/// of a program: an absolute tolerance passed the perturbation in small ones, and the simplex came back to the same vertices.
+const GRADIENT_TOLERANCE: f64 = 1e-10;
+/// So are those within so many times the largest of a basic variable, which should be zero, where correction leaves one: on motions that
+/// amplify errors beyond all digits.
 const GRADIENT_MARGIN: f64 = 10.0;
 /// The objective may exceed that of staying by this share of the largest penalty, its own rounding.
 const OBJECTIVE_ROUNDING: f64 = 1e-13;
@@ -64,6 +66,8 @@ pub struct ElasticSolver {
     value: DVector<f64>,
     range: DVector<f64>,
     largest_range: f64,
+    /// A gradient that is closer to zero than this should be zero.
+    small_gradient: f64,
     /// The transposed matrix: a contiguous column per row of the program.
     by_row: DMatrix<f64>,
     /// Per variable: gradient, its change along the edge, the variable's value.
@@ -126,29 +130,28 @@ impl ElasticSolver {
 
     /// Solves a program, all rows of it.
     fn solve_rows(&mut self, program: &ElasticProgram, stop: Stop) -> Result<ElasticSolution, Stopped> {
+        let (rows, columns) = program.matrix.shape();
         let staying = program.penalty_parameter * violation_sum(&-program.target, program.equation_count);
-        let mut iterations = 0;
+        let (x, multiplier) = (DVector::zeros(columns), DVector::zeros(rows));
+        let mut best = ElasticSolution { x, multiplier, objective: staying, gap: 0.0, iterations: 0 };
         for begin in [Self::begin_warm, Self::begin_cold] {
             self.prepare(program);
             begin(self, program);
-            if self.climb(program, &mut iterations, stop)? {
-                let objective = program.objective(&self.x);
-                if objective <= staying + self.rounding(program) {
+            let is_optimal = self.climb(program, &mut best.iterations, stop)?;
+            self.x = self.x.zip_zip_map(program.lower, program.upper, |x, lower, upper| x.max(lower).min(upper));
+            let objective = program.objective(&self.x);
+            if objective <= best.objective + self.rounding(program) {
+                (best.x, best.objective) = (self.x.clone(), objective);
+                if is_optimal {
                     self.remember(program);
-                    return Ok(ElasticSolution {
-                        x: self.x.clone(),
-                        multiplier: -&self.multiplier,
-                        objective,
-                        iterations,
-                    });
+                    return Ok(ElasticSolution { multiplier: -&self.multiplier, ..best });
                 }
             }
         }
         // Singular to rounding, or not finite.
         self.known.clear();
-        let (rows, columns) = program.matrix.shape();
-        let (x, multiplier) = (DVector::zeros(columns), DVector::zeros(rows));
-        Ok(ElasticSolution { x, multiplier, objective: staying, iterations })
+        let gap = best.objective - program.lower_bound(&self.multiplier);
+        Ok(ElasticSolution { gap, ..best })
     }
 
     /// Sizes the memory and computes the ranges of the rows.
@@ -172,6 +175,7 @@ impl ElasticSolver {
             *range = coefficients.map(|(coefficient, width)| coefficient.abs() * width).sum();
         }
         self.largest_range = self.range.amax();
+        self.small_gradient = GRADIENT_TOLERANCE * program.cost.amax();
         self.basis.is_kept = rows > Basis::SMALL;
         self.is_basic.clear();
         self.is_basic.resize(columns, false);
@@ -207,10 +211,6 @@ impl ElasticSolver {
                     (self.perturbation, stalled, was_perturbed) = (Perturbation::default(), 0, true);
                     continue;
                 }
-                let bounds = program.lower.as_slice().iter().zip(program.upper.as_slice());
-                for (x, (&lower, &upper)) in self.x.as_mut_slice().iter_mut().zip(bounds) {
-                    *x = x.max(lower).min(upper);
-                }
                 return Ok(true);
             };
             self.update_direction(program, leaving);
@@ -240,10 +240,17 @@ impl ElasticSolver {
     /// vertex.
     fn compute_afresh(&mut self, program: &ElasticProgram) -> bool {
         self.update_multipliers(program);
+        self.update_gradient(program);
+        if self.gradient_error > self.small_gradient {
+            self.correct_multipliers();
+            self.update_gradient(program);
+        }
         if self.drop_row_beyond_box(program) {
             return false;
         }
-        self.update_gradient(program);
+        for column in &self.basis.basic {
+            self.gradient[*column] = 0.0;
+        }
         self.update_point(program, true);
         if self.basis.is_updated() {
             // Corrects what the updates have lost.
@@ -280,6 +287,16 @@ impl ElasticSolver {
         }
     }
 
+    /// Makes the gradients of the basic variables smaller: where rows are nearly dependent, as those of rolling wheels are, the inverse
+    /// has few digits.
+    fn correct_multipliers(&mut self) {
+        let missing = self.basis.basic.iter().map(|column| self.gradient[*column]);
+        let tight = self.basis.inverse.tr_mul(&DVector::from_iterator(self.basis.basic.len(), missing));
+        for (row, multiplier) in self.basis.tight.iter().zip(tight.iter()) {
+            self.multiplier[*row] -= multiplier;
+        }
+    }
+
     /// Puts the tight row whose multiplier is furthest beyond its box at that bound, after a warm start; false when there is
     /// none.
     fn drop_row_beyond_box(&mut self, program: &ElasticProgram) -> bool {
@@ -313,19 +330,12 @@ impl ElasticSolver {
         self.gradient_error = 0.0;
         for column in &self.basis.basic {
             self.gradient_error = self.gradient_error.max(self.gradient[*column].abs());
-            self.gradient[*column] = 0.0;
         }
-    }
-
-    /// Gradients closer to zero are rounding.
-    fn gradient_tolerance(&self) -> f64 {
-        GRADIENT_TOLERANCE.max(GRADIENT_MARGIN * self.gradient_error)
     }
 
     /// Whether an inverse that was updated has lost its digits: what it should make zero is not.
     fn has_drifted(&self) -> bool {
-        let is_off = |row: &usize| self.value[*row].abs() > TOLERANCE * self.range[*row];
-        self.gradient_error > GRADIENT_TOLERANCE || self.basis.tight.iter().any(is_off)
+        self.basis.tight.iter().any(|row| self.value[*row].abs() > TOLERANCE * self.range[*row])
     }
 
     /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows, from where they are or afresh.

@@ -8,7 +8,6 @@ mod linear_program;
 mod nelder_mead;
 mod pseudo_solve;
 mod sequential_linear;
-mod shifted_constraints;
 mod switching;
 
 pub use elastic_program::{ElasticProgram, ElasticSolution};

@@ -103,14 +103,11 @@ const HOPE: f64 = 2.0;
 /// Why the iteration ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// The linear model predicts no further decrease.
-    Stationary,
-    /// The trust region shrank to its smallest radius: a kink of the merit.
-    SmallRadius,
+    /// The linear model predicts no further decrease, or none that the merit confirms in the smallest trust region, a kink; or the
+    /// iteration limit.
+    Done,
     /// The merit to beat is out of reach.
     Hopeless,
-    /// The iteration limit.
-    IterationLimit,
     /// The budget ended it.
     Interrupted(Interruption),
 }
@@ -156,6 +153,8 @@ struct Search<'a> {
     radius: f64,
     moves: MoveLimits,
     penalty_parameter: f64,
+    /// Constraint values that count as none.
+    offset: Constraints,
     iterations: u64,
 }
 
@@ -173,7 +172,8 @@ impl<'a> Search<'a> {
         settings: &'a SequentialLinearSettings,
     ) -> Self {
         let x = clamped(start, problem.lower(), problem.upper());
-        let mut model = Linearisation::new(problem.constraints(), start.len());
+        let offset = problem.constraints();
+        let mut model = Linearisation::new(offset.clone(), start.len());
         // Not known before the first rollout, which the budget may not allow.
         model.constraints.residual.fill(f64::NAN);
         Self {
@@ -186,6 +186,7 @@ impl<'a> Search<'a> {
             radius: settings.first_radius,
             moves: MoveLimits::new(start.len()),
             penalty_parameter: settings.penalty_parameter,
+            offset,
             iterations: 0,
         }
     }
@@ -220,7 +221,7 @@ impl<'a> Search<'a> {
         for _ in 0..self.settings.iteration_limit {
             self.linearise(budget)?;
             let merit = self.merit(&self.x, &self.model.constraints);
-            let step = self.linear_step(budget)?;
+            let (step, _) = self.linear_step(budget)?;
             self.iterations += 1;
             let prediction = merit - self.modelled_merit(&step);
             if prediction <= self.settings.smallest_prediction {
@@ -228,7 +229,7 @@ impl<'a> Search<'a> {
                 if self.model.constraints.violation() > RESTORABLE && self.tightens() {
                     continue;
                 }
-                return Ok(Ending::Stationary);
+                return Ok(Ending::Done);
             }
             if merit - HOPE * prediction > self.settings.merit_to_beat {
                 return Ok(Ending::Hopeless);
@@ -243,10 +244,10 @@ impl<'a> Search<'a> {
                 on_improvement(&self.x, &self.model.constraints);
             }
             if self.radius < SMALLEST_RADIUS {
-                return Ok(Ending::SmallRadius);
+                return Ok(Ending::Done);
             }
         }
-        Ok(Ending::IterationLimit)
+        Ok(Ending::Done)
     }
 
     /// Makes the penalty parameter larger, if it may be.
@@ -274,8 +275,9 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// The minimiser of the linear model in the trust region; the program's variables are steps in units of its half widths.
-    fn linear_step(&mut self, budget: &Budget) -> Result<DVector<f64>, Interruption> {
+    /// The minimiser of the linear model in the trust region, and by how much its minimum may lie lower; the program's variables are
+    /// steps in units of its half widths.
+    fn linear_step(&mut self, budget: &Budget) -> Result<(DVector<f64>, f64), Interruption> {
         let half_width = self.problem.variable_scale(&self.x).component_mul(self.moves.shares()) * self.radius;
         let share = |room: f64, half_width: f64| if half_width > 0.0 { room / half_width } else { 0.0 };
         let lower = (self.problem.lower() - &self.x).zip_map(&half_width, |room, width| share(room, width).max(-1.0));
@@ -292,7 +294,8 @@ impl<'a> Search<'a> {
             upper: &upper,
             penalty_parameter: self.penalty_parameter,
         };
-        Ok(self.programs.solve(&program, budget.stop())?.x.component_mul(&half_width))
+        let solution = self.programs.solve(&program, budget.stop())?;
+        Ok((solution.x.component_mul(&half_width), solution.gap))
     }
 
     fn equation_count(&self) -> usize {
@@ -306,11 +309,8 @@ impl<'a> Search<'a> {
 
     /// The merit's linear model after a step.
     fn modelled_merit(&self, step: &DVector<f64>) -> f64 {
-        self.problem.cost().dot(&(&self.x + step)) + self.penalty_parameter * self.modelled_violation(step)
-    }
-
-    fn modelled_violation(&self, step: &DVector<f64>) -> f64 {
-        violation_sum(&self.modelled_rows(step), self.equation_count())
+        let violation = violation_sum(&self.modelled_rows(step), self.equation_count());
+        self.problem.cost().dot(&(&self.x + step)) + self.penalty_parameter * violation
     }
 
     /// The point after the step; if its merit exceeds `good_merit`, its correction is tried too, and the better one is
@@ -335,6 +335,7 @@ impl<'a> Search<'a> {
         let x = clamped(x, self.problem.lower(), self.problem.upper());
         let mut constraints = self.problem.constraints();
         self.problem.evaluate(&x, &mut constraints, stop)?;
+        constraints.subtract(&self.offset);
         let merit = self.merit(&x, &constraints);
         Ok(Trial { x, constraints, merit })
     }

@@ -129,7 +129,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         }
         match result.ending {
             Ending::Interrupted(interruption) => Err(interruption),
-            Ending::Stationary | Ending::SmallRadius | Ending::Hopeless | Ending::IterationLimit => Ok(candidate),
+            Ending::Done | Ending::Hopeless => Ok(candidate),
         }
     }
 

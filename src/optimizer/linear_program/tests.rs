@@ -62,6 +62,42 @@ fn degenerate_vertices_and_parallel_rows_do_not_cycle() {
 }
 
 #[test]
+fn smaller_trust_regions_have_the_same_solutions() {
+    // Speeds under a limit that many of them reach: sums of steps, of which only the last, the final time, costs anything.
+    let (rows, columns) = (44, 41);
+    for case in 0..50 {
+        let wave = |index: usize| ((7 * index + 13 * case) as f64).sin();
+        let matrix = DMatrix::from_fn(rows, columns, |row, column| match row {
+            0 => wave(column),
+            1 => (columns - column) as f64,
+            2.. if column + 2 <= row => 1.0,
+            _ => 0.0,
+        });
+        let target = DVector::from_fn(rows, |row, _| if row < 2 { wave(row) } else { wave(row).abs().floor() });
+        let cost = DVector::from_fn(columns, |column, _| if column + 1 == columns { 1.0 } else { 0.0 });
+        let solved = |radius: f64| {
+            let program = ElasticProgram {
+                matrix: &(radius * &matrix),
+                target: &(radius * &target),
+                row_name: &(0..rows).collect::<Vec<_>>(),
+                equation_count: 2,
+                cost: &(radius * &cost),
+                lower: &DVector::repeat(columns, -1.0),
+                upper: &DVector::repeat(columns, 1.0),
+                penalty_parameter: 30.0,
+            };
+            ElasticSolver::new().solve(&program, Stop::never()).unwrap()
+        };
+        let (whole, small) = (solved(1.0), solved(2.0_f64.powi(-20)));
+        for solution in [&whole, &small] {
+            assert_eq!(solution.gap, 0.0, "{case}");
+            assert!(solution.iterations < 5 * (rows + columns), "{} iterations", solution.iterations);
+        }
+        assert!((&whole.x - &small.x).amax() < 1e-9, "{case}: {}", (&whole.x - &small.x).amax());
+    }
+}
+
+#[test]
 fn rows_that_are_nearly_dependent_do_not_stall() {
     // As on rolling wheels: velocities follow from the wheel rates, but for a slip that is smaller by orders of magnitude.
     let (free, rows, columns, slip) = (3, 8, 81, 1e-6);

@@ -6,9 +6,8 @@ use super::{
     FIRST_RADIUS, RADIUS_FACTOR, Restoration, SHRINK_RATIO, SMALLEST_RADIUS, Search, SequentialLinearSettings,
     StepRatios,
 };
-use crate::optimizer::evaluation::{Budget, Interruption, Linearisation, Problem};
+use crate::optimizer::evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 use crate::optimizer::linear_program::ElasticSolver;
-use crate::optimizer::shifted_constraints::ShiftedConstraints;
 
 /// Parameters of [`criticality_measure`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,13 +71,16 @@ pub fn criticality_measure(
     let mut model = Linearisation::new(problem.constraints(), x.len());
     let stop = budget.spend()?;
     problem.linearise((x, FIRST_RADIUS), &mut model, stop)?;
-    let mut shifted = ShiftedConstraints::at(problem, &model.constraints, (residual_tolerance, inequality_tolerance));
-    shifted.shift(&mut model.constraints);
-    let mut search = Search { model, model_is_current: true, ..Search::new(&mut shifted, (x, programs), &settings) };
+    let within = |value: f64, tolerance: f64| if value.abs() <= tolerance { value } else { 0.0 };
+    let residual = model.constraints.residual.map(|value| within(value, residual_tolerance));
+    let inequality = model.constraints.inequality.map(|value| within(value.max(0.0), inequality_tolerance));
+    let offset = Constraints { residual, inequality };
+    model.constraints.subtract(&offset);
+    let mut search = Search { model, model_is_current: true, offset, ..Search::new(problem, (x, programs), &settings) };
     let merit = search.merit(&search.x, &search.model.constraints);
     let (prediction, better, interruption) = loop {
-        let step = search.linear_step(budget)?;
-        let prediction = merit - search.modelled_merit(&step);
+        let (step, gap) = search.linear_step(budget)?;
+        let prediction = merit - search.modelled_merit(&step) + gap;
         if prediction <= negligible_decrease || search.radius <= SMALLEST_RADIUS {
             break (prediction, None, None);
         }

@@ -2,11 +2,12 @@
 
 use std::sync::atomic::AtomicBool;
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 use super::functions::*;
 use super::small_problem::{PLENTY, SmallProblem};
 use super::{SMALLEST_RADIUS, WIDE};
+use crate::optimizer::linear_problem::LinearProblem;
 use crate::optimizer::{
     Budget, CriticalityMeasure, CriticalitySettings, ElasticSolver, Interruption, criticality_measure,
 };
@@ -111,4 +112,38 @@ fn with_few_rollouts_the_measure_is_a_bound() {
         assert_eq!((measure.interruption, measure.better), (Some(Interruption::RolloutLimit), None));
         assert!(measure.prediction > full);
     }
+}
+
+/// Minimise the only variable, which should be 1, or at least 1.
+fn to_one(at_least: bool) -> LinearProblem {
+    let [cost, lower, upper, target] = [1.0, 0.0, 10.0, -1.0].map(|value| DVector::repeat(1, value));
+    let matrix = DMatrix::repeat(1, 1, -1.0);
+    LinearProblem { cost, lower, upper, matrix, target, residual_count: usize::from(!at_least) }
+}
+
+fn decrease_at(mut problem: LinearProblem, x: f64, tolerance: f64) -> f64 {
+    let settings = CriticalitySettings {
+        penalty_parameter: 50.0,
+        negligible_decrease: 1e-9,
+        residual_tolerance: tolerance,
+        inequality_tolerance: tolerance,
+    };
+    let stop = AtomicBool::new(false);
+    let mut budget = Budget::new(&stop, 100);
+    criticality_measure(&mut problem, (&DVector::repeat(1, x), &mut ElasticSolver::new()), &settings, &mut budget)
+        .unwrap()
+        .prediction
+}
+
+#[test]
+fn accepted_violations_need_not_be_taken_back() {
+    for at_least in [true, false] {
+        assert!(decrease_at(to_one(at_least), 0.999, 1e-2) < 1e-12);
+        assert!(decrease_at(to_one(at_least), 0.999, 1e-4) > 0.04);
+    }
+}
+
+#[test]
+fn slack_of_an_inequality_still_counts() {
+    assert!((decrease_at(to_one(true), 1.001, 1e-2) - 0.001).abs() < 1e-12);
 }
