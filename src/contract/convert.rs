@@ -72,12 +72,11 @@ fn motor(given: &message::Robot, checks: &mut Checks) -> Option<Motor> {
     }
     for (index, (field, _, rule)) in Motor::RULES.into_iter().enumerate() {
         let (other, other_value) = (Motor::RULES[1 - index].0, given[1 - index]);
-        match given[index] {
-            Some(value) => checks.bounds(field, value, &rule),
-            None => {
-                let rule = format!("given where `robot.{other}` is");
-                checks.require(field, "absent", other_value.is_none(), rule, None);
-            }
+        if let Some(value) = given[index] {
+            checks.bounds(field, value, &rule);
+        } else {
+            let rule = format!("given where `robot.{other}` is");
+            checks.require(field, "absent", other_value.is_none(), rule, None);
         }
     }
     None

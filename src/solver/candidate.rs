@@ -102,6 +102,13 @@ pub(super) fn improves(known: Option<&Candidate>, next: &Candidate, goal_toleran
     known.is_none_or(|known| next.is_better_than(known, goal_tolerance))
 }
 
+/// Keeps the better of the best one known and another, the earlier one of equals.
+pub(super) fn note(known: &mut Option<Candidate>, next: Option<Candidate>, goal_tolerance: f64) {
+    if let Some(next) = next.filter(|next| improves(known.as_ref(), next, goal_tolerance)) {
+        *known = Some(next);
+    }
+}
+
 pub(super) fn keep_better(best: &mut Candidate, next: Candidate, goal_tolerance: f64) {
     if next.is_better_than(best, goal_tolerance) {
         *best = next;

@@ -8,7 +8,7 @@ use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
 use super::goal_miss::goal_missed;
 use super::limit_uses::{largest_excess, limit_uses, motion_with_limits};
 use super::local_search::STRICT_PENALTY;
-use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
+use super::lower_bound::{Grid, LAW_ERROR, LowerBound, largest_lower_bound};
 use super::search::SearchResult;
 use super::sensitivity::{Sensitivity, sensitivity};
 use super::settings::{Refinement, SolveInput, SolverSettings};
@@ -25,13 +25,11 @@ use crate::simulation::{ContactMethod, NormalLoad, Rollout, Simulator, TorqueSch
 use crate::stop::{Stop, Stopped};
 
 /// The replay's grid is this much finer than the plan's.
-const REPLAY_REFINEMENT: usize = 16;
+pub(super) const REPLAY_REFINEMENT: usize = 16;
 /// A replay that misses a speed is judged by how far the robot would drift in this time, s.
 const REPLAY_DRIFT_TIME: f64 = 1.0;
 /// Share of a limit by which the replay may exceed it: limits of motors and floors are known no better.
-const REPLAY_EXCESS: f64 = 5e-3;
-/// Largest accepted residual of the contact law, relative to m g dt.
-const CONTACT_RESIDUAL_TOLERANCE: f64 = 1e-10;
+pub(super) const REPLAY_EXCESS: f64 = 5e-3;
 /// Rollouts that the criticality measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
 
@@ -243,7 +241,7 @@ impl Motion {
         let (replay, sensitivity) = shown.unzip();
         let separations = self.trajectory.separations();
         let meets_goal = self.goal_error.amax() <= input.settings.goal_tolerance;
-        let keeps_law = self.trajectory.worst_contact_residual <= CONTACT_RESIDUAL_TOLERANCE;
+        let keeps_law = self.trajectory.worst_contact_residual <= LAW_ERROR;
         let status = if !meets_goal {
             Status::NotConverged
         } else if optimality.is_stationary && keeps_law && separations.is_empty() && self.keeps_limits(input) {

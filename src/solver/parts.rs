@@ -10,7 +10,7 @@ use std::iter;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::candidate::{Candidate, improves};
+use super::candidate::{Candidate, note};
 use super::helpers::{CancelOnPanic, SharedWork};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
@@ -80,39 +80,22 @@ pub(super) struct Total {
 }
 
 impl Total {
-    /// Keeps the better of two best decisions, the earlier one of equals.
-    pub(super) fn note(&mut self, best: Option<Candidate>, goal_tolerance: f64) {
-        if let Some(best) = best
-            && improves(self.best.as_ref(), &best, goal_tolerance)
-        {
-            self.best = Some(best);
-        }
-    }
-
     /// Adds the outcome of a later search, whose interruption replaces this one's.
     pub(super) fn follow(&mut self, later: Self, goal_tolerance: f64) {
         self.iterations += later.iterations;
         self.rollouts += later.rollouts;
         self.interruption = later.interruption;
-        self.note(later.best, goal_tolerance);
+        note(&mut self.best, later.best, goal_tolerance);
     }
 
     fn add(&mut self, (index, outcome): (usize, PartOutcome), goal_tolerance: f64) {
         self.tried += 1;
         self.iterations += outcome.iterations;
         self.rollouts += outcome.rollouts;
-        self.note(outcome.best, goal_tolerance);
+        note(&mut self.best, outcome.best, goal_tolerance);
         match outcome.local {
             Ok(local) => self.locals.push((index, local)),
             Err(interruption) => self.interruption = Some(interruption),
-        }
-    }
-
-    fn add_all(&mut self, slots: impl Iterator<Item = (usize, Slot)>, goal_tolerance: f64) {
-        for (index, slot) in slots {
-            if let Slot::Done { outcome, .. } = slot {
-                self.add((index, *outcome), goal_tolerance);
-            }
         }
     }
 }
@@ -148,8 +131,12 @@ impl<'a> Parts<'a> {
             let outcome = match slot {
                 Slot::Done { outcome, limit } if outcome.holds_under(share, limit) => *outcome,
                 slot if control.is_stopped() => {
-                    total.note(given_back, goal_tolerance);
-                    total.add_all(iter::once((index, slot)).chain(slots), goal_tolerance);
+                    note(&mut total.best, given_back, goal_tolerance);
+                    for (index, slot) in iter::once((index, slot)).chain(slots) {
+                        if let Slot::Done { outcome, .. } = slot {
+                            total.add((index, *outcome), goal_tolerance);
+                        }
+                    }
                     total.interruption = Some(Interruption::Stopped);
                     return total;
                 }
@@ -189,7 +176,7 @@ impl<'a> Parts<'a> {
         let mut state = self.state();
         if matches!(outcome.local, Err(Interruption::Stopped)) && !self.control.is_stopped() {
             state.slots[index] = Slot::Open;
-            state.give_back(outcome.best, self.goal_tolerance);
+            note(&mut state.given_back, outcome.best, self.goal_tolerance);
             return;
         }
         state.slots[index] = Slot::Done { outcome: Box::new(outcome), limit };
@@ -200,12 +187,6 @@ impl<'a> Parts<'a> {
 }
 
 impl State {
-    fn give_back(&mut self, best: Option<Candidate>, goal_tolerance: f64) {
-        let mut kept = Total { best: self.given_back.take(), ..Total::default() };
-        kept.note(best, goal_tolerance);
-        self.given_back = kept.best;
-    }
-
     /// Whether the finished parts before the first unfinished one have used up the rollout limit, so that the rest is not
     /// needed.
     fn is_used_up(&self, rollout_limit: u64) -> bool {

@@ -167,11 +167,16 @@ impl<'a> Race<'a> {
 
     /// The best plan with all torques, where those near the grip are not all.
     pub(super) fn release_torques(&mut self, optima: &mut Vec<Candidate>) {
-        let Some(best) = self.found.best.clone() else { return };
-        if self.problem.has_torque_beyond_grip() && self.found.interruption.is_none() {
-            self.problem.release_torques();
-            let locals = self.round(1, &|_, search| search.polish(best.clone(), 0, 0));
-            optima.extend(locals.into_iter().map(|(_, local)| local));
+        if !self.problem.has_torque_beyond_grip() {
+            return;
+        }
+        // What was measured is that of torques near the grip.
+        optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
+        let Some(best) = self.found.best.clone().filter(|_| self.found.interruption.is_none()) else { return };
+        self.problem.release_torques();
+        if let Some((_, local)) = self.round(1, &|_, search| search.polish(best.clone(), 0, 0)).pop() {
+            optima.retain(|optimum| optimum.decision != best.decision);
+            optima.push(local);
         }
     }
 

@@ -96,8 +96,11 @@ pub(super) fn search(
     race.release_torques(&mut optima);
     let found = race.found;
     let optima = feasible(optima, settings.goal_tolerance);
+    let is_plan = |plan: &&Candidate| plan.is_feasible(settings.goal_tolerance);
+    let mut plans: Vec<_> = found.best.iter().chain(&optima).filter(is_plan).cloned().collect();
+    plans.dedup_by(|next, kept| !is_distinct(kept.final_time(), next.final_time()));
     let mut result = SearchResult {
-        plans: plans(found.best.iter().chain(&optima), settings.goal_tolerance),
+        plans,
         best: found.best,
         stop_reason: found.interruption.map_or(StopReason::Finished, StopReason::from),
         step_count,
@@ -112,18 +115,6 @@ pub(super) fn search(
         result.stop_reason = StopReason::Stopped;
     }
     result
-}
-
-/// The feasible ones of sorted candidates, one of each group whose final times are nearly equal.
-fn plans<'a>(candidates: impl Iterator<Item = &'a Candidate>, tolerance: f64) -> Vec<Candidate> {
-    let mut plans: Vec<Candidate> = Vec::new();
-    for candidate in candidates {
-        let is_new = plans.last().is_none_or(|last| is_distinct(last.final_time(), candidate.final_time()));
-        if candidate.is_feasible(tolerance) && is_new {
-            plans.push(candidate.clone());
-        }
-    }
-    plans
 }
 
 /// Local optima of as many further starts, fastest first.
@@ -143,6 +134,7 @@ pub(super) fn further_optima(
     race.block(starts.get(result.starts_tried..).unwrap_or_default(), &mut Vec::new(), &mut optima);
     result.iterations += race.found.iterations;
     result.rollouts += race.found.rollouts;
+    result.starts_tried = race.found.tried;
     if let Some(interruption) = race.found.interruption {
         result.stop_reason = interruption.into();
     }

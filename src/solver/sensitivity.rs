@@ -14,14 +14,18 @@ use crate::stop::{Stop, Stopped};
 const CHANGES: [(ChangedParameter, f64); 7] = [
     (ChangedParameter::Friction, FRICTION_CHANGE),
     (ChangedParameter::Mass, 0.05),
-    (ChangedParameter::CenterOfMassRight, 0.01),
-    (ChangedParameter::CenterOfMassForward, 0.01),
-    (ChangedParameter::Torque, 0.02),
-    (ChangedParameter::TorqueLeft, 0.02),
-    (ChangedParameter::StartHeading, 0.5 * std::f64::consts::PI / 180.0),
+    (ChangedParameter::CenterOfMassRight, PLACE_CHANGE),
+    (ChangedParameter::CenterOfMassForward, PLACE_CHANGE),
+    (ChangedParameter::Torque, TORQUE_CHANGE),
+    (ChangedParameter::TorqueLeft, TORQUE_CHANGE),
+    (ChangedParameter::StartHeading, 0.5_f64.to_radians()),
 ];
 /// As a share.
 const FRICTION_CHANGE: f64 = 0.1;
+/// m.
+const PLACE_CHANGE: f64 = 0.01;
+/// As a share.
+const TORQUE_CHANGE: f64 = 0.02;
 
 /// What a change does to the end of a plan.
 #[derive(Debug, Clone, PartialEq)]

@@ -48,10 +48,10 @@ impl Distribution {
     }
 }
 
-/// Uniform in (0, 1), of 53 bits.
+/// Uniform in (0, 1), of as many bits as a number has.
 pub(super) fn share(seed: u64, counters: [u64; 2]) -> f64 {
     let bits = counters.into_iter().fold(mixed(seed), |state, counter| mixed(state ^ mixed(counter)));
-    ((bits >> 11) as f64 + 0.5) * (1.0 / (1_u64 << 53) as f64)
+    ((bits >> (u64::BITS - f64::MANTISSA_DIGITS)) as f64 + 0.5) * (1.0 / (1_u64 << f64::MANTISSA_DIGITS) as f64)
 }
 
 /// A bijection that spreads each bit over all others.

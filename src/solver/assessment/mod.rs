@@ -9,8 +9,11 @@ mod statistics;
 
 pub use draw::Distribution;
 
+use std::iter::successors;
+
 use samples::{Outcome, Samples};
 
+use super::certificate::REPLAY_REFINEMENT;
 use super::disturbed::{ChangedParameter, Disturbed, Undisturbed};
 use super::run_control::RunControl;
 use super::settings::SolverSettings;
@@ -21,12 +24,8 @@ use crate::stop::{Stop, Stopped};
 
 /// Shares of the samples at which quantiles are given; the last is the largest of all.
 pub const QUANTILES: [f64; 6] = [0.05, 0.25, 0.5, 0.75, 0.95, 1.0];
-/// How many times finer than that of the plan a grid may be.
-const GRIDS: [usize; 5] = [1, 2, 4, 8, 16];
 /// Most steps of all samples together: finer grids are not tried.
 pub const MOST_STEPS: f64 = 2e7;
-/// A limit is exceeded by more than this share.
-const EXCESS: f64 = 5e-3;
 
 /// How far an end is from where it should be: along and across the heading there, m (forward and left), the distance, m, the
 /// heading modulo 2 pi, rad, and the speed, m/s, which is the magnitude of the difference of the velocities.
@@ -258,7 +257,7 @@ pub fn assess(input: &AssessInput, control: &RunControl) -> Result<Assessment, S
     })
 }
 
-/// The first grid on which the motion without changes is a success, else the finest.
+/// The first grid, up to that of a replay, on which the motion without changes is a success, else the finest.
 fn grid(input: &AssessInput, target: &State, stop: Stop) -> Result<(AssessedGrid, Nominal), Stopped> {
     let expected = input.expected_steps();
     let is_within = |factor: usize| {
@@ -266,7 +265,8 @@ fn grid(input: &AssessInput, target: &State, stop: Stop) -> Result<(AssessedGrid
         steps <= SolverSettings::STEP_LIMIT as f64 && steps * input.sample_count as f64 <= MOST_STEPS
     };
     let mut tried = None;
-    for factor in GRIDS.into_iter().filter(|&factor| factor == 1 || is_within(factor)) {
+    let factors = successors(Some(1), |factor| Some(2 * factor)).take_while(|factor| *factor <= REPLAY_REFINEMENT);
+    for factor in factors.filter(|&factor| factor == 1 || is_within(factor)) {
         let step_count = factor * input.driven.step_count;
         let driven = Undisturbed { step_count, ..input.driven.clone() };
         let (end, separations) = driven.unchanged().end(stop)?;

@@ -3,8 +3,9 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::{AssessInput, EXCESS, EndError, error};
+use super::{AssessInput, EndError, error};
 use crate::robot::State;
+use crate::solver::certificate::REPLAY_EXCESS;
 use crate::solver::helpers::CancelOnPanic;
 use crate::solver::{RunControl, SharedWork, Undisturbed};
 use crate::stop::{Stop, Stopped};
@@ -80,7 +81,7 @@ impl<'a> Samples<'a> {
         let Ok(motion) = self.driven.under(&self.input.changes(sample)) else { return Ok(None) };
         let (end, separations, uses) = motion.end_with_limits(&self.input.limits(&motion), stop)?;
         // Not a number is an excess too.
-        let exceeded = uses.iter().enumerate().filter(|(_, used)| used.excess > EXCESS || used.excess.is_nan());
+        let exceeded = uses.iter().enumerate().filter(|(_, used)| used.excess > REPLAY_EXCESS || used.excess.is_nan());
         let exceeded = exceeded.fold(0, |bits, (index, _)| bits | 1 << index);
         Ok(Some(Ended { error: error(self.target, &end), separates: separations > 0, exceeded }))
     }

@@ -17,8 +17,8 @@ use super::rolling::{Rolling, SpeedLimit};
 use crate::robot::{PerWheel, Robot};
 use crate::solver::settings::SolveInput;
 
-/// A plan's contact residual is at most this share of the weight: its friction forces may be as far from the friction law.
-const LAW_ERROR: f64 = 1e-10;
+/// Largest accepted residual of the contact law, relative to m g dt: a plan's friction forces may be as far from the friction law.
+pub(in crate::solver) const LAW_ERROR: f64 = 1e-10;
 /// Steps of half a turn in which the friction along a direction of the floor is bounded: twice as many gain 0.03 % of a
 /// bound in the median over the suite.
 const TURNS: u32 = 16;

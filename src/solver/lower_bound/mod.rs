@@ -22,6 +22,7 @@ use nalgebra::Vector2;
 
 use self::axis::{Axis, Demand, GridLaw, Push};
 use self::capacity::Capacity;
+pub(super) use self::capacity::LAW_ERROR;
 use self::ceiling::{Ceiling, SpeedLevel};
 use self::first_time::{Floor, first_time, rules_out};
 pub(super) use self::grid_error::Grid;

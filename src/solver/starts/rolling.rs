@@ -79,10 +79,14 @@ impl Rolling {
         self
     }
 
+    fn torques(&self, left: f64, right: f64) -> PerWheel<f64> {
+        PerWheel::new(left * self.torque.left, right * self.torque.right)
+    }
+
     /// Full effort over half the distance, full braking over the rest; at the top speed in between.
     pub(super) fn drive(&self, distance: f64, segments: &mut Vec<Segment>) {
         let sign = distance.signum();
-        let torque = PerWheel::new(sign * self.torque.left, sign * self.torque.right);
+        let torque = self.torques(sign, sign);
         let half = (distance.abs() * self.mass / self.force).sqrt();
         push_trapezoid((half, distance.abs() / self.top_speed), torque, segments);
     }
@@ -90,7 +94,7 @@ impl Rolling {
     /// Positive angles turn left: the right wheel drives forward.
     pub(super) fn turn(&self, angle: f64, segments: &mut Vec<Segment>) {
         let sign = angle.signum();
-        let torque = PerWheel::new(-sign * self.torque.left, sign * self.torque.right);
+        let torque = self.torques(-sign, sign);
         let half = (angle.abs() * self.yaw_inertia / self.moment).sqrt();
         push_trapezoid((half, angle.abs() / self.top_yaw_rate), torque, segments);
     }
@@ -105,15 +109,13 @@ impl Rolling {
         if speed.abs() > ROUNDING {
             let duration = speed.abs() * self.mass / self.force;
             let sign = -speed.signum();
-            let torque = PerWheel::new(sign * self.torque.left, sign * self.torque.right);
-            segments.push(Segment { duration, torque });
+            segments.push(Segment { duration, torque: self.torques(sign, sign) });
             pose.position += forward * (speed * duration / 2.0);
         }
         if yaw_rate.abs() > ROUNDING {
             let duration = yaw_rate.abs() * self.yaw_inertia / self.moment;
             let sign = -yaw_rate.signum();
-            segments
-                .push(Segment { duration, torque: PerWheel::new(-sign * self.torque.left, sign * self.torque.right) });
+            segments.push(Segment { duration, torque: self.torques(-sign, sign) });
             pose.heading += yaw_rate * duration / 2.0;
         }
         pose

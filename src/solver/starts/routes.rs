@@ -8,7 +8,7 @@ use super::super::segments::{Segment, duration, schedule_from_segments};
 use super::super::settings::{ROUNDING, SolveInput};
 use super::rolling::{AMPLITUDES, Pose, Rolling};
 use super::{Start, Strategy};
-use crate::robot::{PerWheel, RobotParameters, State, Velocity};
+use crate::robot::{RobotParameters, State, Velocity};
 use crate::shooting::{Maneuver, StateComponent, wrapped_angle};
 
 /// Angles between two drives: a right angle, halved up to so often.
@@ -55,7 +55,8 @@ impl<'a> Route<'a> {
         let start = rolling.brake(&axle_state(&maneuver.start, maneuver, robot), &mut first);
         let goal_state = goal_state(maneuver, start.heading);
         let goal = rolling.brake(&axle_state(&backwards(&goal_state), maneuver, robot), &mut last);
-        Self { input, rolling, first, last: time_reversed(last), start, goal }
+        last.reverse();
+        Self { input, rolling, first, last, start, goal }
     }
 
     /// Turn, drive, turn: forwards and backwards, each turn either way round.
@@ -146,16 +147,11 @@ fn either_way(turn: f64) -> impl Iterator<Item = f64> {
     [turn].into_iter().chain(other)
 }
 
-/// A motion run backwards: the same torques in the opposite order bring rest to the state.
-fn time_reversed(segments: Vec<Segment>) -> Vec<Segment> {
-    segments.into_iter().rev().collect()
-}
-
+/// The state of a motion run backwards, but for the wheels: the same torques in the opposite order bring rest to the state.
 fn backwards(state: &State) -> State {
     let mut reversed = *state;
     let u = &mut reversed.velocity;
     (u.x, u.y, u.yaw_rate) = (-u.x, -u.y, -u.yaw_rate);
-    u.wheel_rate = PerWheel::new(-u.wheel_rate.left, -u.wheel_rate.right);
     reversed
 }
 
