@@ -52,6 +52,18 @@ async fn in_flight(server: &TestServer, jobs: usize) {
     timeout(HANG_BOUND, filled).await.expect("they are queued");
 }
 
+/// Waits until so many jobs wait for a worker; those in flight may not have come so far.
+async fn waiting(server: &TestServer, jobs: usize) {
+    let depth = format!("slipdrive_queue_depth {jobs}");
+    let waits = || String::from_utf8(server.service.metrics_text()).unwrap().lines().any(|line| line == depth);
+    let all_wait = async {
+        while !waits() {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    timeout(HANG_BOUND, all_wait).await.expect("they wait");
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn flood_of_one_key_takes_its_share_and_no_more() {
     let (gate, mut started, solver) = held_solver();
@@ -98,11 +110,11 @@ async fn callers_take_turns_in_the_queue() {
     let mut answers = Vec::new();
     for (index, (key, seed)) in [("a", 1), ("a", 2), ("a", 3), ("a", 4), ("b", 5), ("b", 6)].into_iter().enumerate() {
         answers.push(ask(&server, key, seed..=seed));
-        in_flight(&server, index + 1).await;
         if index == 0 {
             // While it waits, it has a turn, which changes those of the others.
             assert_eq!(next(&mut order).await, 1);
         }
+        waiting(&server, index).await;
     }
     gate.open();
     for expected in [2, 5, 3, 6, 4] {
