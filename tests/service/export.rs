@@ -263,7 +263,7 @@ async fn what_is_no_plan_and_what_has_too_many_points_is_refused_by_name() {
     // The longest format with as many intervals as there may be.
     let torques = json!(vec![0.1; 1000]);
     slow["simulate"]["request"] =
-        json!({"torque_schedule": {"interval_s": 0.009999, "left_n_m": torques, "right_n_m": torques}});
+        json!({"torque_schedule": {"interval_s": 0.009_999, "left_n_m": torques, "right_n_m": torques}});
     let answer =
         server.post("/export", body(&slow, &json!({"format": "ros2_json", "rate_hz": 1000})).to_string()).await;
     assert_eq!(answer.status, 200, "{}", answer.text());
