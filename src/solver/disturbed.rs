@@ -306,7 +306,8 @@ fn delayed(schedule: &TorqueSchedule, step_count: usize, delay: &PerWheel<f64>) 
         let parts = if (parts - parts.round()).abs() <= ROUNDING { parts.round() } else { parts };
         (whole(parts), parts.fract())
     };
-    let with_delay = part_count + whole((longest / part - ROUNDING).ceil().max(0.0));
+    let (parts, rest) = shift(longest);
+    let with_delay = part_count + parts + usize::from(rest > 0.0);
     let of_wheel = |torques: &[f64], delay: f64| -> Vec<f64> {
         let (parts, rest) = shift(delay);
         let held = |part: usize, later: usize| {

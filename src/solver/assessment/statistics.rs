@@ -12,7 +12,7 @@ pub(super) fn wilson(successes: usize, count: usize) -> (f64, f64) {
     let (count, z) = (count as f64, QUANTILE_OF_95_PERCENT);
     let rate = successes as f64 / count;
     let middle = rate + z * z / (2.0 * count);
-    let half = z * (rate * (1.0 - rate) / count + z * z / ((2.0 * count).powi(2))).sqrt();
+    let half = z * (rate * (1.0 - rate) / count + z * z / (2.0 * count).powi(2)).sqrt();
     let scale = 1.0 + z * z / count;
     // Without rounding where the closed form ends at 0 or 1.
     let low = if successes == 0 { 0.0 } else { (middle - half) / scale };
