@@ -8,14 +8,13 @@ mod timing;
 use std::hint::black_box;
 use std::sync::Arc;
 
+use slipdrive::assessment::{AssessInput, Distribution, Limited, assess};
 use slipdrive::contract::json;
 use slipdrive::jobs::solve::Solve;
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _, Limits};
 use slipdrive::metrics::Metrics;
 use slipdrive::simulation::{Rollout, Simulator};
-use slipdrive::solver::{
-    AssessInput, ChangedParameter, Distribution, Disturbed, Limited, RunControl, SolveInput, Undisturbed, assess, solve,
-};
+use slipdrive::solver::{ChangedParameter, Disturbed, RunControl, SolveInput, Undisturbed, solve};
 use slipdrive::stop::Stop;
 
 const REPETITIONS: usize = 5;

@@ -44,6 +44,7 @@
 //! - [`optimizer`]: sequential linear programming and Nelder-Mead; they know no mechanics.
 //! - [`shooting`]: from a maneuver to a decision vector, goal errors and their Jacobian.
 //! - [`solver`]: the search, and what its answer states about itself.
+//! - [`assessment`]: how often a plan succeeds on a robot that is known up to a distribution only.
 //! - [`rules`]: what parameters must be, and all violations at once.
 //! - [`stop`]: how running work is asked to end early.
 //! - [`plot`]: figures of plans as SVG.
@@ -67,6 +68,7 @@
 
 #[cfg(feature = "server")]
 pub mod api;
+pub mod assessment;
 pub mod contact;
 #[cfg(feature = "server")]
 pub mod contract;

@@ -1,6 +1,6 @@
 """The samples of `slipdrive assess`, drawn again.
 
-Its random numbers are counted from seed, sample and parameter alone, as `src/solver/assessment/draw.rs` has it.
+Its random numbers are counted from seed, sample and parameter alone, as `src/assessment/draw.rs` has it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 //! The seam between the jobs and the numerics.
 
-use crate::solver::{self, AssessInput, Assessment, RunControl, SimulateInput, Simulation, Solution, SolveInput};
+use crate::assessment::{self, AssessInput, Assessment};
+use crate::solver::{self, RunControl, SimulateInput, Simulation, Solution, SolveInput};
 use crate::stop::{Stop, Stopped};
 
 /// What the workers run; tests and benches put others in its place.
@@ -22,7 +23,7 @@ pub trait ManeuverSolver: Send + Sync {
     /// # Errors
     /// When `control` stops it before the end.
     fn assess(&self, input: &AssessInput, control: &RunControl<'_>) -> Result<Assessment, Stopped> {
-        solver::assess(input, control)
+        assessment::assess(input, control)
     }
 }
 

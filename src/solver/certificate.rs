@@ -25,11 +25,11 @@ use crate::simulation::{ContactMethod, NormalLoad, Rollout, Simulator, TorqueSch
 use crate::stop::{Stop, Stopped};
 
 /// The replay's grid is this much finer than the plan's.
-pub(super) const REPLAY_REFINEMENT: usize = 16;
+pub(crate) const REPLAY_REFINEMENT: usize = 16;
 /// A replay that misses a speed is judged by how far the robot would drift in this time, s.
 const REPLAY_DRIFT_TIME: f64 = 1.0;
 /// Share of a limit by which the replay may exceed it: limits of motors and floors are known no better.
-pub(super) const REPLAY_EXCESS: f64 = 5e-3;
+pub(crate) const REPLAY_EXCESS: f64 = 5e-3;
 /// Rollouts that the criticality measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
 

@@ -243,7 +243,7 @@ impl Disturbed {
     ///
     /// # Errors
     /// When it was stopped before the end.
-    pub(super) fn end_with_limits(
+    pub(crate) fn end_with_limits(
         &self,
         limits: &PathLimits,
         stop: Stop,

@@ -36,16 +36,16 @@ impl Helpers for Alone {
 }
 
 /// Cancels the other parts of shared work when one panics.
-pub(super) struct CancelOnPanic<'a>(Option<&'a AtomicBool>);
+pub(crate) struct CancelOnPanic<'a>(Option<&'a AtomicBool>);
 
 impl<'a> CancelOnPanic<'a> {
     /// Sets the flag where it is dropped before [`Self::disarm`].
-    pub(super) fn new(is_cancelled: &'a AtomicBool) -> Self {
+    pub(crate) fn new(is_cancelled: &'a AtomicBool) -> Self {
         Self(Some(is_cancelled))
     }
 
     /// The part has ended by itself.
-    pub(super) fn disarm(mut self) {
+    pub(crate) fn disarm(mut self) {
         self.0 = None;
     }
 }

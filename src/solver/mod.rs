@@ -1,6 +1,5 @@
 //! The solver: from a validated maneuver to a plan with its certificate.
 
-mod assessment;
 mod candidate;
 mod carried;
 mod certificate;
@@ -31,10 +30,6 @@ mod solution;
 mod starts;
 mod strategies;
 
-pub use assessment::{
-    AssessInput, AssessedGrid, Assessment, Distribution, EndError, LimitExcess, Limited, MOST_STEPS, Nominal,
-    ParameterShares, QUANTILES, WorstSample, assess,
-};
 pub use disturbed::{ChangedParameter, Disturbed, Undisturbed};
 pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};
@@ -45,6 +40,9 @@ pub use solution::{
     DistinctOptimum, LimitUse, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status,
     StopReason,
 };
+
+pub(crate) use certificate::{REPLAY_EXCESS, REPLAY_REFINEMENT};
+pub(crate) use helpers::CancelOnPanic;
 
 use candidate::Candidate;
 use grid_problem::problem_on;

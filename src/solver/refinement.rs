@@ -238,9 +238,12 @@ impl Refiner<'_, '_, '_> {
         self.input.settings.finest_step_count()
     }
 
+    /// By what the miss asks for, and not beyond the finest grid: smaller factors follow where this one loses the goal, each with
+    /// another grid.
     fn next_factor(&self, plan: &Plan) -> usize {
+        let largest = FACTORS.1.min(self.finest().div_ceil(plan.step_count));
         let factor = (UNCERTAINTY * plan.replayed.replay.relative_miss(&self.input.settings))
-            .clamp(FACTORS.0 as f64, FACTORS.1 as f64)
+            .clamp(FACTORS.0 as f64, largest as f64)
             .ceil();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8, and whole")]
         let factor = factor as usize;

@@ -50,6 +50,11 @@ const TABLE: &[Module] = &[
         must_not_mention: FOREIGN_TO_NUMERICS,
     },
     Module {
+        name: "assessment",
+        may_use: &["solver", "shooting", "simulation", "robot", "stop"],
+        must_not_mention: FOREIGN_TO_NUMERICS,
+    },
+    Module {
         name: "prelude",
         may_use: &["solver", "shooting", "simulation", "robot", "rules"],
         must_not_mention: FOREIGN_TO_NUMERICS,
@@ -83,6 +88,7 @@ const TABLE: &[Module] = &[
             "metrics",
             "rules",
             "plot",
+            "assessment",
             "solver",
             "shooting",
             "simulation",

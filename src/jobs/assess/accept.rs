@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use crate::assessment::{AssessInput, Distribution, Limited, MOST_STEPS};
 use crate::contract::Problem;
 use crate::contract::convert::{aisle_corners, named, payload, required, robot};
 use crate::contract::message::{self, AssessRequest, Tolerances, Uncertainty};
@@ -10,7 +11,7 @@ use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::robot::{Payload, RobotParameters};
 use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::shooting::AisleCorners;
-use crate::solver::{AssessInput, ChangedParameter, Distribution, Limited, MOST_STEPS, SolveInput, Undisturbed};
+use crate::solver::{ChangedParameter, SolveInput, Undisturbed};
 
 const SAMPLES_RULE: Rule = Rule::between(1.0, 10_000.0, "");
 const UNCERTAIN_RULE: Rule = Rule::between(1.0, ChangedParameter::ALL.len() as f64, Rule::ITEMS);

@@ -1,13 +1,14 @@
 //! The answer of an assessment, as a message and as a table for people.
 
 use super::accept::AcceptedAssess;
+use crate::assessment::{Assessment, EndError, ParameterShares, QUANTILES, WorstSample};
 use crate::contract::convert::count;
 use crate::contract::message::{
     self, AppliedChange, AssessResponse, EndErrors, ErrorQuantile, LimitExcess, SimulateGrid, SimulateRequest,
     VarianceShares,
 };
 use crate::jobs::table::{line, row};
-use crate::solver::{Assessment, ChangedParameter, EndError, ParameterShares, QUANTILES, WorstSample};
+use crate::solver::ChangedParameter;
 
 pub(super) fn answer(accepted: &AcceptedAssess, assessment: &Assessment) -> AssessResponse {
     let Assessment {

@@ -2,9 +2,9 @@
 
 use prometheus::IntCounterVec;
 
+use crate::assessment::Assessment;
 use crate::metrics::Registration;
 use crate::metrics::catalogue::{Family, counter};
-use crate::solver::Assessment;
 
 const SAMPLES: Family = counter(
     "slipdrive_assess_samples_total",

@@ -15,13 +15,14 @@ use self::metrics::AssessMetrics;
 use super::idle_workers::IdleWorkers;
 use super::plan::without_motion;
 use super::{Flag, Kind, Limits, ManeuverSolver};
+use crate::assessment::Assessment;
 use crate::contract::Problem;
 use crate::contract::message::{AssessRequest, AssessResponse};
 use crate::metrics::Metrics;
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
 use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
-use crate::solver::{Assessment, NoProgress, RunControl};
+use crate::solver::{NoProgress, RunControl};
 
 /// What a step of a rollout takes a small cloud machine, s.
 const STEP_S: f64 = 3e-6;

@@ -13,13 +13,11 @@ use std::iter::successors;
 
 use samples::{Outcome, Samples};
 
-use super::certificate::REPLAY_REFINEMENT;
-use super::disturbed::{ChangedParameter, Disturbed, Undisturbed};
-use super::run_control::RunControl;
-use super::settings::SolverSettings;
-use super::solution::LimitUse;
 use crate::robot::State;
 use crate::shooting::{Aisle, Goal, Maneuver, ManeuverLimits, PathLimits, ReferencePoint, wrapped_angle};
+use crate::solver::{
+    ChangedParameter, Disturbed, LimitUse, REPLAY_REFINEMENT, RunControl, SolverSettings, Undisturbed,
+};
 use crate::stop::{Stop, Stopped};
 
 /// Shares of the samples at which quantiles are given; the last is the largest of all.

@@ -5,9 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::{AssessInput, EndError, error};
 use crate::robot::State;
-use crate::solver::certificate::REPLAY_EXCESS;
-use crate::solver::helpers::CancelOnPanic;
-use crate::solver::{RunControl, SharedWork, Undisturbed};
+use crate::solver::{CancelOnPanic, REPLAY_EXCESS, RunControl, SharedWork, Undisturbed};
 use crate::stop::{Stop, Stopped};
 
 /// Samples of a range: some milliseconds, which are lost when a helper is recalled.

@@ -2,8 +2,7 @@ use super::*;
 use crate::robot::RobotParameters;
 use crate::shooting::{SlipPolicy, StateComponent};
 use crate::simulation::TorqueSchedule;
-use crate::solver::SharedWork;
-use crate::solver::helpers::Helpers;
+use crate::solver::{Helpers, SharedWork};
 
 /// A straight drive of the reference robot without an offset of its centre of mass, far below slip.
 fn straight(uncertain: Vec<(ChangedParameter, Distribution)>, tolerances: [Option<f64>; 5]) -> AssessInput {
