@@ -48,19 +48,19 @@ impl PathLimit {
 
     /// What a value uses, in the unit of the field: of a motor its stall torque with the excess over its curve.
     pub fn used(&self, value: f64) -> f64 {
-        match self.quantity {
-            PathQuantity::MotorTorque { stall_torque, .. } => stall_torque * (1.0 + value),
-            // Negative where the speed only grows, or only falls.
-            PathQuantity::Acceleration { .. } | PathQuantity::Deceleration { .. } => value.max(0.0),
-            PathQuantity::Unloading { .. }
-            | PathQuantity::WheelRate { .. }
-            | PathQuantity::Speed { .. }
-            | PathQuantity::YawRate
-            | PathQuantity::YawAcceleration { .. }
-            | PathQuantity::GripUtilization { .. }
-            | PathQuantity::LengthwiseUtilization { .. }
-            | PathQuantity::Outside { .. } => value,
+        if let PathQuantity::MotorTorque { stall_torque, .. } = self.quantity {
+            stall_torque * (1.0 + value)
+        } else {
+            value
         }
+    }
+
+    /// The largest value of a motion as reports count it: that of an acceleration is negative where the speed only grows, or only falls.
+    pub fn counted(&self, value: f64) -> f64 {
+        let has_direction =
+            matches!(self.quantity, PathQuantity::Acceleration { .. } | PathQuantity::Deceleration { .. });
+        // What is not a number stays.
+        if has_direction && value < 0.0 { 0.0 } else { value }
     }
 
     /// By how much a value exceeds the limit, as a share of its unit; at most 0 where it is kept.

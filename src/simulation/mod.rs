@@ -5,6 +5,7 @@ mod contact_timeline;
 mod end_frame;
 mod friction_law;
 mod moreau_step;
+mod motor_load;
 mod path_extremes;
 mod path_maxima;
 mod path_quantity;

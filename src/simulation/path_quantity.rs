@@ -3,6 +3,7 @@
 use nalgebra::{RowSVector, RowVector3, Vector2};
 
 use super::moreau_step::Step;
+use super::motor_load::MotorLoad;
 use super::tape::TapeEntry;
 use crate::contact::{UtilizationGradient, WheelFriction};
 use crate::robot::{BodyVector, PerWheel};
@@ -223,8 +224,8 @@ impl PathQuantity {
             Self::WheelRate { wheel } => end[3 + wheel].abs(),
             Self::Speed { point } => velocity_at(point, end).norm(),
             Self::YawRate => end[2].abs(),
-            Self::Acceleration { point } => change_of_velocity(point, entry),
-            Self::Deceleration { point } => -change_of_velocity(point, entry),
+            Self::Acceleration { point } => PointChange::new(point, entry, sample).signed(),
+            Self::Deceleration { point } => -PointChange::new(point, entry, sample).signed(),
             Self::YawAcceleration { sign } => sign * (end[2] - start[2]),
             Self::GripUtilization { friction_coefficient, least_normal_force } => {
                 let least = least_normal_force * sample.step_length;
@@ -285,9 +286,14 @@ impl PathQuantity {
             }
             Self::YawRate => gradient.by_end_velocity[2] = end[2].signum(),
             Self::Acceleration { point } | Self::Deceleration { point } => {
-                let sign = self.of_step(entry, sample).signum();
-                let by_change = sign * by_velocity_of(point, unit(velocity_at(point, &(end - start))));
-                (gradient.by_end_velocity, gradient.by_start_velocity) = (by_change, -by_change);
+                let by_change =
+                    self.of_step(entry, sample).signum() * PointChange::new(point, entry, sample).direction();
+                let by_yaw = by_velocity_of(point, by_change);
+                (gradient.by_end_velocity, gradient.by_start_velocity) = (by_yaw, -by_yaw);
+                // Of the turn of the point.
+                let (along, yaw_rate) = (by_change.dot(&point), start[2]);
+                gradient.by_start_velocity[2] -= along * 2.0 * yaw_rate * sample.step_length;
+                gradient.by_step_length = -along * yaw_rate * yaw_rate;
             }
             Self::YawAcceleration { sign } => {
                 (gradient.by_end_velocity[2], gradient.by_start_velocity[2]) = (sign, -sign);
@@ -376,33 +382,6 @@ impl Corner {
     }
 }
 
-/// Torque and rate of a wheel against its motor's curve, as shares of stall torque and free speed.
-struct MotorLoad {
-    excess: f64,
-    by_torque: f64,
-    /// By the rates at the start and the end of the step.
-    by_rate: [f64; 2],
-}
-
-impl MotorLoad {
-    /// At the worse of two nodes: `M <= max(0, 1 - omega)` and `M >= -max(0, 1 + omega)`.
-    fn worst(torque: f64, rate: [f64; 2]) -> Self {
-        let mut worst = Self { excess: f64::NEG_INFINITY, by_torque: 0.0, by_rate: [0.0; 2] };
-        for (node, rate) in rate.into_iter().enumerate() {
-            for sign in [1.0, -1.0] {
-                let room = 1.0 - sign * rate;
-                let excess = sign * torque - room.max(0.0);
-                if excess > worst.excess {
-                    let mut by_rate = [0.0; 2];
-                    by_rate[node] = if room > 0.0 { sign } else { 0.0 };
-                    worst = Self { excess, by_torque: sign, by_rate };
-                }
-            }
-        }
-        worst
-    }
-}
-
 fn of_wheel(torque: PerWheel<f64>, wheel: usize) -> f64 {
     if wheel == 0 { torque.left } else { torque.right }
 }
@@ -423,11 +402,30 @@ fn unit(vector: Vector2<f64>) -> Vector2<f64> {
     vector.try_normalize(0.0).unwrap_or_else(Vector2::zeros)
 }
 
-/// Magnitude of a point's change of velocity in a step; negative where its speed falls.
-fn change_of_velocity(point: Vector2<f64>, entry: &TapeEntry) -> f64 {
-    let [start, end] = [&entry.start_velocity, &entry.end_velocity].map(|velocity| velocity_at(point, velocity));
-    let change = (end - start).norm();
-    if end.norm_squared() >= start.norm_squared() { change } else { -change }
+/// The velocity of a point of the chassis at both ends of a step, m/s.
+struct PointChange {
+    start: Vector2<f64>,
+    end: Vector2<f64>,
+}
+
+impl PointChange {
+    /// The frame of the step turns the point, which is what its centripetal acceleration `-omega^2 p` counts: at the start it is
+    /// behind where it is at the end.
+    fn new(point: Vector2<f64>, entry: &TapeEntry, sample: &PathSample) -> Self {
+        let (start, end) = (&entry.start_velocity, &entry.end_velocity);
+        let turn = start[2] * start[2] * sample.step_length * point;
+        Self { start: velocity_at(point, start) + turn, end: velocity_at(point, end) }
+    }
+
+    /// The magnitude of the change; negative where the speed falls.
+    fn signed(&self) -> f64 {
+        let change = (self.end - self.start).norm();
+        if self.end.norm_squared() >= self.start.norm_squared() { change } else { -change }
+    }
+
+    fn direction(&self) -> Vector2<f64> {
+        unit(self.end - self.start)
+    }
 }
 
 /// A body vector (right, forward) in the world.

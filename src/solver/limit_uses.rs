@@ -49,6 +49,7 @@ pub(super) fn motion_with_limits(
     }
     let step_length = rollout.schedule.final_time / rollout.step_count as f64;
     for (limit, &PathMaximum { value, step }) in judged.into_iter().zip(&motion.maxima) {
+        let value = limit.counted(value);
         let used = LimitUse {
             limit: limit.field,
             value: limit.allowed(),

@@ -1,8 +1,9 @@
 //! Plans with limits against closed forms, and what answers say of limits.
 
 use nalgebra::Vector2;
-use slipdrive::robot::{Motor, Payload, PerWheel, RobotParameters};
-use slipdrive::shooting::{AisleCorners, Goal, SlipPolicy, StateComponent};
+use slipdrive::robot::{Motor, Payload, PerWheel, RobotParameters, State};
+use slipdrive::shooting::{AisleCorners, Goal, ReferencePoint, SlipPolicy, StateComponent};
+use slipdrive::simulation::TorqueSchedule;
 use slipdrive::solver::{
     Refinement, RunControl, SimulateInput, SimulateParameters, Solution, SolveInput, SolveParameters, Status, simulate,
     solve,
@@ -78,7 +79,7 @@ fn wheel_rate_limits_make_a_trapezoid() {
 #[test]
 fn yaw_rate_limits_make_turns_trapezoids() {
     let mut parameters = symmetric();
-    parameters.maneuver.reference_point = slipdrive::shooting::ReferencePoint::AxleMidpoint;
+    parameters.maneuver.reference_point = ReferencePoint::AxleMidpoint;
     parameters.maneuver.goal = Goal::at_rest(0.0, 0.0, 3.0);
     parameters.maneuver.torque_limit = PerWheel::new(0.5, 0.5);
     // A mass ahead of the axle would take torque to keep it on its circle.
@@ -272,4 +273,30 @@ fn a_simulation_reports_the_same_uses() {
             (simulated.limit, simulated.largest, simulated.time)
         );
     }
+}
+
+#[test]
+fn accelerations_are_those_of_the_point() {
+    for payload in [None, Some(Payload { mass: 2.0, right: -0.1, forward: 0.3, height: 0.15, yaw_inertia: 0.0 })] {
+        let mut parameters = SimulateParameters { payload, step_count: 4000, ..SimulateParameters::default() };
+        parameters.reference_point = ReferencePoint::AxleMidpoint;
+        parameters.schedule =
+            TorqueSchedule { final_time: 1.5, left: vec![-1.0, 1.0, 0.5], right: vec![1.0, -0.2, -1.0] };
+        (parameters.limits.acceleration, parameters.limits.deceleration) = (Some(1e4), Some(1e4));
+        let simulation = simulate(&SimulateInput::new(parameters.clone()).unwrap(), Stop::never()).unwrap();
+        let point = payload.map_or_else(Vector2::zeros, |payload| Vector2::new(payload.right, payload.forward));
+        let states = &simulation.trajectory.state;
+        let velocities: Vec<_> = states.iter().map(|state| velocity_of(point, state)).collect();
+        let dt = parameters.schedule.final_time / parameters.step_count as f64;
+        let largest = velocities.windows(2).map(|pair| (pair[1] - pair[0]).norm() / dt).fold(0.0, f64::max);
+        let used = simulation.limits.iter().map(|used| used.largest).fold(0.0, f64::max);
+        assert!((used / largest - 1.0).abs() < 5e-3, "{used} m/s2 in place of {largest} m/s2");
+    }
+}
+
+/// Velocity in the world of a point (right, forward) of the robot from the point that a state speaks of.
+fn velocity_of(point: Vector2<f64>, state: &State) -> Vector2<f64> {
+    let (sin, cos) = state.configuration.heading.sin_cos();
+    let arm = Vector2::new(cos * point.x - sin * point.y, sin * point.x + cos * point.y);
+    Vector2::new(state.velocity.x, state.velocity.y) + state.velocity.yaw_rate * Vector2::new(-arm.y, arm.x)
 }

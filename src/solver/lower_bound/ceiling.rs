@@ -78,15 +78,20 @@ impl Ceiling {
 }
 
 impl PointCeiling {
-    /// Growth of the speed per second that no limit judges: the frame turns from step to step.
-    fn turning(&self, error: &GridError) -> f64 {
-        if self.lever == 0.0 { 0.0 } else { self.lever * error.peak_yaw_rate().powi(2) }
+    /// Change of the speed by which frames half a step apart differ, m/s.
+    fn half_turn(&self, error: &GridError) -> f64 {
+        if self.lever == 0.0 { 0.0 } else { 0.5 * error.dt() * self.lever * error.peak_yaw_rate().powi(2) }
+    }
+
+    /// Growth of the speed per second that no limit judges: from step to step the frame turns in a circle, the point in its chord.
+    fn drift(&self, error: &GridError) -> f64 {
+        if self.lever == 0.0 { 0.0 } else { error.peak_yaw_rate() * self.half_turn(error) }
     }
 
     fn curves(&self, error: &GridError, duration: f64) -> Vec<Curve> {
-        let turning = self.turning(error);
-        let rise = (self.start_speed, self.growth + turning);
-        let fall = (self.end_speed + 0.5 * error.dt() * turning, self.fall + turning);
+        let (half_turn, drift) = (self.half_turn(error), self.drift(error));
+        let rise = (self.start_speed + half_turn, self.growth + drift);
+        let fall = (self.end_speed + half_turn, self.fall + drift);
         let straight = |(start, slope): (f64, f64)| {
             (start.is_finite() && slope.is_finite()).then(|| Curve::straight(start, slope, duration))
         };
@@ -98,8 +103,7 @@ impl PointCeiling {
 
     /// How much the speed may change over a duration upwards and downwards, m/s.
     pub(super) fn largest_changes(&self, error: &GridError, duration: f64) -> (f64, f64) {
-        let turning = self.turning(error);
-        let of = |rate: f64| (rate + turning) * duration + 0.5 * error.dt() * turning;
+        let of = |rate: f64| (rate + self.drift(error)) * duration + 2.0 * self.half_turn(error);
         (of(self.growth), of(self.fall))
     }
 
@@ -108,9 +112,7 @@ impl PointCeiling {
         let peak = error.peak_yaw_rate();
         let of_distance =
             if self.distance == 0.0 { 0.0 } else { self.distance * ((peak * duration).min(2.0) + error.dt() * peak) };
-        let of_frame =
-            if self.lever == 0.0 { 0.0 } else { 0.5 * error.dt() * self.turning(error) * (duration + error.dt()) };
-        of_distance + of_frame
+        of_distance + self.half_turn(error) * (duration + error.dt())
     }
 }
 
