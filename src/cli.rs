@@ -63,8 +63,8 @@ pub(crate) fn example(name: Option<&str>) -> anyhow::Result<ExitCode> {
     let found = examples.0.iter().find(|(known, _)| name.is_none_or(|name| name == *known));
     let Some((_, body)) = found else {
         let known: Vec<_> = examples.0.iter().map(|(name, _)| *name).collect();
-        eprintln!("error: there is no example `{}`, but {}", name.unwrap_or_default(), known.join(", "));
-        return Ok(ExitCode::from(EXIT_BAD_INPUT));
+        let fault = format!("there is no example `{}`, but {}", name.unwrap_or_default(), known.join(", "));
+        return Ok(misused(&fault));
     };
     io::stdout().lock().write_all(body)?;
     Ok(ExitCode::SUCCESS)
@@ -167,10 +167,10 @@ fn run_job<K: Kind>(
 ) -> anyhow::Result<ExitCode> {
     let shows = arguments.save.is_some() || shown::is_asked_for(arguments);
     if shows && !K::HAS_FIGURES {
-        anyhow::bail!("there is nothing to show of `{}`", K::NAME);
+        return Ok(misused(&format!("there is nothing to show of `{}`", K::NAME)));
     }
     if arguments.out.is_some() && !K::HAS_FILES {
-        anyhow::bail!("there are no files of `{}`", K::NAME);
+        return Ok(misused(&format!("there are no files of `{}`", K::NAME)));
     }
     let read = read_body::<K>(arguments, jobs.limits())?.and_then(|body| with_flags(body, flags));
     let (input, body) = match read.and_then(|body| Ok((K::read(&body, jobs.limits())?, body))) {
@@ -246,6 +246,11 @@ fn read_file(input: &PathBuf, limit: usize) -> anyhow::Result<Vec<u8>> {
     };
     read.with_context(|| format!("{} cannot be read", input.display()))?;
     Ok(body)
+}
+
+fn misused(fault: &str) -> ExitCode {
+    eprintln!("error: {fault}");
+    ExitCode::from(EXIT_BAD_INPUT)
 }
 
 fn refuse(problem: &Problem) -> ExitCode {

@@ -12,6 +12,7 @@ mod sources;
 mod tls;
 mod value;
 
+use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -20,7 +21,7 @@ use std::{env, fs};
 
 use clap::{ArgMatches, Args, FromArgMatches as _, Parser, Subcommand};
 use slipdrive::api::auth::ApiKeys;
-use slipdrive::api::server::ServerSettings;
+use slipdrive::api::server::{PROBE_PLACES, ServerSettings};
 use slipdrive::api::{ApiSettings, Probes};
 use slipdrive::service::ServiceSettings;
 use slipdrive::sweep::{MapOf, Shard};
@@ -212,8 +213,9 @@ impl ServeArguments {
         let log_settings = sources.read(log, &mut faults);
         let checked = settings.as_ref().and_then(|settings| {
             settings.check(&mut faults);
-            let keys = settings.keys(env::var(API_KEYS_VARIABLE).ok(), &mut faults)?;
-            Some((keys, tls::with_identity(settings, settings.server(), &mut faults)))
+            let keys = settings.keys(env::var_os(API_KEYS_VARIABLE), &mut faults);
+            let server = tls::with_identity(settings, settings.server(), &mut faults);
+            Some((keys?, server))
         });
         let shown = sources.shown(&self.server.given).chain(sources.shown(log)).collect();
         let all = settings.zip(log_settings).zip(checked);
@@ -311,10 +313,16 @@ impl ServeSettings {
                 faults.add(format!("`{key}` is 0, must be > 0 s"));
             }
         }
+        let places = self.max_connections.get();
+        if admin.is_none() && places <= PROBE_PLACES {
+            faults.add(format!(
+                "`max_connections` is {places}, must be > {PROBE_PLACES}, which are kept for probes where `admin` is not set"
+            ));
+        }
     }
 
     /// The API keys. A source without a key is a fault: it would open a server that was meant to be closed.
-    fn keys(&self, variable: Option<String>, faults: &mut Faults) -> Option<ApiKeys> {
+    fn keys(&self, variable: Option<OsString>, faults: &mut Faults) -> Option<ApiKeys> {
         let text = match (&self.api_keys_file, variable) {
             (Some(_), Some(_)) => {
                 faults.add(format!("both {API_KEYS_VARIABLE} and `api_keys_file` are set, must be one of them"));
@@ -327,7 +335,14 @@ impl ServeSettings {
                     return None;
                 }
             },
-            (None, variable) => variable,
+            (None, Some(variable)) => {
+                let Ok(text) = variable.into_string() else {
+                    faults.add(format!("{API_KEYS_VARIABLE} is no UTF-8 text"));
+                    return None;
+                };
+                Some(text)
+            }
+            (None, None) => None,
         };
         let keys = match ApiKeys::parse(text.as_deref().unwrap_or_default()) {
             Ok(keys) => keys,

@@ -35,7 +35,8 @@ pub(crate) fn ask(target: Target, is_live_enough: bool) -> ExitCode {
     let address = reachable(target.bound);
     match status_of(address, target.protocol, path) {
         Ok(200) => {
-            println!("{path} of {address} answers 200");
+            // Whoever probes asks for the exit code.
+            let _ = writeln!(io::stdout(), "{path} of {address} answers 200");
             ExitCode::SUCCESS
         }
         Ok(status) => {

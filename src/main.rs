@@ -8,6 +8,7 @@ mod reload;
 mod shutdown;
 mod telemetry;
 
+use std::io::{self, Write as _};
 use std::process::ExitCode;
 
 use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Subcommand as _};
@@ -42,7 +43,7 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
     match &arguments.command {
         Command::Serve(serve) => match arguments.server_config(serve) {
             Ok(config) if serve.print_config => {
-                print!("{}", config.to_toml());
+                io::stdout().lock().write_all(config.to_toml().as_bytes())?;
                 Ok(ExitCode::SUCCESS)
             }
             Ok(config) => {

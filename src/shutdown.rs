@@ -200,8 +200,8 @@ async fn start_servers(
             servers.spawn(listeners.http, rest_router);
             servers.spawn(grpc, grpc_router);
         }
-        // Routers with two fallbacks cannot be merged: that of REST is kept.
-        None => servers.spawn(listeners.http, rest_router.merge(grpc_router.reset_fallback())),
+        // Routers with two fallbacks cannot be merged, and of two that have none of their own the later one answers: that of REST.
+        None => servers.spawn(listeners.http, grpc_router.reset_fallback().merge(rest_router)),
     }
     Ok((servers, health))
 }

@@ -29,8 +29,8 @@ pub mod tls;
 
 use crate::metrics::ConnectionEnd;
 pub(super) use connection::{Connection, Use};
-pub use connections::Connections;
 use connections::Place;
+pub use connections::{Connections, PROBE_PLACES};
 pub(super) use memory::{Lease, Purpose, Shared};
 use metered_stream::MeteredStream;
 pub(super) use requests::PAGE_FOLDER;
@@ -227,12 +227,13 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
                 false
             }
             () = connections.closing(), if !is_ending && !is_late => true,
-            () = &mut aged, if !is_ending => true,
+            // Over HTTP/1 the next answer says so: a request may be on its way already.
+            () = &mut aged, if !is_ending && !connection.is_aged() => connection.age(),
             _ = expired.tick() => {
                 if !connection.has_callers() {
                     return;
                 }
-                false
+                true
             }
             _ = idle.tick() => connection.is_idle_since(&mut seen),
             now = unread.tick() => match unread_until {

@@ -107,6 +107,9 @@ fn settings_that_contradict_each_other_are_found() {
     let found = faults(&["--http", "127.0.0.1:9", "--grpc", "127.0.0.1:9", "--idle-timeout-s", "0"]);
     assert_eq!(found, ["`http` and `grpc` are both 127.0.0.1:9, must differ", "`idle_timeout_s` is 0, must be > 0 s"]);
     assert!(config(&["--http", "127.0.0.1:9", "--grpc", "127.0.0.1:9", "--one-port"]).is_ok());
+    let found = faults(&["--max-connections", "16"]);
+    assert!(found.len() == 1 && found[0].contains("`max_connections` is 16, must be > 16"), "{found:?}");
+    assert!(config(&["--max-connections", "16", "--admin", "127.0.0.1:0"]).is_ok());
     assert!(config(&["--http", "127.0.0.1:0", "--admin", "127.0.0.1:0"]).is_ok(), "two free ports differ");
 }
 
@@ -141,12 +144,18 @@ fn configured_keys_that_are_none_are_refused() {
     let keys = |flags: &[&str], variable: Option<&str>| {
         let mut faults = Faults::default();
         let settings = config(flags).map_or_else(|faults| panic!("{faults}"), |config| config.settings);
-        let keys = settings.keys(variable.map(str::to_owned), &mut faults);
+        let keys = settings.keys(variable.map(OsString::from), &mut faults);
         faults.into_result(keys)
     };
     assert!(keys(&[], Some(" ,\n")).is_err());
     assert!(!keys(&[], Some("key")).unwrap().is_empty());
     assert!(keys(&[], None).unwrap().is_empty());
+    #[cfg(unix)]
+    {
+        use std::os::unix::ffi::OsStringExt as _;
+        let settings = config(&[]).map_or_else(|faults| panic!("{faults}"), |config| config.settings);
+        assert!(settings.keys(Some(OsString::from_vec(b"fleet:k\xff".to_vec())), &mut Faults::default()).is_none());
+    }
     let file = TemporaryFile::new("keys", "first\nsecond\n");
     assert!(keys(&["--api-keys-file", file.path()], Some("key")).is_err(), "one of both");
     assert!(faults(&["--api-keys-file", "/nonexistent"])[0].contains("cannot be read"));
@@ -181,7 +190,17 @@ fn unusable_identity_is_refused_and_never_ignored() {
 fn printed_configuration_is_one_that_can_be_read_and_has_no_secrets() {
     let keys = TemporaryFile::new("secret", "very-secret-key\n");
     let config_of = |flags: &[&str]| config(flags).unwrap();
-    let first = config_of(&["--api-keys-file", keys.path(), "--http", "0.0.0.0:1", "--workers", "2", "--one-port"]);
+    let first = config_of(&[
+        "--api-keys-file",
+        keys.path(),
+        "--http",
+        "0.0.0.0:1",
+        "--workers",
+        "2",
+        "--one-port",
+        "--max-streams",
+        "007",
+    ]);
     let printed = first.to_toml();
     assert!(printed.contains("workers = 2 # from --workers\n"), "{printed}");
     assert!(printed.contains("# admin is not set\n") && printed.contains("queue_length = 64 # the default\n"));

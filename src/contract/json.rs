@@ -159,8 +159,15 @@ fn push_segment(pointer: &mut String, segment: &str) {
 }
 
 fn dotted(pointer: &str) -> String {
-    let path = pointer.trim_start_matches(['#', '/']);
-    if path.is_empty() { "body".to_owned() } else { path.replace('/', ".") }
+    let mut path = String::new();
+    for segment in pointer.split('/').skip(1) {
+        if segment.parse::<usize>().is_ok() {
+            path.extend(["[", segment, "]"]);
+        } else {
+            path.extend([if path.is_empty() { "" } else { "." }, &segment.replace("~1", "/").replace("~0", "~")]);
+        }
+    }
+    if path.is_empty() { "body".to_owned() } else { path }
 }
 
 /// A `T` that is written as a JSON object; serde alone would take an array of the fields too.

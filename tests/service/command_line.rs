@@ -134,7 +134,9 @@ async fn one_port_speaks_both_protocols() {
     let (mut child, address, _log) = serve(("SLIPDRIVE_ONE_PORT", "true"));
     let client = reqwest::Client::builder().no_proxy().build().unwrap();
     assert_eq!(client.get(format!("http://{address}/readyz")).send().await.unwrap().status(), 200);
-    assert_eq!(client.get(format!("http://{address}/nowhere")).send().await.unwrap().status(), 404);
+    let nowhere = client.get(format!("http://{address}/nowhere")).send().await.unwrap();
+    assert_eq!(nowhere.status(), 404);
+    assert_eq!(nowhere.headers()["content-type"], "application/problem+json", "it passes what every request does");
     let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{address}")).unwrap();
     let mut health = tonic_health::pb::health_client::HealthClient::new(endpoint.connect().await.unwrap());
     assert!(health.check(tonic_health::pb::HealthCheckRequest::default()).await.is_ok());
@@ -245,7 +247,7 @@ fn saved_plan_is_exported_into_a_folder() {
     let said = refused(&["export", &plan, "--format", "csv", "--rate-hz", "0", "--frame-id", ""], b"");
     assert!(said.contains("#/rate_hz") && said.contains("#/frame_id"), "{said}");
     assert!(refused(&["export", &plan, "--format", "csv"], b"").contains("missing field `rate_hz`"));
-    assert_eq!(run_with_input(&["solve", "forward-drive", "--out", &bag], b"").status.code(), Some(1));
+    assert_eq!(run_with_input(&["solve", "forward-drive", "--out", &bag], b"").status.code(), Some(64));
 }
 
 #[test]

@@ -172,6 +172,30 @@ async fn aged_connection_says_so_and_finishes_what_it_has() {
 }
 
 #[tokio::test]
+async fn aged_connection_of_http1_says_so_with_its_next_answer() {
+    let settings = ServerSettings { max_age: Duration::from_millis(100), ..ServerSettings::default() };
+    let (server, _) = with_timeouts(instant_solver(), settings).await;
+    let mut stream = TcpStream::connect(server.address).await.unwrap();
+    let mut answers = 0;
+    loop {
+        // A connection that ends while a request is on its way would fail here.
+        stream.write_all(b"GET /livez HTTP/1.1\r\nhost: h\r\n\r\n").await.unwrap();
+        let mut answer = [0; 1024];
+        let length = timeout(HANG_BOUND, stream.read(&mut answer)).await.unwrap().unwrap();
+        let text = String::from_utf8_lossy(&answer[..length]).to_ascii_lowercase();
+        assert!(text.starts_with("http/1.1 200"), "{text}");
+        answers += 1;
+        if text.contains("connection: close") {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    assert!(answers > 1);
+    let mut rest = Vec::new();
+    assert_eq!(timeout(HANG_BOUND, stream.read_to_end(&mut rest)).await.unwrap().unwrap(), 0, "then it is closed");
+}
+
+#[tokio::test]
 async fn aged_connection_is_cut_when_its_grace_has_passed() {
     let soon = Duration::from_millis(100);
     let settings = ServerSettings { max_age: soon, age_grace: soon, ..ServerSettings::default() };

@@ -203,7 +203,8 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
         matches!(media_type, "application/grpc" | "application/grpc+proto")
     });
     if !is_protobuf {
-        return unsupported(format!("`content-type` is {content_type:?}, must be application/grpc"));
+        let given = content_type.map_or_else(|| "missing".to_owned(), |value| format!("{value:?}"));
+        return unsupported(format!("`content-type` is {given}, must be application/grpc"));
     }
     match headers.get("grpc-encoding") {
         Some(encoding) if encoding.as_bytes() != b"identity" => {

@@ -34,8 +34,7 @@ impl Coding {
         for item in values.flat_map(|value| value.split(',')) {
             let mut parts = item.split(';').map(str::trim);
             let name = parts.next().unwrap_or_default();
-            let weight =
-                parts.find_map(|part| part.strip_prefix("q=")).map_or(1.0, |q| q.parse::<f32>().unwrap_or(0.0));
+            let weight = weight(parts);
             if name.eq_ignore_ascii_case("gzip") || name.eq_ignore_ascii_case("x-gzip") {
                 gzip = Some(weight);
             } else if name.eq_ignore_ascii_case("identity") {
@@ -52,6 +51,15 @@ impl Coding {
     pub(super) fn of_length(self, bytes: usize) -> Self {
         if is_negotiable(bytes) { self } else { Self::Identity }
     }
+}
+
+/// How much a caller likes what has these parameters (RFC 9110, section 12.4.2).
+pub(super) fn weight<'a>(parameters: impl IntoIterator<Item = &'a str>) -> f32 {
+    let weight = parameters.into_iter().find_map(|parameter| {
+        let (name, value) = parameter.split_once('=')?;
+        name.trim().eq_ignore_ascii_case("q").then(|| value.trim())
+    });
+    weight.map_or(1.0, |weight| weight.parse().unwrap_or(0.0))
 }
 
 /// Whether so many bytes are worth coding, so that the answer depends on what the caller accepts.
@@ -126,13 +134,14 @@ mod tests {
         for values in accepting {
             assert_eq!(accepted(values), Coding::Gzip, "{values:?}");
         }
-        let refusing: [&[&str]; 8] = [
+        let refusing: [&[&str]; 9] = [
             &[],
             &[""],
             &["br, zstd"],
             &["gzip;q=0"],
             &["gzip;q=0.000, *"],
             &["gzip;q=x"],
+            &["gzip;Q=0"],
             &["identity, gzip;q=0.9"],
             &["gzipped"],
         ];

@@ -8,6 +8,7 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures_util::StreamExt as _;
 
+use super::coding::weight;
 use super::problem_json;
 use crate::api::access::RequestContext;
 use crate::contract::Problem;
@@ -26,8 +27,11 @@ pub(super) const UNBUFFERED: [(HeaderName, HeaderValue); 1] =
 /// Whether the caller asks for events.
 pub(super) fn are_accepted(headers: &HeaderMap) -> bool {
     let values = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
-    let mut media_types = values.flat_map(|value| value.split(',')).filter_map(|item| item.split(';').next());
-    media_types.any(|media_type| media_type.trim().eq_ignore_ascii_case("text/event-stream"))
+    values.flat_map(|value| value.split(',')).any(|item| {
+        let mut parts = item.split(';');
+        let media_type = parts.next().unwrap_or_default().trim();
+        media_type.eq_ignore_ascii_case("text/event-stream") && weight(parts) > 0.0
+    })
 }
 
 /// The events of a job whose result is JSON. A caller who leaves drops the stream, which stops the job.

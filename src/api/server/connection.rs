@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use axum::http::Version;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
@@ -55,6 +56,9 @@ pub(in crate::api) struct Connection {
     /// Of the items of batches that wait for memory.
     pub(super) turn: tokio::sync::Mutex<()>,
     bytes_read: AtomicU64,
+    /// Whether a request came over HTTP/2.
+    speaks_http2: AtomicBool,
+    is_aged: AtomicBool,
     state: Mutex<State>,
     is_ended: AtomicBool,
     ended: Notify,
@@ -112,6 +116,8 @@ impl Connection {
             held: Held::default(),
             turn: tokio::sync::Mutex::new(()),
             bytes_read: AtomicU64::new(0),
+            speaks_http2: AtomicBool::new(false),
+            is_aged: AtomicBool::new(false),
             state: Mutex::new(state),
             is_ended: AtomicBool::new(false),
             ended: Notify::new(),
@@ -132,6 +138,21 @@ impl Connection {
     /// How many connections there may be beside this one and with it.
     pub(in crate::api) fn max_connections(&self) -> usize {
         self.connections.settings.max_connections
+    }
+
+    /// The protocol of a request.
+    pub(super) fn speak(&self, version: Version) {
+        self.speaks_http2.store(version == Version::HTTP_2, Ordering::Relaxed);
+    }
+
+    /// The connection is to take no new requests. Returns whether it can be told so now: over HTTP/1 only an answer can.
+    pub(super) fn age(&self) -> bool {
+        self.is_aged.store(true, Ordering::Relaxed);
+        self.speaks_http2.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn is_aged(&self) -> bool {
+        self.is_aged.load(Ordering::Relaxed)
     }
 
     /// Counts bytes that arrived.

@@ -17,7 +17,7 @@ use crate::metrics::{ConnectionEnd, Metrics};
 
 /// Places that are kept for probes where they have no port of their own: those of a balancer, an orchestrator, a scraper
 /// and a few people.
-const PROBE_PLACES: usize = 16;
+pub const PROBE_PLACES: usize = 16;
 /// How often a newcomer looks for a place meanwhile.
 const LOOK_INTERVAL: Duration = Duration::from_millis(5);
 /// Who has kept the server waiting for less is not ended for its memory: a healthy peer takes its answer in this time.

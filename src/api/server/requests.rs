@@ -44,6 +44,7 @@ pub(super) fn service(
     Future: Send + 'static,
 > {
     service_fn(move |request| {
+        connection.speak(request.version());
         let standing = standing(&connection, &request);
         let entered = if is_too_long(request.headers(), standing) { None } else { connection.enter(standing) };
         match entered {
@@ -77,7 +78,7 @@ async fn answer(
     }
     request.extensions_mut().insert(Arc::clone(&connection));
     let mut response = router.oneshot(request.map(Body::new)).await?;
-    if version != Version::HTTP_2 && connection.connections.is_leaving() {
+    if version != Version::HTTP_2 && (connection.is_aged() || connection.connections.is_leaving()) {
         response.headers_mut().insert(CONNECTION, HeaderValue::from_static("close"));
     }
     let lease = response.extensions_mut().remove().unwrap_or_else(|| lease_of(&connection, &response));

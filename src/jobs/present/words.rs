@@ -3,13 +3,13 @@
 use crate::contact::{ContactMode, ContactName};
 use crate::contract::message::{
     ChangedParameter, ContactName as NamedContact, EndState, LimitUse, LowerBoundAssumption, PlanInWords, Refinement,
-    Report, Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
+    Replay, Report, Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
 };
 use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::robot::State;
 use crate::shooting::StateComponent;
 use crate::simulation::Trajectory;
-use crate::solver::{Refinement as Grid, SolveInput, SolverSettings};
+use crate::solver::{REPLAY_EXCESS, Refinement as Grid, SolveInput, SolverSettings};
 
 /// Largest difference of the end from what the answer says, in any component: rounding of an interval's length, no more.
 const END_TOLERANCE: f64 = 1e-9;
@@ -289,20 +289,36 @@ fn replay(report: &Report, settings: &SolverSettings) -> String {
     let Some(replay) = &report.replay else {
         return "Replay: not computed in time, so the plan is not confirmed on a finer grid.".to_owned();
     };
-    let verdict = match (replay.within_tolerance, replay.separations) {
-        (true, _) => "within the tolerance",
-        (false, 0) => "above the tolerance",
-        (false, _) => "and a contact separates; the tolerance is",
-    };
     let (position, heading) = (settings.replay_tolerance_position, settings.replay_tolerance_heading);
+    let beyond = beyond_tolerance(report, replay, (position, heading));
+    let verdict =
+        if beyond.is_empty() { String::new() } else { format!(" Beyond what is tolerated: {}.", beyond.join(", ")) };
     format!(
-        "Replay: the same torques on a finer grid of {} steps end {} mm and {} rad from the goal, {verdict} of {} mm and {} rad.",
+        "Replay: the same torques on a finer grid of {} steps end {} mm and {} rad from the goal; tolerated are {} mm and {} rad, and \
+         of speeds what moves the robot as far in a second.{verdict}",
         replay.steps,
         short(1e3 * replay.miss_m),
         short(replay.miss_heading_rad),
         short(1e3 * position),
         short(heading),
     )
+}
+
+/// What keeps a replay from being within its tolerances.
+fn beyond_tolerance(report: &Report, replay: &Replay, (position, heading): (f64, f64)) -> Vec<String> {
+    let misses = [
+        ("the place", replay.miss_m, position, 1e3, "mm"),
+        ("the heading", replay.miss_heading_rad, heading, 1.0, "rad"),
+        ("the speed", replay.miss_speed_m_s, position, 1e3, "mm/s"),
+        ("the yaw rate", replay.miss_yaw_rate_rad_s, heading, 1.0, "rad/s"),
+        ("the speed of a wheel", replay.miss_wheel_speed_m_s, position, 1e3, "mm/s"),
+    ];
+    let beyond = misses.into_iter().filter(|(_, miss, tolerance, ..)| miss > tolerance);
+    let missed = beyond.map(|(what, miss, _, scale, unit)| format!("{what} by {} {unit}", short(scale * miss)));
+    let limits = report.limits.iter().filter(|used| used.replay_excess.is_some_and(|excess| excess > REPLAY_EXCESS));
+    let exceeded = limits.map(|used| format!("{} exceeded", used.limit));
+    let separates = (replay.separations > 0).then(|| "a contact separates".to_owned());
+    missed.chain(exceeded).chain(separates).collect()
 }
 
 fn lower_bound(final_time: f64, report: &Report) -> Option<String> {
@@ -327,7 +343,8 @@ fn criticality(report: &Report) -> Option<String> {
         0 => String::new(),
         count => format!("; {count} torques are off the limit at which they would gain"),
     };
-    let decrease = short(report.predicted_decrease_s);
+    // The last linear program may end a rounding error below zero.
+    let decrease = short(report.predicted_decrease_s.max(0.0));
     Some(format!("Criticality: to first order, changed torques gain no more than {decrease} s{signs}."))
 }
 

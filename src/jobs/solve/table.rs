@@ -5,7 +5,7 @@ use crate::jobs::table::{line, row, separations, write_limits, write_timeline};
 use crate::service::Done;
 use crate::shooting::Goal;
 use crate::simulation::TorqueSchedule;
-use crate::solver::{Reason, Replay, Report, Sensitivity, Solution};
+use crate::solver::{Reason, Replay, Report, Sensitivity, Solution, Status};
 
 /// What a certificate says that was cut off.
 const NOT_REACHED: &str = "not computed in time";
@@ -18,11 +18,14 @@ pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
     if let Some(Reason { message, .. }) = reason {
         row(&mut table, "reason", message);
     }
-    row(&mut table, "final time", &final_time(schedule, report));
-    row(&mut table, "replay confirmed", if *replay_confirmed { "yes" } else { "no" });
-    row(&mut table, "grid", &format!("{} steps ({})", report.step_count, report.refinement.as_str()));
-    row(&mut table, "replay miss", &report.replay.as_ref().map_or(NOT_REACHED.to_owned(), replay_miss));
-    row(&mut table, "separations", &separations(&report.separations));
+    // What is impossible has no motion to speak of.
+    if *status != Status::Infeasible {
+        row(&mut table, "final time", &final_time(schedule, report));
+        row(&mut table, "replay confirmed", if *replay_confirmed { "yes" } else { "no" });
+        row(&mut table, "grid", &format!("{} steps ({})", report.step_count, report.refinement.as_str()));
+        row(&mut table, "replay miss", &report.replay.as_ref().map_or(NOT_REACHED.to_owned(), replay_miss));
+        row(&mut table, "separations", &separations(&report.separations));
+    }
     let effort = format!(
         "{} rollouts, {} iterations, {} starts in {:.3} s",
         report.rollouts,
@@ -76,13 +79,17 @@ fn final_time(schedule: &TorqueSchedule, report: &Report) -> String {
 }
 
 fn replay_miss(replay: &Replay) -> String {
-    let Replay { step_count, miss_position, miss_heading, miss_speed, separations, within_tolerance, .. } = replay;
+    let Replay { step_count, miss_position, miss_heading, separations, within_tolerance, .. } = replay;
+    let Replay { miss_speed, miss_yaw_rate, miss_wheel_speed, .. } = replay;
     let verdict = match (within_tolerance, separations) {
         (true, _) => "within tolerance",
         (false, 0) => "above tolerance",
         (false, _) => "a contact separates",
     };
-    format!("{miss_position:.2e} m, {miss_heading:.2e} rad, {miss_speed:.2e} m/s on {step_count} steps: {verdict}")
+    format!(
+        "{miss_position:.2e} m, {miss_heading:.2e} rad, {:.2e} m/s, {miss_yaw_rate:.2e} rad/s on {step_count} steps: {verdict}",
+        miss_speed.max(*miss_wheel_speed)
+    )
 }
 
 #[cfg(test)]
@@ -120,12 +127,15 @@ mod tests {
             miss_position: 2e-4,
             miss_heading: 0.0,
             miss_speed: 1e-3,
-            miss_yaw_rate: 0.0,
+            miss_yaw_rate: 3e-4,
             miss_wheel_speed: 0.0,
             separations: 0,
             limit_excess: 0.0,
             within_tolerance: true,
         };
-        assert_eq!(replay_miss(&replay), "2.00e-4 m, 0.00e0 rad, 1.00e-3 m/s on 3200 steps: within tolerance");
+        assert_eq!(
+            replay_miss(&replay),
+            "2.00e-4 m, 0.00e0 rad, 1.00e-3 m/s, 3.00e-4 rad/s on 3200 steps: within tolerance"
+        );
     }
 }
