@@ -16,8 +16,8 @@ const SECTIONS = [
   { title: "Payload", takes: ["payload"], open: false },
   { title: "Grid and search", takes: [""], open: false },
 ];
-/** What the page decides by itself. */
-const NOT_ASKED = ["view"];
+/** What the page decides by itself, and a guess, whose torques no field takes. */
+const NOT_ASKED = ["view", "initial_guess"];
 /** Components that most maneuvers speak of. */
 const POSE = ["x_m", "y_m", "heading_rad"];
 
@@ -39,7 +39,7 @@ export class Form {
     this.onChange = onChange;
     const fields = everyField(group).filter(({ path }) => !NOT_ASKED.includes(path[0]));
     root.append(this.#startAndGoal(fields), this.#guess);
-    const placed = new Set(fields.filter(isOfState));
+    const placed = new Set(fields.filter((field) => isOfState(field) || isPoint(field)));
     for (const { title, takes, open } of SECTIONS) {
       const mine = fields.filter(
         (field) => !placed.has(field) && takes.some((start) => field.path.join(".").startsWith(start)),
@@ -109,8 +109,7 @@ export class Form {
     const states = fields.filter(isOfState);
     const names = [...new Set(states.map(({ path }) => path[2]))];
     const rows = (/** @type {string[]} */ of) => of.flatMap((name) => this.#row(name, states));
-    const point = fields.find(({ path }) => path[1] === "reference_point");
-    const reference = point ? [this.#add(makeField(point)).element] : [];
+    const reference = fields.filter(isPoint).map((field) => this.#add(makeField(field)).element);
     return html(
       "fieldset",
       { class: "states" },
@@ -171,6 +170,9 @@ const everyField = (group) => [...group.fields, ...group.groups.flatMap(everyFie
 
 /** @param {Field} field */
 const isOfState = ({ path }) => path[0] === "maneuver" && (path[1] === "start" || path[1] === "goal");
+
+/** @param {Field} field */
+const isPoint = ({ path }) => path[1] === "reference_point";
 
 /** @param {string} text */
 const unit = (text) => html("span", { class: "unit" }, text && ` ${text}`);
