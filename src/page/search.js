@@ -1,6 +1,6 @@
 // One search at a time: asked for, watched and cancelled.
 
-import { byId } from "./dom.js";
+import { byId, setAttributes } from "./dom.js";
 import { solve } from "./transport.js";
 
 /** @typedef {import("./state.js").SolveRequest} SolveRequest */
@@ -55,9 +55,10 @@ export class Search {
 
   /** @param {boolean} isRunning */
   #show(isRunning) {
-    const hasKeyboard = [this.#solve, this.#cancel].some((button) => button === document.activeElement);
-    [this.#solve.hidden, this.#cancel.hidden, this.#progress.hidden] = [isRunning, !isRunning, !isRunning];
-    if (hasKeyboard) (isRunning ? this.#cancel : this.#solve).focus();
+    if (!isRunning && document.activeElement === this.#cancel) this.#solve.focus();
+    // It keeps its place and the keyboard: whatever took them would take the second click of a double one.
+    setAttributes(this.#solve, { "aria-disabled": isRunning ? "true" : undefined });
+    [this.#cancel.hidden, this.#progress.hidden] = [!isRunning, !isRunning];
     this.#progress.removeAttribute("value");
   }
 
