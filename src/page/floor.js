@@ -52,8 +52,9 @@ export class Floor {
         }),
     );
     this.#robots = [new Robot("b"), new Robot("a")];
-    const robots = this.#robots.map(({ element }) => element);
-    root.append(this.#grid, this.#aisle, this.#traces, ...this.#handles.map(({ element }) => element), ...robots);
+    const [handles, robots] = [this.#handles, this.#robots].map((all) => all.map(({ element }) => element));
+    const names = this.#handles.map(({ name }) => name);
+    root.append(this.#grid, this.#aisle, this.#traces, ...handles, ...names, ...robots);
     new ResizeObserver(() => this.#resize()).observe(root);
   }
 

@@ -19,7 +19,8 @@ export class Handle {
   #nose = svg("line");
   #touch = svg("circle", { class: "touch", r: 14 });
   #knob = svg("circle", { class: "knob", r: 12 });
-  #name = svg("text", { class: "name", "aria-hidden": "true" });
+  /** Apart, so that the outline of another does not hide it. */
+  name = svg("text", { class: "name", "aria-hidden": "true" });
   /** @type {Pose} */
   #pose = { x: 0, y: 0, heading: 0 };
 
@@ -32,8 +33,8 @@ export class Handle {
     this.label = which === "start" ? "Start" : "Goal";
     this.view = view;
     this.onMove = onMove;
-    this.#name.textContent = this.label;
-    const parts = [this.#outline, this.#nose, this.#touch, this.#knob, this.#name];
+    this.name.textContent = this.label;
+    const parts = [this.#outline, this.#nose, this.#touch, this.#knob];
     this.element = svg("g", { class: `handle ${which}`, tabindex: 0, role: "button", id: `handle-${which}` }, ...parts);
     this.element.addEventListener("keydown", (event) => this.#onKey(event));
     this.element.addEventListener("pointerdown", (event) => this.#grab(event));
@@ -53,7 +54,7 @@ export class Handle {
     setAttributes(this.#touch, { cx: at[0], cy: at[1] });
     setAttributes(this.#knob, { cx: knob[0], cy: knob[1] });
     const lowest = Math.max(...corners.map(([, y]) => y), at[1] + 14);
-    setAttributes(this.#name, { x: at[0], y: lowest + 15 });
+    setAttributes(this.name, { x: at[0], y: lowest + 15 });
     const words = `x ${pose.x.toFixed(2)} m, y ${pose.y.toFixed(2)} m, heading ${pose.heading.toFixed(2)} rad`;
     this.element.setAttribute("aria-label", `${this.label}: ${words}. Arrow keys move it, [ and ] turn it.`);
   }
@@ -63,7 +64,9 @@ export class Handle {
     const fine = event.shiftKey ? 1 : 0;
     const step = DIRECTIONS[event.key];
     const turn = TURNS[event.key] ?? 0;
-    if (!step && !turn) return;
+    // Many keyboards write [ and ] with AltGr, which comes as Alt, or as Ctrl with Alt.
+    const isShortcut = event.metaKey || (step ? event.altKey || event.ctrlKey : event.ctrlKey && !event.altKey);
+    if (isShortcut || (!step && !turn)) return;
     event.preventDefault();
     const [px, py] = this.view().place([this.#pose.x, this.#pose.y]);
     const [x, y] = step ? this.view().unplace([px + step[0], py + step[1]]) : [this.#pose.x, this.#pose.y];
