@@ -115,7 +115,12 @@ function read(field, text) {
   if (field.kind === "points") return readPoints(typed, field.axes);
   const value = Number(typed);
   if (!Number.isFinite(value)) return { fault: `${field.label} is “${typed}”, must be a number` };
-  if (field.whole && !Number.isSafeInteger(value)) return { fault: `${field.label} is ${typed}, must be a whole number` };
+  if (field.whole && !Number.isSafeInteger(value)) {
+    const most = Number.isInteger(value)
+      ? ` of at most ${Number.MAX_SAFE_INTEGER}, the largest that a browser can send`
+      : "";
+    return { fault: `${field.label} is ${typed}, must be a whole number${most}` };
+  }
   return { value, fault: "" };
 }
 
