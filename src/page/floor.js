@@ -19,6 +19,8 @@ const GRID_PX = 56;
 const CLEAR_PX = 46;
 /** A robot that is followed reaches over so much of the frame. */
 const FOLLOWED_SHARE = 0.2;
+/** Nodes of a trace nearer than this are within a pixel at every scale, m. */
+const SEEN_M = 0.002;
 
 export class Floor {
   #view = new View(80, false, [200, 200]);
@@ -70,7 +72,10 @@ export class Floor {
   show(state) {
     this.#state = state;
     const reach = reachOf(bodyOf(state.request, this.byDefault));
-    if (!this.#isDragged) this.#fit(endsOf(state).flatMap((pose) => around(pose, reach)));
+    if (!this.#isDragged) {
+      this.#fit(endsOf(state).flatMap((pose) => around(pose, reach)));
+      this.#traces.replaceChildren(...tracesOf(state.compared, "b"), ...tracesOf(state.plan, "a"));
+    }
     this.#showHandles(state);
     this.showTime(state);
   }
@@ -123,28 +128,32 @@ export class Floor {
     this.#grid.replaceChildren(...gridLines(this.#view, this.#frame));
     const corners = this.#corners().map((corner) => this.#view.place(corner));
     setAttributes(this.#aisle, { points: corners.map((corner) => corner.join(",")).join(" ") });
-    const { plan, compared } = this.#state ?? {};
-    const traces = [compared && this.#trace(compared, "b"), plan && this.#trace(plan, "a")];
-    this.#traces.replaceChildren(...traces.flatMap((trace) => trace ?? []));
+    // They stay in metres: a view that follows moves at every frame.
+    setAttributes(this.#traces, { transform: this.#view.matrix() });
   }
+}
 
-  /** The path of the reference point, and the tracks of wheels where they slip. @param {Plan} plan @param {string} name */
-  #trace(plan, name) {
-    const [body, poses] = [plan.body, everyPose(plan)];
-    const path = svg("path", { class: `trace plan-${name}`, d: pathOf(poses.map(({ x, y }) => this.#view.place([x, y]))) });
-    const tracks = /** @type {const} */ (["left", "right"]).flatMap((wheel) => {
-      const points = poses.map((pose) => this.#view.place(placing(body, pose)(body.wheels[wheel])));
-      const track = svg("path", { class: "track", d: pathOf(points) });
-      const slips = plan.spans
-        .filter((span) => span[wheel] === "slip")
-        .map(({ start_s, end_s }) => {
-          const within = points.filter((_, node) => inside(plan.trajectory.time_s[node], start_s, end_s));
-          return svg("path", { class: "slip", d: pathOf(within) });
-        });
-      return [track, ...slips];
-    });
-    return [...tracks, path];
-  }
+/**
+ * The path of the reference point, and the tracks of wheels, with where they slip.
+ * @param {Plan | null} plan
+ * @param {string} name
+ */
+function tracesOf(plan, name) {
+  if (!plan) return [];
+  const [body, poses] = [plan.body, everyPose(plan)];
+  const path = svg("path", { class: `trace plan-${name}`, d: pathOf(poses.map(({ x, y }) => [x, y])) });
+  const tracks = /** @type {const} */ (["left", "right"]).flatMap((wheel) => {
+    const points = poses.map((pose) => placing(body, pose)(body.wheels[wheel]));
+    const track = svg("path", { class: "track", d: pathOf(points) });
+    const slips = plan.spans
+      .filter((span) => span[wheel] === "slip")
+      .map(({ start_s, end_s }) => {
+        const within = points.filter((_, node) => inside(plan.trajectory.time_s[node], start_s, end_s));
+        return svg("path", { class: "slip", d: pathOf(within) });
+      });
+    return [track, ...slips];
+  });
+  return [...tracks, path];
 }
 
 /** Start and goal. @param {Readonly<State>} state */
@@ -172,10 +181,16 @@ const around = ({ x, y }, reach) => [
   [x + reach, y + reach],
 ];
 
-/** @param {Point[]} points */
+/** @param {Point[]} points m */
 function pathOf(points) {
   const finite = points.filter(([x, y]) => Number.isFinite(x + y));
-  return finite.map(([x, y], index) => `${index ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("");
+  let [lastX, lastY] = [NaN, NaN];
+  const seen = finite.filter(([x, y], index) => {
+    if (index < finite.length - 1 && Math.hypot(x - lastX, y - lastY) < SEEN_M) return false;
+    [lastX, lastY] = [x, y];
+    return true;
+  });
+  return seen.map(([x, y], index) => `${index ? "L" : "M"}${x.toFixed(4)} ${y.toFixed(4)}`).join("");
 }
 
 /** @param {View} view @param {{ width: number, height: number }} frame */
