@@ -16,7 +16,7 @@ import { Sheet } from "./sheet.js";
 import { asCurl, asPython, linkTo, requestIn } from "./snippets.js";
 import { change, current, isRecord, listen, withValue } from "./state.js";
 import { Timeline } from "./timeline.js";
-import { ask, useKey } from "./transport.js";
+import { ask, Refusal, useKey } from "./transport.js";
 
 /** @typedef {import("./state.js").SolveRequest} SolveRequest */
 /** @typedef {import("./state.js").Plan} Plan */
@@ -182,7 +182,8 @@ async function validated() {
     const { input_hash: _, ...request } = await ask("validate", current().request);
     return request;
   } catch (error) {
-    problem.show("The request has faults", error);
+    const isFaulty = error instanceof Refusal && error.problem?.errors?.length;
+    problem.show(isFaulty ? "The request has faults" : "No answer", error);
     return null;
   }
 }

@@ -69,6 +69,9 @@ export async function solve(request, onEvent, signal) {
 async function send(path, body, accept, signal) {
   /** @type {Record<string, string>} */
   const headers = { accept };
+  if (!/^[\x20-\x7e]*$/.test(key)) {
+    throw new Refusal("The API key has a letter or sign beyond ASCII, which cannot be sent: enter it again.");
+  }
   if (key) headers.authorization = `Bearer ${key}`;
   if (body !== undefined) headers["content-type"] = "application/json";
   const method = body === undefined ? "GET" : "POST";
@@ -101,8 +104,8 @@ function refused(problem, response) {
   const said = /** @type {Problem} */ (problem);
   const wait = said.retry_after_ms ?? 1000 * Number(response?.headers.get("retry-after") ?? 0);
   const again = said.retryable && wait > 0 ? ` Try again in ${Math.max(1, Math.round(wait / 1000))} s.` : "";
-  // Faults of fields are listed one by one.
-  const detail = said.errors?.length ? "" : ` It says: ${said.detail}.`;
+  // Faults of fields are listed one by one, and the wait is said once.
+  const detail = said.errors?.length ? "" : ` It says: ${said.detail.replace(/, try again in \d+ s$/, "")}.`;
   return new Refusal(`${WORDS[said.code] ?? "The service refuses."}${detail}${again}`, said);
 }
 
