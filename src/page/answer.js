@@ -33,13 +33,15 @@ function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }
   const { replay, lower_bound_s, solve_time_s } = report;
   const stopped = stop_reason === "finished" ? "" : `, ${stop_reason.replaceAll("_", " ")}`;
   /** @type {[string, string, string][]} */
+  const ofMotion = final_time_s > 0 || isMet(status) ? [["Final time", "final-time", `${final_time_s.toFixed(4)} s`]] : [];
+  /** @type {[string, string, string][]} */
   const ofPlan = [
     ["Replay", "replay", replay_confirmed ? "confirmed" : "not confirmed"],
     ["Replay miss", "replay-miss", replay?.miss_m == null ? "not known" : `${(1000 * replay.miss_m).toPrecision(3)} mm`],
     ["No plan is faster than", "bound", lower_bound_s == null ? "not known" : `${lower_bound_s.toFixed(4)} s`],
   ];
   return [
-    ["Final time", "final-time", `${final_time_s.toFixed(4)} s`],
+    ...ofMotion,
     ["Status", "plan-status", `${status.replaceAll("_", " ")}${stopped}`],
     ...(isMet(status) ? ofPlan : []),
     ["Solved in", "solve-time", `${(1000 * solve_time_s).toFixed(0)} ms`],

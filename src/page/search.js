@@ -41,7 +41,8 @@ export class Search {
     this.say("Asking the service…");
     try {
       const answer = await solve({ ...request, view: "full" }, (name, data) => this.#onEvent(name, data), signal);
-      this.say(`Answered: ${answer.status.replaceAll("_", " ")}, ${answer.final_time_s.toFixed(3)} s.`);
+      const time = answer.final_time_s > 0 ? `, ${answer.final_time_s.toFixed(3)} s` : "";
+      this.say(`Answered: ${answer.status.replaceAll("_", " ")}${time}.`);
       return answer;
     } catch (error) {
       this.say(signal.aborted ? "Cancelled." : "");

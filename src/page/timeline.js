@@ -42,8 +42,9 @@ export class Timeline {
 
   /** @param {Plan | null} plan @param {number} duration s */
   show(plan, duration) {
+    setAttributes(this.root, { hidden: !(duration > 0) });
     [this.#plan, this.#duration, this.#width] = [plan, duration, this.root.getBoundingClientRect().width];
-    if (!plan || !this.#width) return this.root.replaceChildren();
+    if (!plan || !this.#width) return;
     // A front support without friction slips all the time, which says nothing.
     const rows = CONTACTS.filter(([name]) => name !== "front" || plan.spans.some(({ front }) => front === "stick"));
     const bottom = rows.length * ROW_PX;
