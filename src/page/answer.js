@@ -2,16 +2,25 @@
 
 import { byId, html, signed } from "./dom.js";
 import { forceAt, slipsAt, torqueAt, valueOf } from "./motion.js";
+import { labelOf } from "./schema.js";
 
 /** @typedef {import("./state.js").Plan} Plan */
 /** @typedef {import("slipdrive-api").components["schemas"]["PlanInWords"]} PlanInWords */
+/** @typedef {{ replay_tolerance_m: number, replay_tolerance_rad: number }} Tolerances */
 
-/** What is known before the service has drawn: what the answer itself says. @param {Plan} plan */
-export function showFacts({ shown, trajectory }) {
-  const { answer } = shown.solve ?? {};
+/** By how much the replay may exceed a limit, as a share of it: the service's rule. */
+const REPLAY_EXCESS = 0.005;
+
+/**
+ * What is known before the service has drawn: what the answer itself says.
+ * @param {Plan} plan
+ * @param {Tolerances} byDefault for those that the request leaves out
+ */
+export function showFacts({ shown, trajectory }, byDefault) {
+  const { request, answer } = shown.solve ?? {};
   byId("headline", HTMLElement).textContent = answer ? headline(answer) : "A simulated motion";
   const end = trajectory.time_s.at(-1) ?? 0;
-  const facts = answer ? factsOf(answer) : [["Final time", "final-time", `${end.toFixed(4)} s`]];
+  const facts = answer ? factsOf(answer, { ...byDefault, ...request?.solver }) : [["Final time", "final-time", `${end.toFixed(4)} s`]];
   byId("facts", HTMLElement).replaceChildren(
     ...facts.map(([name, id, value]) => html("div", {}, html("dt", {}, name), html("dd", { id }, value))),
   );
@@ -28,16 +37,16 @@ function headline({ status, final_time_s }) {
     : "There is no plan that reaches the goal.";
 }
 
-/** @param {import("./state.js").Solution} answer @returns {[string, string, string][]} */
-function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }) {
-  const { replay, lower_bound_s, solve_time_s } = report;
+/** @param {import("./state.js").Solution} answer @param {Tolerances} tolerances @returns {[string, string, string][]} */
+function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }, tolerances) {
+  const { lower_bound_s, solve_time_s } = report;
   const stopped = stop_reason === "finished" ? "" : `, ${stop_reason.replaceAll("_", " ")}`;
   /** @type {[string, string, string][]} */
   const ofMotion = final_time_s > 0 || isMet(status) ? [["Final time", "final-time", `${final_time_s.toFixed(4)} s`]] : [];
   /** @type {[string, string, string][]} */
   const ofPlan = [
     ["Replay", "replay", replay_confirmed ? "confirmed" : "not confirmed"],
-    ["Replay miss", "replay-miss", replay?.miss_m == null ? "not known" : `${(1000 * replay.miss_m).toPrecision(3)} mm`],
+    ["Replay miss", "replay-miss", missOf(report, tolerances)],
     ["No plan is faster than", "bound", lower_bound_s == null ? "not known" : `${lower_bound_s.toFixed(4)} s`],
   ];
   return [
@@ -46,6 +55,34 @@ function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }
     ...(isMet(status) ? ofPlan : []),
     ["Solved in", "solve-time", `${(1000 * solve_time_s).toFixed(0)} ms`],
   ];
+}
+
+/**
+ * How far from the goal the replay ends, and what else of it is beyond its bound.
+ * @param {import("./state.js").Solution["report"]} report
+ * @param {Tolerances} tolerances
+ */
+function missOf({ replay, limits }, { replay_tolerance_m: most_m, replay_tolerance_rad: most_rad }) {
+  if (!replay) return "not known";
+  // Speeds count by what they move in a second.
+  const misses = /** @type {const} */ ([
+    ["", replay.miss_m, most_m, 1000, "mm"],
+    ["", replay.miss_heading_rad, most_rad, 1, "rad"],
+    ["speed ", replay.miss_speed_m_s, most_m, 1000, "mm/s"],
+    ["wheel speed ", replay.miss_wheel_speed_m_s, most_m, 1000, "mm/s"],
+    ["yaw rate ", replay.miss_yaw_rate_rad_s, most_rad, 1, "rad/s"],
+  ]).filter(([name, miss, most]) => !name || miss == null || miss > most);
+  const exceeded = (limits ?? []).filter(({ replay_excess }) => (replay_excess ?? 0) > REPLAY_EXCESS);
+  return [
+    ...misses.map(([name, miss, , factor, unit]) => {
+      return name + (miss == null ? "not known" : `${(factor * miss).toPrecision(3)} ${unit}`);
+    }),
+    ...exceeded.map(({ limit, replay_excess }) => {
+      const share = (100 * (replay_excess ?? 0)).toPrecision(2);
+      return `${labelOf(limit.split(".")).toLowerCase()} ${share} % above its limit`;
+    }),
+    ...(replay.separations ? ["a contact lifts"] : []),
+  ].join(", ");
 }
 
 /** The service's sentences. @param {PlanInWords[]} plans */

@@ -93,7 +93,7 @@ const simulate = (/** @type {unknown} */ body) => ask("simulate", body);
 /** @param {Plan["shown"]} shown */
 async function showPlan(shown) {
   const plan = await planOf(shown, simulate, referenceRobot);
-  showFacts(plan);
+  showFacts(plan, presets[0].request.solver);
   byId("answer", HTMLElement).hidden = false;
   byId("stale", HTMLElement).hidden = JSON.stringify(current().request) === solved;
   change({ plan });

@@ -65,7 +65,7 @@ const UNIT = /_(n_m_s|n_m|kg_m2|kg|m_s2|m_s|m|rad_s2|rad_s|rad|s)$/;
  * The name of a field in words: without its unit.
  * @param {string[]} path
  */
-function labelOf(path) {
+export function labelOf(path) {
   const words = path[path.length - 1].replace(UNIT, "").replaceAll("_", " ");
   return words.length > 1 ? words[0].toUpperCase() + words.slice(1) : words;
 }
