@@ -108,13 +108,19 @@ async function showPictures() {
   const { plan, compared, time } = current();
   if (!plan) return;
   byId("alone", HTMLElement).hidden = !compared;
+  const redraw = byId("redraw", HTMLElement);
+  redraw.hidden = true;
+  const isShown = () => plan === current().plan && compared === current().compared;
   try {
     const answer = await ask("present", { plans: shownPlans() });
-    if (plan !== current().plan || compared !== current().compared) return;
+    if (!isShown()) return;
     showWords(answer.plans);
     figures.show(answer.figures);
     figures.showTime(time);
   } catch (error) {
+    if (!isShown()) return;
+    figures.show([]);
+    redraw.hidden = false;
     problem.show("No figures", error);
   }
 }
@@ -241,6 +247,10 @@ byId("csv", HTMLElement).addEventListener("click", () => {
   if (plan) download("plan.csv", "text/csv", asCsv(plan));
 });
 byId("report", HTMLElement).addEventListener("click", saveReport);
+byId("redraw", HTMLElement).addEventListener("click", () => {
+  problem.clear();
+  showPictures();
+});
 byId("alone", HTMLElement).addEventListener("click", () => showBeside(null));
 onFile(byId("open", HTMLInputElement), open);
 onFile(byId("compare", HTMLInputElement), compare);
