@@ -18,9 +18,11 @@ const REPLAY_EXCESS = 0.005;
  */
 export function showFacts({ shown, trajectory }, byDefault) {
   const { request, answer } = shown.solve ?? {};
-  byId("headline", HTMLElement).textContent = answer ? headline(answer) : "A simulated motion";
   const end = trajectory.time_s.at(-1) ?? 0;
-  const facts = answer ? factsOf(answer, { ...byDefault, ...request?.solver }) : [["Final time", "final-time", `${end.toFixed(4)} s`]];
+  const facts = answer
+    ? factsOf(answer, { ...byDefault, ...request?.solver })
+    : [["Final time", "final-time", `${end.toFixed(4)} s`]];
+  byId("headline", HTMLElement).textContent = answer ? headline(answer) : "A simulated motion";
   byId("facts", HTMLElement).replaceChildren(
     ...facts.map(([name, id, value]) => html("div", {}, html("dt", {}, name), html("dd", { id }, value))),
   );

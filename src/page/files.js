@@ -26,19 +26,24 @@ export function savedPlan(content) {
   const of = isRecord(content) && Array.isArray(content.plans) ? content.plans[0] : content;
   for (const kind of ["solve", "simulate"]) {
     const pair = isRecord(of) ? of[kind] : undefined;
-    if (isRecord(pair) && isRecord(pair.request) && isRecord(pair.answer)) {
-      return /** @type {Plan["shown"]} */ ({ [kind]: pair });
+    if (pair == null) continue;
+    if (!isRecord(pair) || !isRecord(pair.request) || !isRecord(pair.answer)) {
+      throw new Error("its plan is without a request or an answer");
     }
+    return /** @type {Plan["shown"]} */ ({ [kind]: pair });
   }
   return null;
 }
 
 /**
- * A request alone, of a file or a link.
+ * A request to solve, of a file or a link.
  * @param {unknown} content
+ * @param {string[]} names what it may hold
  */
-export function savedRequest(content) {
+export function savedRequest(content, names) {
   if (!isRecord(content)) throw new Error("it holds neither a request nor a plan");
+  const other = Object.keys(content).find((name) => !names.includes(name));
+  if (other !== undefined) throw new Error(`it holds “${other}”, which no request to solve has`);
   const solver = isRecord(content.solver) ? content.solver : {};
   // JSON of browsers would change it without a word.
   if (typeof solver.seed === "number" && !Number.isSafeInteger(solver.seed)) {

@@ -14,7 +14,7 @@ import { groupOf } from "./schema.js";
 import { Search } from "./search.js";
 import { Sheet } from "./sheet.js";
 import { asCurl, asPython, linkTo, requestIn } from "./snippets.js";
-import { change, current, isRecord, listen, withValue } from "./state.js";
+import { change, current, listen, withValue } from "./state.js";
 import { Timeline } from "./timeline.js";
 import { ask, Refusal, useKey } from "./transport.js";
 
@@ -59,7 +59,7 @@ const floor = new Floor(byId("floor", SVGSVGElement), referenceRobot, (which, { 
 
 listen(["request"], ({ request }) => {
   form.show(request);
-  byId("stale", HTMLElement).hidden = JSON.stringify(request) === solved;
+  showStale();
 });
 listen(["request", "plan", "compared"], (state) => floor.show(state));
 listen(["plan"], ({ plan }) => timeline.show(plan, durationOf(plan)));
@@ -70,6 +70,10 @@ listen(["time"], (state) => {
   showMoment(byId("moment", HTMLElement), state.plan, state.time);
 });
 
+function showStale() {
+  byId("stale", HTMLElement).hidden = solved === JSON.stringify(current().request);
+}
+
 /** @param {SolveRequest} request @param {"start" | "goal"} which @param {string} name */
 const isFree = (request, which, name) => which === "goal" && (request.maneuver?.goal?.free?.includes(name) ?? false);
 
@@ -79,8 +83,7 @@ async function run() {
   try {
     const answer = await search.run(request);
     if (!answer) return;
-    solved = JSON.stringify(request);
-    await showPlan({ solve: { request: { ...request, view: "full" }, answer } });
+    showPlan(await planFrom({ solve: { request: { ...request, view: "full" }, answer } }), request);
   } catch (error) {
     problem.show("No answer", error);
   }
@@ -88,14 +91,14 @@ async function run() {
 
 const longest = () => Math.max(durationOf(current().plan), durationOf(current().compared));
 
-const simulate = (/** @type {unknown} */ body) => ask("simulate", body);
+const planFrom = (/** @type {Plan["shown"]} */ shown) => planOf(shown, (body) => ask("simulate", body), referenceRobot);
 
-/** @param {Plan["shown"]} shown */
-async function showPlan(shown) {
-  const plan = await planOf(shown, simulate, referenceRobot);
+/** @param {Plan} plan @param {SolveRequest | null} request of the form that it answers */
+function showPlan(plan, request) {
   showFacts(plan, presets[0].request.solver);
   byId("answer", HTMLElement).hidden = false;
-  byId("stale", HTMLElement).hidden = JSON.stringify(current().request) === solved;
+  if (request) solved = JSON.stringify(request);
+  showStale();
   change({ plan });
   player.load(longest());
   if (!prefersStill.matches && longest() > 0) player.play();
@@ -155,23 +158,25 @@ function onFile(input, use) {
   });
 }
 
+const requestOf = (/** @type {unknown} */ content) =>
+  savedRequest(content, Object.keys(schema.components.schemas.SolveRequest.properties));
+
 /** @param {unknown} content */
 async function open(content) {
   const shown = savedPlan(content);
-  if (!shown) return change({ request: savedRequest(content) });
-  if (shown.solve) {
-    const request = savedRequest(shown.solve.request);
-    solved = JSON.stringify(request);
-    change({ request });
-  }
-  await showPlan(shown);
+  if (!shown) return change({ request: requestOf(content) });
+  // What is wrong with it is found before anything changes.
+  const request = shown.solve ? requestOf(shown.solve.request) : null;
+  const plan = await planFrom(shown);
+  showPlan(plan, request);
+  if (request) change({ request });
 }
 
 /** @param {unknown} content */
 async function compare(content) {
   const shown = savedPlan(content);
   if (!shown) throw new Error("it holds no plan to compare with");
-  await showBeside(await planOf(shown, simulate, referenceRobot));
+  await showBeside(await planFrom(shown));
 }
 
 /** @param {Plan | null} compared */
@@ -207,8 +212,7 @@ function openLink(fragment) {
   try {
     const request = requestIn(fragment);
     if (request === undefined) return;
-    if (!isRecord(request)) throw new Error("it holds no request");
-    change({ request: savedRequest(request) });
+    change({ request: requestOf(request) });
   } catch (error) {
     problem.show("The link cannot be opened", error);
   }

@@ -16,6 +16,7 @@ import { isRecord } from "./state.js";
  */
 export async function planOf(shown, simulate, referenceRobot) {
   const { request, answer } = /** @type {{ request: any, answer: any }} */ (shown.solve ?? shown.simulate);
+  if (!(shown.solve ? isAnswer(answer) : areTorques(request.torque_schedule))) throw new Error("its plan is damaged");
   const motion = await motionOf(shown, simulate);
   if (!isMotion(motion.trajectory)) throw new Error("the plan has no motion");
   return {
@@ -23,26 +24,50 @@ export async function planOf(shown, simulate, referenceRobot) {
     body: bodyOf(request, referenceRobot),
     trajectory: motion.trajectory,
     contacts: motion.contacts,
-    spans: Array.isArray(answer.contact_modes) ? answer.contact_modes : (motion.contact_modes ?? []),
+    spans: [answer.contact_modes, motion.contact_modes].find(areSpans) ?? [],
   };
 }
 
 /** @param {Plan["shown"]} shown @param {(body: unknown) => Promise<any>} simulate @returns {Promise<any>} */
 async function motionOf({ solve, simulate: simulated }, simulate) {
   const { request, answer } = /** @type {{ request: any, answer: any }} */ (solve ?? simulated);
-  if (isMotion(answer.trajectory) && answer.contacts) return answer;
+  if (isMotion(answer.trajectory) && areContacts(answer.contacts)) return answer;
   if (!solve) return simulate(request);
-  return answer.torque_schedule?.left_n_m?.length ? simulate(simulation(request, answer)) : standing(answer);
+  return answer.torque_schedule.left_n_m.length ? simulate(simulation(request, answer)) : standing(answer);
 }
+
+/** Whether an answer has what the page reads of it, beside its motion. @param {any} answer */
+const isAnswer = ({ status, stop_reason, final_time_s, report, torque_schedule }) =>
+  [status, stop_reason].every((word) => typeof word === "string") &&
+  [final_time_s, report?.solve_time_s, report?.lower_bound_s ?? 0].every(Number.isFinite) &&
+  Array.isArray(report.limits ?? []) &&
+  areTorques(torque_schedule);
+
+/** @param {any} schedule */
+const areTorques = (schedule) =>
+  areNumbers(schedule?.left_n_m) && areNumbers(schedule.right_n_m) && schedule.left_n_m.length === schedule.right_n_m.length;
+
+/** @param {unknown} values */
+const areNumbers = (values) => Array.isArray(values) && values.every(Number.isFinite);
+
+/** @param {unknown} spans */
+const areSpans = (spans) => Array.isArray(spans) && spans.every((span) => areNumbers([span?.start_s, span?.end_s]));
+
+/** @param {any} contacts */
+const areContacts = (contacts) =>
+  ["left", "right"].every((side) =>
+    ["longitudinal_force_n", "lateral_force_n", "normal_force_n"].every((name) => Array.isArray(contacts?.[side]?.[name])),
+  );
+
+const POSE = ["x_m", "y_m", "heading_rad"];
+const RATES = ["velocity_x_m_s", "velocity_y_m_s", "yaw_rate_rad_s"];
 
 /** @param {unknown} value @returns {value is Trajectory} */
 function isMotion(value) {
-  if (!isRecord(value) || !Array.isArray(value.time_s) || !value.time_s.length) return false;
-  const { time_s } = value;
-  return ["x_m", "y_m", "heading_rad"].every((name) => {
-    const values = value[name];
-    return Array.isArray(values) && values.length === time_s.length;
-  });
+  if (!isRecord(value) || !Array.isArray(value.time_s) || !areNumbers(value.time_s)) return false;
+  const { length } = value.time_s;
+  const names = length > 1 ? [...POSE, ...RATES] : POSE;
+  return length > 0 && names.every((name) => Array.isArray(value[name]) && value[name].length === length);
 }
 
 /** The motion of an answer without torques. @param {any} answer */
