@@ -14,7 +14,7 @@ import { groupOf } from "./schema.js";
 import { Search } from "./search.js";
 import { Sheet } from "./sheet.js";
 import { asCurl, asPython, linkTo, requestIn } from "./snippets.js";
-import { change, current, listen, withValue } from "./state.js";
+import { change, current, listen, withValue, written } from "./state.js";
 import { Timeline } from "./timeline.js";
 import { ask, Refusal, useKey } from "./transport.js";
 
@@ -33,7 +33,7 @@ const [schema, limits, presets] = await Promise.all([ask("openapi.json"), ask("l
 /** @type {Record<string, number>} */
 const referenceRobot = presets[0].request.robot;
 
-/** The request that the shown answer belongs to. */
+/** The request that the shown answer belongs to; empty where it is none of the form's, but of simulated torques. */
 let solved = "";
 
 const form = new Form(byId("fields", HTMLElement), groupOf(schema, limits, "SolveRequest"), (request) =>
@@ -59,6 +59,7 @@ const floor = new Floor(byId("floor", SVGSVGElement), referenceRobot, (which, { 
 
 listen(["request"], ({ request }) => {
   form.show(request);
+  choice.selectedIndex = presets.findIndex((/** @type {Preset} */ preset) => written(preset.request) === written(request));
   showStale();
 });
 listen(["request", "plan", "compared"], (state) => floor.show(state));
@@ -71,14 +72,14 @@ listen(["time"], (state) => {
 });
 
 function showStale() {
-  byId("stale", HTMLElement).hidden = solved === JSON.stringify(current().request);
+  byId("stale", HTMLElement).hidden = !solved || solved === written(current().request);
 }
 
 /** @param {SolveRequest} request @param {"start" | "goal"} which @param {string} name */
 const isFree = (request, which, name) => which === "goal" && (request.maneuver?.goal?.free?.includes(name) ?? false);
 
 async function run() {
-  if (!problem.isReadable()) return;
+  if (!problem.isReadable()) return search.forget();
   const { request } = current();
   try {
     const answer = await search.run(request);
@@ -97,7 +98,7 @@ const planFrom = (/** @type {Plan["shown"]} */ shown) => planOf(shown, (body) =>
 function showPlan(plan, request) {
   showFacts(plan, presets[0].request.solver);
   byId("answer", HTMLElement).hidden = false;
-  if (request) solved = JSON.stringify(request);
+  solved = request ? written(request) : "";
   showStale();
   change({ plan });
   player.load(longest());
@@ -168,6 +169,7 @@ async function open(content) {
   // What is wrong with it is found before anything changes.
   const request = shown.solve ? requestOf(shown.solve.request) : null;
   const plan = await planFrom(shown);
+  search.forget();
   showPlan(plan, request);
   if (request) change({ request });
 }
@@ -209,6 +211,7 @@ function onSheet(id, title, note, write) {
 
 /** @param {string} fragment */
 function openLink(fragment) {
+  problem.clear();
   try {
     const request = requestIn(fragment);
     if (request === undefined) return;

@@ -29,6 +29,11 @@ export class Search {
     this.#status.textContent = words;
   }
 
+  /** Takes back what it said of a search that is over. */
+  forget() {
+    if (!this.#running) this.say("");
+  }
+
   /**
    * The answer; null where it was cancelled, or where a search runs already.
    * @param {SolveRequest} request

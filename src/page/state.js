@@ -78,6 +78,14 @@ export function withValue(tree, [name, ...rest], value) {
 }
 
 /**
+ * The same for requests that ask for the same, whatever the order of their fields and the view.
+ * @param {SolveRequest} request
+ */
+export function written({ view: _, ...asked }) {
+  return JSON.stringify(asked, (_, value) => (isRecord(value) ? Object.fromEntries(Object.entries(value).sort()) : value));
+}
+
+/**
  * @param {unknown} value
  * @returns {value is Record<string, unknown>}
  */
