@@ -153,6 +153,30 @@ fn folders_of_others_are_refused() {
 }
 
 #[test]
+fn damaged_lines_are_told_and_nothing_is_lost() {
+    let folder = Folder::new("sweep-damaged");
+    let file = written(&folder, "drives.json", &drives(6, &json!({"columns": ["status"]})));
+    let out = folder.file("out");
+    done(&[&file, "--out", &out]);
+    let (rows, table) = (folder.read("out/rows-0000.jsonl"), folder.read("out/rows.csv"));
+    let damaged = |third: &str| {
+        let lines = rows.lines().enumerate().map(|(index, line)| if index == 2 { third } else { line });
+        lines.collect::<Vec<_>>().join("\n") + "\n"
+    };
+    let renumbered = rows.lines().nth(2).unwrap().replace("\"row\":", "\"row\":1");
+    for third in ["garbage", renumbered.as_str()] {
+        fs::write(folder.0.join("out/rows-0000.jsonl"), damaged(third)).unwrap();
+        for arguments in [vec!["--status", "--out", &out], vec![&file, "--out", &out]] {
+            let output = run(&arguments);
+            let said = String::from_utf8(output.stderr).unwrap();
+            assert_eq!((output.status.code(), output.stdout.as_slice()), (Some(1), &b""[..]), "{said}");
+            assert!(said.contains("rows-0000.jsonl is damaged: what begins at byte "), "{said}");
+        }
+        assert_eq!((folder.read("out/rows-0000.jsonl"), folder.read("out/rows.csv")), (damaged(third), table.clone()));
+    }
+}
+
+#[test]
 fn faults_of_rows_are_told_before_anything_runs() {
     let folder = Folder::new("sweep-faults");
     let axes = json!([{"field": "robot.wheel_radius_m", "values": [0.06, 0, -1]}]);

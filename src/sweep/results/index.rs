@@ -45,7 +45,7 @@ impl Index {
                     }
                     true
                 };
-                parts::scan(path, part, take).map_err(cannot_read)?;
+                parts::scan(path, part, take)?;
             }
         }
         places.sort_unstable_by_key(|(row, ..)| *row);

@@ -1,7 +1,7 @@
 //! Results of a sweep in a folder: what it is (`sweep.json`), a lock, and parts with one line per row that is done.
 //!
 //! Parts are only ever appended to. A line is written with one call, so a process that is killed leaves whole lines; what
-//! a machine leaves that loses its power is cut at the last line that is one. Rows are named by their keys, so no row is
+//! a machine leaves that loses its power is cut after the last line that is whole. Rows are named by their keys, so no row is
 //! ever done twice.
 
 mod error;
@@ -53,11 +53,11 @@ pub struct Results {
 }
 
 impl Results {
-    /// Opens a folder to go on with, or makes it; cuts what is no row from its end.
+    /// Opens a folder to go on with, or makes it; cuts a line without an end.
     ///
     /// # Errors
     /// Where somebody else writes to it, where it has the results of another sweep, version or shard, where its rows are
-    /// damaged other than at their end, and where it cannot be written.
+    /// damaged, and where it cannot be written.
     pub fn open(folder: &Path, header: Header) -> Result<Self, ResultsError> {
         let failed = |error: io::Error| ResultsError::cannot_write(folder, &error);
         fs::create_dir_all(folder).map_err(failed)?;

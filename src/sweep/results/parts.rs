@@ -86,44 +86,61 @@ pub(super) fn numbers(folder: &Path) -> io::Result<Vec<u32>> {
     Ok(numbers)
 }
 
-/// Shows all lines; in the last part those from the first on that is no row are cut off. Gives the part to append to.
+/// Shows all lines; at the end of the last part what has no end of its own is cut off. Gives the part to append to.
 ///
 /// # Errors
-/// Where a line of an earlier part is no row: `is_row` says so.
+/// Where a line is no row, as `is_row` says, or an earlier part is torn.
 pub(super) fn repaired(folder: &Path, mut is_row: impl FnMut(Place, &[u8]) -> bool) -> Result<u32, ResultsError> {
     let parts = numbers(folder).map_err(|error| ResultsError::cannot_read(folder, &error))?;
     let Some(&last) = parts.last() else { return Ok(0) };
     for &part in &parts {
         let path = path_of(folder, part);
         let cannot_read = |error: io::Error| ResultsError::cannot_read(&path, &error);
-        let good = scan(folder, part, &mut is_row).map_err(cannot_read)?;
+        let whole = scan(folder, part, &mut is_row)?;
         let length = fs::metadata(&path).map_err(cannot_read)?.len();
-        if good < length && part < last {
-            let fault = format!("what begins at byte {good} is no row of this sweep");
-            return Err(ResultsError::Damaged { file: path, fault });
+        if whole < length && part < last {
+            return Err(no_row(path, whole));
         }
-        if good < length {
-            tracing::warn!(file = %path.display(), bytes = length - good, "cut a torn end; its rows are done again");
+        if whole < length {
+            tracing::warn!(file = %path.display(), bytes = length - whole, "cut a torn end; its row is done again");
             let file = OpenOptions::new().write(true).open(&path).map_err(cannot_read)?;
-            let cut = file.set_len(good).and_then(|()| file.sync_all());
+            let cut = file.set_len(whole).and_then(|()| file.sync_all());
             cut.map_err(|error| ResultsError::cannot_write(&path, &error))?;
         }
     }
     Ok(last)
 }
 
-/// Shows the lines of a part as long as each is a row; gives where the first begins that is not, or the end.
-pub(super) fn scan(folder: &Path, part: u32, mut is_row: impl FnMut(Place, &[u8]) -> bool) -> io::Result<u64> {
-    let mut reader = BufReader::with_capacity(1 << 18, File::open(path_of(folder, part))?);
+/// Shows the lines of a part; gives where they end. What follows the last line feed is none: its writing was cut short, or
+/// goes on.
+///
+/// # Errors
+/// Where a line is no row, as `is_row` says.
+pub(super) fn scan(
+    folder: &Path,
+    part: u32,
+    mut is_row: impl FnMut(Place, &[u8]) -> bool,
+) -> Result<u64, ResultsError> {
+    let path = path_of(folder, part);
+    let cannot_read = |error: io::Error| ResultsError::cannot_read(&path, &error);
+    let mut reader = BufReader::with_capacity(1 << 18, File::open(&path).map_err(cannot_read)?);
     let (mut line, mut offset) = (Vec::new(), 0);
     loop {
         line.clear();
-        let length = reader.read_until(b'\n', &mut line)? as u64;
-        if line.pop() != Some(b'\n') || !is_row(Place { part, offset }, &line) {
+        let length = reader.read_until(b'\n', &mut line).map_err(cannot_read)? as u64;
+        if line.pop() != Some(b'\n') {
             return Ok(offset);
+        }
+        if !is_row(Place { part, offset }, &line) {
+            return Err(no_row(path, offset));
         }
         offset += length;
     }
+}
+
+fn no_row(file: PathBuf, offset: u64) -> ResultsError {
+    let fault = format!("what begins at byte {offset} is no row of this sweep; without it, its row is done again");
+    ResultsError::Damaged { file, fault }
 }
 
 /// The line at a place.
