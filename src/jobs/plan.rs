@@ -1,5 +1,7 @@
 //! A request with its answer as a motion that can be rolled out again: what kinds of jobs begin with that are about a plan.
 
+use std::time::Duration;
+
 use serde_json::Value;
 
 use super::simulate::Simulate;
@@ -16,6 +18,8 @@ use crate::stop::{Stop, Stopped};
 
 /// Shorter motions are none: what takes no time, or diverges at once.
 const LEAST_TIME_S: f64 = 1e-6;
+/// How long a light job with rollouts may run: one that meets friction which is hard to resolve is cut off, others wait.
+const LIGHT_TIME_LIMIT: Duration = Duration::from_secs(2);
 
 /// A plan whose request is valid and whose answer has a motion, or none where nothing moves.
 #[derive(Debug)]
@@ -68,6 +72,11 @@ impl AcceptedPlan {
         }
         solver.simulate(&self.motion, stop).map(|simulation| simulation.trajectory)
     }
+}
+
+/// How long a light job with rollouts may run; none where no clock ends it.
+pub(super) fn light_time_limit(limits: &Limits) -> Option<Duration> {
+    limits.time_limit().map(|_| LIGHT_TIME_LIMIT)
 }
 
 /// A saved plan, or a whole request about one, without what is rolled out again anyway.
@@ -143,4 +152,37 @@ fn motion_of(asked: &SolveInput, answer: &Solution, limits: &Limits) -> Result<S
     };
     SimulateInput::new(parameters)?;
     Ok(SimulateInput { step_count: report.steps as usize, ..still })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use serde_json::json;
+
+    use super::*;
+    use crate::jobs::InProcessSolver;
+    use crate::jobs::export::Export;
+    use crate::jobs::present::Present;
+    use crate::metrics::Metrics;
+    use crate::service::Job as _;
+
+    #[test]
+    fn light_jobs_have_two_seconds_where_a_clock_runs() {
+        let torques = json!({"interval_s": 1, "left_n_m": [0], "right_n_m": [0]});
+        let plan = json!({"simulate": {"request": {"torque_schedule": torques}, "answer": {}}});
+        let presented = json!({"plans": [plan]}).to_string();
+        let mut exported = plan;
+        exported["format"] = json!("csv");
+        exported["rate_hz"] = json!(100);
+        let exported = exported.to_string();
+        for (limits, expected) in
+            [(Limits::default(), Some(Duration::from_secs(2))), (Limits::default().without_clock(), None)]
+        {
+            let export = Export::read(exported.as_bytes(), &limits).unwrap();
+            assert_eq!(Export::new(Arc::new(InProcessSolver), &Metrics::new()).time_limit(&export), expected);
+            let present = Present::read(presented.as_bytes(), &limits).unwrap();
+            assert_eq!(Present::new(Arc::new(InProcessSolver), &Metrics::new()).time_limit(&present), expected);
+        }
+    }
 }

@@ -1,11 +1,13 @@
 //! Requests of exports: from messages to a plan and how it is handed over.
 
+use std::time::Duration;
+
 use super::ros::Labels;
 use crate::contract::Problem;
 use crate::contract::convert::{named, required};
 use crate::contract::message::{ExportFormat, ExportRequest, Status};
 use crate::jobs::Limits;
-use crate::jobs::plan::{AcceptedPlan, Said};
+use crate::jobs::plan::{AcceptedPlan, Said, light_time_limit};
 use crate::rules::{Checks, Number, Rule, RuleSet};
 
 const RATE_RULE: Rule = Rule::between(1.0, 10_000.0, "Hz");
@@ -29,6 +31,8 @@ pub struct AcceptedExport {
     /// Hz.
     pub(super) rate: f64,
     pub(super) labels: Labels,
+    /// How long it may run; none where no clock ends it.
+    pub(super) time_limit: Option<Duration>,
 }
 
 impl AcceptedExport {
@@ -83,7 +87,8 @@ pub(super) fn accept(request: ExportRequest, limits: &Limits) -> Result<Accepted
         (Err(of_plan), Err(problem)) => return Err(problem.and(of_plan)),
     };
     let Ok(joint_names) = <[String; 2]>::try_from(joint_names) else { return required(None, "joint_names") };
-    Ok(AcceptedExport { plan, format, rate, labels: Labels { start_ns, frame_id, joint_names } })
+    let labels = Labels { start_ns, frame_id, joint_names };
+    Ok(AcceptedExport { plan, format, rate, labels, time_limit: light_time_limit(limits) })
 }
 
 /// That there is a plan, of not too many points.

@@ -32,8 +32,6 @@ use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
 const STEP_S: f64 = 3e-6;
 /// What a point takes there to be written, s.
 const POINT_S: f64 = 10e-6;
-/// A rollout that meets friction which is hard to resolve is cut off: others wait for their files.
-const TIME_LIMIT: Duration = Duration::from_secs(2);
 
 /// Exports plans.
 pub struct Export(Arc<dyn ManeuverSolver>);
@@ -68,12 +66,12 @@ impl Job for Export {
         Some(WorkDone { cost: self.cost(export), is_complete: true })
     }
 
-    fn time_limit(&self, _export: &AcceptedExport) -> Option<Duration> {
-        Some(TIME_LIMIT)
+    fn time_limit(&self, export: &AcceptedExport) -> Option<Duration> {
+        export.time_limit
     }
 
     fn run(&self, export: &AcceptedExport, control: &JobControl<'_, ()>) -> Result<Exported, Stopped> {
-        let AcceptedExport { plan, format, rate, labels } = export;
+        let AcceptedExport { plan, format, rate, labels, time_limit: _ } = export;
         let trajectory = plan.trajectory(&*self.0, control.stop().cut_flag().into()).map_err(|_| control.cut_off())?;
         let motion = Motion::new(plan, &trajectory);
         let points = motion.points(*rate);

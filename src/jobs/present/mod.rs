@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 
-use super::plan::{AcceptedPlan, forget_motion};
+use super::plan::{AcceptedPlan, forget_motion, light_time_limit};
 use super::table::line;
 use super::{Kind, Limits, ManeuverSolver};
 use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentResponse, PresentedPlan};
@@ -27,8 +27,6 @@ const PLANS_RULE: Rule = Rule::between(1.0, 4.0, Rule::ITEMS);
 const DRAWING_S: f64 = 5e-3;
 /// What a step of a rollout takes there, s, its share of the curves included.
 const STEP_S: f64 = 5e-6;
-/// A rollout that meets friction which is hard to resolve is cut off: others wait for their figures.
-const TIME_LIMIT: Duration = Duration::from_secs(2);
 /// Largest request, bytes: four plans with the most torques in their request and in their answer, twice over.
 const MAX_BODY_BYTES: usize = 1 << 20;
 /// What the figures of a plan hold at most, in numbers of some 18 bytes.
@@ -51,6 +49,8 @@ pub struct AcceptedPlans {
     pub plans: Vec<AcceptedPlan>,
     /// What was asked and answered, where the report is to quote it.
     quoted: Option<Vec<PresentedPlan>>,
+    /// How long they may take; none where no clock ends it.
+    time_limit: Option<Duration>,
 }
 
 /// The plans as they are shown.
@@ -77,8 +77,8 @@ impl Job for Present {
         Some(WorkDone { cost: self.cost(input), is_complete: true })
     }
 
-    fn time_limit(&self, _input: &AcceptedPlans) -> Option<Duration> {
-        Some(TIME_LIMIT)
+    fn time_limit(&self, input: &AcceptedPlans) -> Option<Duration> {
+        input.time_limit
     }
 
     fn run(&self, input: &AcceptedPlans, control: &JobControl<'_, ()>) -> Result<Presented, Stopped> {
@@ -120,7 +120,7 @@ impl Kind for Present {
             AcceptedPlan::of(solve, simulate, limits).map_err(|fault| fault.below(&format!("plans[{index}]")))
         };
         let plans: Result<_, _> = request.plans.into_iter().enumerate().map(accept_plan).collect();
-        Ok(AcceptedPlans { plans: plans?, quoted })
+        Ok(AcceptedPlans { plans: plans?, quoted, time_limit: light_time_limit(limits) })
     }
 
     fn max_body_bytes(_limits: &Limits) -> usize {
