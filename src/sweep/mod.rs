@@ -67,7 +67,7 @@ impl Sweep {
     /// Reads a file: one JSON object, or JSON Lines of which the first is this object.
     ///
     /// # Errors
-    /// All violated rules of the object, or the first line that is no object. The requests are not looked at: that is
+    /// All violated rules of the object, or all lines that are no objects. The requests are not looked at: that is
     /// [`Sweep::check`].
     pub fn read(source: impl std::io::Read + std::io::Seek + Send + 'static, jobs: &Jobs) -> Result<Self, Problem> {
         let mut source: Box<dyn Source> = Box::new(source);
@@ -86,7 +86,7 @@ impl Sweep {
         let mut hash = Sha256::new();
         hash.update(crate::contract::json::write(&definition.canonical));
         let rows = match lines_from {
-            Some(start) => Rows::Lines(rows::Lines::find(source, start, &mut hash)?),
+            Some(start) => Rows::Lines(rows::Lines::find(source, start, &definition, &mut hash)?),
             None => Rows::crossed(std::mem::take(&mut definition.axes))?,
         };
         Ok(Self { definition, rows, job, hash: hexadecimal(&hash.finalize()) })

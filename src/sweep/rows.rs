@@ -6,8 +6,9 @@ use std::sync::{Mutex, PoisonError};
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
-use super::MOST_ROWS;
 use super::axis::Axis;
+use super::definition::Definition;
+use super::{MOST_FAULTS, MOST_ROWS, warm};
 use crate::contract::{ErrorCode, Problem, StrictValue, json};
 
 /// Longest line of a file, bytes: a request with the longest arrays fits.
@@ -124,24 +125,38 @@ impl Lines {
     /// Blank lines are none.
     ///
     /// # Errors
-    /// Lines that are no JSON objects, as many as [`super::MOST_FAULTS`], by their numbers in the file.
-    pub(super) fn find(mut source: Box<dyn Source>, start: u64, hash: &mut Sha256) -> Result<Self, Problem> {
+    /// Lines that are no JSON objects or have a plan where the row before gives one, by their numbers in the file: the first
+    /// [`MOST_FAULTS`], and how many others there are.
+    pub(super) fn find(
+        mut source: Box<dyn Source>,
+        start: u64,
+        definition: &Definition,
+        hash: &mut Sha256,
+    ) -> Result<Self, Problem> {
         let unreadable = |error: std::io::Error| Problem::new(ErrorCode::MalformedBody, error.to_string());
         source.seek(SeekFrom::Start(start)).map_err(unreadable)?;
         let (mut starts, mut at, mut in_file) = (Vec::new(), start, 1_u64);
         let mut reader = BufReader::with_capacity(1 << 16, &mut source);
-        let mut line = Vec::new();
+        let (mut line, mut faults) = (Vec::new(), LineFaults::default());
         loop {
             line.clear();
-            let length = reader.by_ref().take(LONGEST_LINE + 1).read_until(b'\n', &mut line).map_err(unreadable)?;
+            let mut length = reader.by_ref().take(LONGEST_LINE + 1).read_until(b'\n', &mut line).map_err(unreadable)?;
             if length == 0 {
                 break;
             }
+            if length as u64 > LONGEST_LINE && !line.ends_with(b"\n") {
+                length += reader.skip_until(b'\n').map_err(unreadable)?;
+            }
             in_file += 1;
             if !line.trim_ascii().is_empty() {
-                let value = object_of(&line).map_err(|problem| of_line(in_file, &problem))?;
-                hash.update(b"\n");
-                hash.update(json::write(&value));
+                let read = object_of(&line).and_then(|value| warm::check_line(definition, &value).map(|()| value));
+                match read {
+                    Ok(value) => {
+                        hash.update(b"\n");
+                        hash.update(json::write(&value));
+                    }
+                    Err(problem) => faults.add(in_file, &problem),
+                }
                 starts.push(at);
                 if starts.len() as u64 > MOST_ROWS {
                     let text = format!("there are more lines than {MOST_ROWS}");
@@ -150,6 +165,7 @@ impl Lines {
             }
             at += length as u64;
         }
+        faults.finish()?;
         starts.push(at);
         drop(reader);
         Ok(Self { source: Mutex::new(source), starts })
@@ -183,8 +199,36 @@ fn object_of(line: &[u8]) -> Result<Value, Problem> {
     Ok(value)
 }
 
-fn of_line(in_file: u64, problem: &Problem) -> Problem {
-    Problem::new(problem.code(), format!("line {in_file}: {}", problem.detail()))
+/// Lines that are no rows.
+#[derive(Default)]
+struct LineFaults {
+    /// The first of them.
+    first: Option<Problem>,
+    count: usize,
+}
+
+impl LineFaults {
+    fn add(&mut self, in_file: u64, problem: &Problem) {
+        self.count += 1;
+        if self.count <= MOST_FAULTS {
+            self.put(problem.code(), format!("line {in_file}: {}", problem.detail()));
+        }
+    }
+
+    fn put(&mut self, code: ErrorCode, text: String) {
+        let problem = Problem::at_field(code, "#".to_owned(), text);
+        self.first = Some(match self.first.take() {
+            Some(first) => first.and(problem),
+            None => problem,
+        });
+    }
+
+    fn finish(mut self) -> Result<(), Problem> {
+        if let Some(others) = self.count.checked_sub(MOST_FAULTS).filter(|others| *others > 0) {
+            self.put(ErrorCode::MalformedBody, format!("{others} more lines are no rows"));
+        }
+        self.first.map_or(Ok(()), Err)
+    }
 }
 
 /// Merges a patch over a value, by RFC 7396: objects are merged, null removes, all else replaces.

@@ -11,6 +11,7 @@ use crate::service::Job as _;
 
 /// The field of a request that a plan goes to.
 const GUESS: &str = "initial_guess";
+const ABSENT_RULE: &str = "absent where `warm_start` is true";
 
 /// The plan of a row, for the next one.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,7 +36,24 @@ pub(super) fn check(definition: &Definition) -> Result<(), Problem> {
     }
     let mut checks = Checks::new();
     let is_absent = definition.base.get(GUESS).is_none();
-    checks.require("request.initial_guess", "given", is_absent, "absent where `warm_start` is true", None);
+    checks.require("request.initial_guess", "given", is_absent, ABSENT_RULE, None);
+    for (index, axis) in definition.axes.iter().enumerate() {
+        for (name, path) in axis.fields() {
+            let is_other = FieldPath::parse(GUESS).is_some_and(|guess| !guess.overlaps(path));
+            checks.require(&format!("axes[{index}].field"), format!("`{name}`"), is_other, ABSENT_RULE, None);
+        }
+    }
+    Ok(checks.finish()?)
+}
+
+/// Whether the row of a line can begin with a plan, where the file asks for it.
+///
+/// # Errors
+/// `invalid_value` where it has one of its own.
+pub(super) fn check_line(definition: &Definition, line: &Value) -> Result<(), Problem> {
+    let mut checks = Checks::new();
+    let is_absent = line.get(GUESS).is_none_or(Value::is_null);
+    checks.require(GUESS, "given", is_absent || !definition.warm_start, ABSENT_RULE, None);
     Ok(checks.finish()?)
 }
 

@@ -151,6 +151,11 @@ fn what_is_no_sweep_is_refused() {
     assert!(warm[0].contains("`warm_start` is true, must be false for `simulate`"), "{warm:?}");
     let guessed = json!({"job": "solve", "request": {"initial_guess": {}}, "warm_start": true});
     assert!(faults(&guessed)[0].contains("`request.initial_guess` is given"));
+    let axes = json!([{"field": "solver.seed", "values": [1]}, {"field": "initial_guess.final_time_s", "values": [1]}]);
+    let guessed = faults(&json!({"job": "solve", "request": {}, "axes": axes, "warm_start": true}));
+    let expected =
+        "#/axes/1/field `axes[1].field` is `initial_guess.final_time_s`, must be absent where `warm_start` is true";
+    assert_eq!(guessed, [expected]);
     for (text, fault) in [
         (r#"{"job": "solve", "request": {"view": "plan", "view": "full"}}"#, "duplicate field `view`"),
         (r#"{"job": "solve", "request": {}, "rows": 1}"#, "unknown field `rows`"),
@@ -162,6 +167,24 @@ fn what_is_no_sweep_is_refused() {
         let problem = read(text).err().unwrap_or_else(|| panic!("{text} is accepted"));
         assert!(problem.to_string().contains(fault), "{text}: {problem}");
     }
+}
+
+#[test]
+fn all_faulty_lines_are_named_at_once() {
+    let lines = |warm_start: bool, lines: &str| {
+        let head = json!({"job": "solve", "request": {}, "warm_start": warm_start});
+        let problem = read(&format!("{head}\n{lines}")).err().unwrap();
+        problem.errors().iter().map(|error| error.message.clone()).collect::<Vec<_>>()
+    };
+    let long = " ".repeat(9 << 20);
+    let found =
+        lines(true, &format!("{{}}\n[1]\n\n{{{long}}}\n{{\"initial_guess\": {{}}}}\n{{\"initial_guess\": null}}\n{{"));
+    let beginnings =
+        ["line 3: ", "line 5: it is longer", "line 6: `initial_guess` is given, must be absent", "line 8: "];
+    assert_eq!(found.len(), beginnings.len(), "{found:?}");
+    assert!(found.iter().zip(beginnings).all(|(fault, beginning)| fault.starts_with(beginning)), "{found:?}");
+    let many = lines(false, &"[]\n".repeat(23));
+    assert_eq!((many.len(), many[20].as_str()), (21, "3 more lines are no rows"));
 }
 
 #[test]
