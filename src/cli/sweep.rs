@@ -147,9 +147,10 @@ pub(super) fn to_be_continued(why: &str) -> ExitCode {
 
 pub(super) fn refused_folder(error: ResultsError) -> anyhow::Result<ExitCode> {
     match error {
-        ResultsError::Locked { .. } | ResultsError::Foreign { .. } | ResultsError::Empty { .. } => {
-            Ok(refused(&error.to_string()))
-        }
+        ResultsError::Locked { .. }
+        | ResultsError::Foreign { .. }
+        | ResultsError::Empty { .. }
+        | ResultsError::Overlapping { .. } => Ok(refused(&error.to_string())),
         ResultsError::Damaged { .. } | ResultsError::Unreadable { .. } | ResultsError::Unwritable { .. } => {
             Err(error.into())
         }

@@ -23,6 +23,18 @@ impl Shard {
         let step = usize::try_from(self.of).unwrap_or(usize::MAX);
         (self.index..count).step_by(step)
     }
+
+    /// Whether a chunk belongs to it.
+    pub(super) fn has(self, chunk: u64) -> bool {
+        chunk % self.of == self.index
+    }
+
+    /// Whether another one has chunks of this one, of so many.
+    pub(super) fn overlaps(self, other: Self, count: u64) -> bool {
+        // After as many steps as the other has shares, remainders repeat.
+        let differing = usize::try_from(other.of).unwrap_or(usize::MAX);
+        self.chunks(count).take(differing).any(|chunk| other.has(chunk))
+    }
 }
 
 impl fmt::Display for Shard {
@@ -54,6 +66,16 @@ mod tests {
         chunks.sort_unstable();
         assert_eq!(chunks, (0..8).collect::<Vec<_>>());
         assert_eq!(Shard::WHOLE.chunks(2).collect::<Vec<_>>(), [0, 1]);
+    }
+
+    #[test]
+    fn shards_overlap_where_they_have_a_chunk_together() {
+        let overlap = |one: (u64, u64), other: (u64, u64), count| {
+            let [one, other] = [one, other].map(|(index, of)| Shard { index, of });
+            one.overlaps(other, count)
+        };
+        assert!(overlap((0, 1), (0, 1), 1) && overlap((0, 2), (2, 4), 3) && overlap((1, 2), (0, 3), 4));
+        assert!(!overlap((0, 2), (1, 2), 9) && !overlap((0, 2), (1, 4), 9) && !overlap((1, 2), (0, 3), 3));
     }
 
     #[test]

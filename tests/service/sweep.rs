@@ -94,6 +94,8 @@ fn killed_sweeps_and_shards_come_to_the_rows_of_an_undisturbed_one() {
     assert_eq!(rows(&[&shards[0], &shards[1]]), expected);
     let both = run(&["--status", "--out", &shards[0], "--out", &shards[1]]);
     assert!(String::from_utf8(both.stdout).unwrap().starts_with("42 of 42 rows, 42 converged\n"));
+    let overlapping = refused(&["--status", "--out", &shards[0], "--out", &shards[1], "--out", &shards[0]]);
+    assert!(overlapping.contains("are for the same rows"), "{overlapping}");
 }
 
 #[test]
@@ -164,6 +166,7 @@ fn damaged_lines_are_told_and_nothing_is_lost() {
         lines.collect::<Vec<_>>().join("\n") + "\n"
     };
     let renumbered = rows.lines().nth(2).unwrap().replace("\"row\":", "\"row\":1");
+    let header = folder.read("out/sweep.json");
     for third in ["garbage", renumbered.as_str()] {
         fs::write(folder.0.join("out/rows-0000.jsonl"), damaged(third)).unwrap();
         for arguments in [vec!["--status", "--out", &out], vec![&file, "--out", &out]] {
@@ -174,6 +177,11 @@ fn damaged_lines_are_told_and_nothing_is_lost() {
         }
         assert_eq!((folder.read("out/rows-0000.jsonl"), folder.read("out/rows.csv")), (damaged(third), table.clone()));
     }
+    // Rows of the other shard: the second chunk has two.
+    fs::write(folder.0.join("out/rows-0000.jsonl"), rows).unwrap();
+    fs::write(folder.0.join("out/sweep.json"), header.replace("\"of\": 1", "\"of\": 2")).unwrap();
+    let output = run(&["--status", "--out", &out]);
+    assert!(String::from_utf8(output.stderr).unwrap().contains("is no row of this sweep and shard"));
 }
 
 #[test]

@@ -24,6 +24,14 @@ pub enum ResultsError {
         /// What was to be added.
         given: String,
     },
+    /// Two folders are for the same rows.
+    #[error("{} and {} are for the same rows, must be of different shards", one.display(), other.display())]
+    Overlapping {
+        /// One of them.
+        one: PathBuf,
+        /// The other one.
+        other: PathBuf,
+    },
     /// There are no results.
     #[error("{} has no results of a sweep", folder.display())]
     Empty {

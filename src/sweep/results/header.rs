@@ -74,6 +74,16 @@ impl Header {
         }
     }
 
+    /// Whether a row belongs to this shard.
+    pub(super) fn has(&self, row: u64) -> bool {
+        row < self.rows && self.shard.has(row / self.chunk_rows)
+    }
+
+    /// Whether the shard of another folder has rows of this one.
+    pub(super) fn overlaps(&self, other: &Self) -> bool {
+        self.shard.overlaps(other.shard, self.rows.div_ceil(self.chunk_rows))
+    }
+
     /// Rows that this shard has in the end.
     pub fn rows_of_shard(&self) -> u64 {
         let chunks = self.rows.div_ceil(self.chunk_rows);

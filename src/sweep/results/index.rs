@@ -23,7 +23,7 @@ impl Index {
     /// Finds all rows of the folders.
     ///
     /// # Errors
-    /// Where one of them has no results, or not of the same sweep, or cannot be read.
+    /// Where one of them has no results, or not of the same sweep, or the rows of another one, or cannot be read.
     pub fn of(folders: &[PathBuf]) -> Result<Self, ResultsError> {
         let headers: Result<Vec<_>, _> = folders.iter().map(|folder| known_header(folder)).collect();
         let headers = headers?;
@@ -34,11 +34,15 @@ impl Index {
         let (mut places, mut counted) = (Vec::new(), super::RowSet::of(header.rows));
         for (folder, (path, of_folder)) in folders.iter().zip(&headers).enumerate() {
             Header { shard: of_folder.shard, ..header.clone() }.check_same(of_folder, path)?;
+            if let Some(other) = headers[..folder].iter().position(|other| other.overlaps(of_folder)) {
+                let (one, other) = (folders[other].clone(), path.clone());
+                return Err(ResultsError::Overlapping { one, other });
+            }
             progress.rows += of_folder.rows_of_shard();
             let cannot_read = |error| ResultsError::cannot_read(path, &error);
             for part in parts::numbers(path).map_err(cannot_read)? {
                 let take = |place: Place, line: &[u8]| {
-                    let Some(head) = Head::read(line, &header) else { return false };
+                    let Some(head) = Head::read(line, of_folder) else { return false };
                     if counted.insert(head.row) {
                         progress.count_stored(&head);
                         places.push((head.row, folder, place));

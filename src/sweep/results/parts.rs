@@ -139,7 +139,8 @@ pub(super) fn scan(
 }
 
 fn no_row(file: PathBuf, offset: u64) -> ResultsError {
-    let fault = format!("what begins at byte {offset} is no row of this sweep; without it, its row is done again");
+    let fault =
+        format!("what begins at byte {offset} is no row of this sweep and shard; without it, its row is done again");
     ResultsError::Damaged { file, fault }
 }
 

@@ -52,11 +52,11 @@ pub(super) struct Head<'a> {
 }
 
 impl<'a> Head<'a> {
-    /// Reads a line, where it is a row of this sweep.
+    /// Reads a line, where it is a row of this shard of the sweep.
     pub(super) fn read(line: &'a [u8], header: &Header) -> Option<Self> {
         let head: Self = serde_json::from_slice(line).ok()?;
         let (sweep, number) = head.key.rsplit_once('-')?;
-        let is_of_sweep = sweep == header.sweep && number.parse() == Ok(head.row) && head.row < header.rows;
+        let is_of_sweep = sweep == header.sweep && number.parse() == Ok(head.row) && header.has(head.row);
         (is_of_sweep && head.answer.is_some() != head.problem.is_some()).then_some(head)
     }
 }
