@@ -75,8 +75,8 @@ impl Values {
     }
 }
 
-/// Whole numbers beyond this have neighbours that a double does not tell apart.
-const LARGEST_WHOLE: f64 = 9_007_199_254_740_992.0;
+/// A double tells whole numbers up to this from all their neighbours.
+const LARGEST_WHOLE: f64 = 9_007_199_254_740_991.0;
 
 /// The number at `place` of `steps` from one end to the other; both ends exactly.
 fn between(from: f64, to: f64, place: u64, steps: u64) -> f64 {
@@ -100,7 +100,7 @@ fn between(from: f64, to: f64, place: u64, steps: u64) -> f64 {
 }
 
 fn number(value: f64, whole: bool) -> Value {
-    #[expect(clippy::cast_possible_truncation, reason = "whole ends are within 2^53")]
+    #[expect(clippy::cast_possible_truncation, reason = "whole ends are below 2^53")]
     if whole && value.fract() == 0.0 { Value::from(value as i64) } else { Value::from(value) }
 }
 
@@ -177,14 +177,16 @@ impl Axis {
 
 fn range(from: &Number, to: &Number, count: u64, checks: &mut Checks) -> Option<Values> {
     checks.bounds("count", count as f64, &COUNT_RULE);
-    let ends = [from, to];
-    // Half the largest double, so that sums of the two are numbers.
-    let rule = Rule::within_magnitude(if ends.iter().all(|end| !end.is_f64()) { LARGEST_WHOLE } else { 1e150 }, "");
-    let [from, to] = ends.map(|end| end.as_f64().unwrap_or(f64::NAN));
-    checks.bounds("from", from, &rule);
-    checks.bounds("to", to, &rule);
-    let is_valid = rule.admits(from) && rule.admits(to) && COUNT_RULE.admits(count as f64);
-    is_valid.then(|| Values::Range { from, to, count, whole: ends.iter().all(|end| !end.is_f64()) })
+    let ends = [("from", from), ("to", to)];
+    let values = ends.map(|(name, end)| {
+        let value = end.as_f64().unwrap_or(f64::NAN);
+        // Far from the largest double, so that sums of the two are numbers.
+        let rule = Rule::within_magnitude(if end.is_f64() { 1e150 } else { LARGEST_WHOLE }, "");
+        checks.bounds(name, value, &rule);
+        rule.admits(value).then_some(value)
+    });
+    let ([Some(from), Some(to)], true) = (values, COUNT_RULE.admits(count as f64)) else { return None };
+    Some(Values::Range { from, to, count, whole: ends.iter().all(|(_, end)| !end.is_f64()) })
 }
 
 #[cfg(test)]

@@ -113,6 +113,7 @@ fn all_faults_of_a_file_are_named_at_once() {
             {"field": "solver", "values": [{}]},
             {"field": "solver.starts", "from": 1, "to": 2, "count": 1},
             {"paired": [{"field": "view", "values": ["plan"]}, {"field": "grid.steps", "values": [1, 2]}]},
+            {"field": "solver.rollout_limit", "from": 0.5, "to": 9_007_199_254_740_993_u64, "count": 2},
         ],
         "chunk_rows": 0,
         "columns": ["[0]"],
@@ -126,6 +127,7 @@ fn all_faults_of_a_file_are_named_at_once() {
         "#/axes/2/values",
         "#/axes/4/count `axes[4].count` is 1, must be between 2 and",
         "#/axes/5/paired/1 `axes[5].paired[1]` is 2 items long, must be as long as the first: 1 items",
+        "#/axes/6/to `axes[6].to` is 9007199254740992, must be between -9007199254740991 and 9007199254740991",
     ] {
         assert!(found.iter().any(|fault| fault.starts_with(expected)), "{expected} is missing in {found:#?}");
     }
