@@ -40,6 +40,9 @@ pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
                 Ok(sweep) => sweep,
                 Err(problem) => return Ok(super::refuse(&problem)),
             };
+            if let Some(Err(unfit)) = arguments.figure.as_ref().map(|of| sweep.check_map(of)) {
+                return Ok(refused(&unfit.to_string()));
+            }
             #[cfg(feature = "nats")]
             if arguments.nats.is_asked_for() && !arguments.count {
                 return super::sweep_nats::sweep(&sweep, folders, arguments);

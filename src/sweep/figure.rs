@@ -1,9 +1,11 @@
 //! A map of two fields of a sweep: what a third value is over them.
 
+use std::collections::BTreeSet;
 use std::str::FromStr;
 
 use serde_json::Value;
 
+use super::Sweep;
 use super::definition::{Definition, Followed};
 use super::path::FieldPath;
 use super::results::{Index, ResultsError, StoredRow};
@@ -76,6 +78,40 @@ pub enum MapError {
     Unfit(String),
 }
 
+/// The axes of a map and what else is chosen, by the full names of their fields.
+struct Named<'a> {
+    axes: [&'a str; 2],
+    only: Vec<(&'a str, Value)>,
+}
+
+impl MapOf {
+    fn named<'a>(&self, fields: &'a [String]) -> Result<Named<'a>, MapError> {
+        let named = |name: &str| full_name(name, fields);
+        let axes = [named(&self.across)?, named(&self.up)?];
+        if axes[0] == axes[1] {
+            return Err(MapError::Unfit(format!("both axes are `{}`, must differ", axes[0])));
+        }
+        let only = self.only.iter().map(|(name, value)| Ok((named(name)?, value.clone())));
+        Ok(Named { axes, only: only.collect::<Result<_, MapError>>()? })
+    }
+}
+
+impl Sweep {
+    /// Whether there are the fields of a map, before any row has run.
+    ///
+    /// # Errors
+    /// Where a field does not differ, or may be each of several.
+    pub fn check_map(&self, of: &MapOf) -> Result<(), MapError> {
+        let mut fields = self.rows.field_names();
+        if fields.is_empty() {
+            let rows = (0..self.row_count()).filter_map(|row| self.row(row).ok());
+            let names: BTreeSet<_> = rows.flat_map(|row| row.fields).map(|(name, _)| name).collect();
+            fields.extend(names);
+        }
+        of.named(&fields).map(drop)
+    }
+}
+
 /// A row of the map: places along its axes, and what is there.
 struct Entry {
     row: u64,
@@ -89,13 +125,7 @@ struct Entry {
 /// Where a field does not differ or has no numbers, two rows have one place, or the results cannot be read.
 pub fn map(index: &Index, of: &MapOf) -> Result<String, MapError> {
     let fields = index.fields()?;
-    let named = |name: &str| full_name(name, &fields);
-    let (across, up) = (named(&of.across)?, named(&of.up)?);
-    let only = of.only.iter().map(|(name, value)| Ok((named(name)?, value.clone())));
-    let only = only.collect::<Result<Vec<_>, MapError>>()?;
-    if across == up {
-        return Err(MapError::Unfit(format!("both axes are `{across}`, must differ")));
-    }
+    let Named { axes: [across, up], only } = of.named(&fields)?;
     let value = FieldPath::parse(&of.value).ok_or_else(|| MapError::Unfit(format!("`{}` is no path", of.value)))?;
     let mut entries = Vec::new();
     for row in index.rows() {

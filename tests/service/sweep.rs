@@ -197,6 +197,12 @@ fn faults_of_rows_are_told_before_anything_runs() {
     let file = written(&folder, "good.json", &rests(5));
     let counted = String::from_utf8(run(&[&file, "--count"]).stdout).unwrap();
     assert!(counted.starts_with("rows    5\nchunks  2\n"), "{counted}");
+    let unfit = refused(&[&file, "--out", &folder.file("out"), "--figure", "seed,goal.z_m,final_time_s"]);
+    assert!(unfit.contains("`goal.z_m` does not differ") && !folder.0.join("out").exists(), "{unfit}");
+    let lines = "{\"job\": \"solve\", \"request\": {}}\n{\"view\": \"plan\"}\n{\"solver\": {\"seed\": 1}}\n";
+    folder.write("lines.jsonl", lines);
+    let unfit = refused(&[&folder.file("lines.jsonl"), "--count", "--figure", "seed,view,final_time_s,y_m=1"]);
+    assert!(unfit.contains("`y_m` does not differ from row to row; solver.seed, view do"), "{unfit}");
     assert!(refused(&[]).contains("neither a file nor `--out`"));
     assert!(refused(&[&file]).contains("one `--out`"));
 }
