@@ -48,7 +48,7 @@ pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
                 return super::sweep_nats::sweep(&sweep, folders, arguments);
             }
             match folders {
-                _ if arguments.count => Ok(counted(&sweep, arguments)),
+                _ if arguments.count => counted(&sweep, arguments),
                 [folder] => run(&sweep, folder, arguments),
                 _ => Ok(refused("there must be one `--out` for the results, or `--count`")),
             }
@@ -75,12 +75,23 @@ fn read(file: &Path, jobs: &Jobs) -> anyhow::Result<Result<Sweep, Problem>> {
 }
 
 /// Says how much there is, and judges all of it.
-fn counted(sweep: &Sweep, arguments: &SweepArguments) -> ExitCode {
-    println!("rows    {}\nchunks  {}\nhash    {}", sweep.row_count(), sweep.chunk_count(), sweep.hash());
-    match sweep.check(arguments.shard, workers(arguments)) {
+fn counted(sweep: &Sweep, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    let (rows, chunks, hash) = (sweep.row_count(), sweep.chunk_count(), sweep.hash());
+    say(&format!("rows    {rows}\nchunks  {chunks}\nhash    {hash}\n"))?;
+    Ok(match sweep.check(arguments.shard, workers(arguments)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(faults) => refused_rows(&faults),
-    }
+    })
+}
+
+/// Writes to standard output; where its reader has left, nobody is to be told.
+fn say(words: &str) -> anyhow::Result<()> {
+    let mut output = io::stdout().lock();
+    let written = output.write_all(words.as_bytes()).and_then(|()| output.flush());
+    let has_left = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;
+    written
+        .or_else(|error| if has_left(&error) { Ok(()) } else { Err(error) })
+        .context("standard output cannot be written")
 }
 
 pub(super) fn refused_rows(faults: &RowFaults) -> ExitCode {
@@ -132,11 +143,15 @@ fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::R
 /// Shows what is complete; the exit code says whether all rows have answers.
 pub(super) fn complete(progress: &Progress, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
     let index = Index::of(std::slice::from_ref(folder))?;
-    let shown = write_shown(&index, folder, arguments)?;
-    if shown != ExitCode::SUCCESS {
-        return Ok(shown);
+    Ok(write_shown(&index, folder, arguments)?.unwrap_or_else(|| code_of(progress)))
+}
+
+fn code_of(progress: &Progress) -> ExitCode {
+    match progress {
+        _ if !progress.is_complete() => ExitCode::from(EXIT_TO_BE_CONTINUED),
+        Progress { failed: 0, .. } => ExitCode::SUCCESS,
+        Progress { .. } => ExitCode::FAILURE,
     }
-    Ok(if progress.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 pub(super) fn workers(arguments: &SweepArguments) -> NonZeroUsize {
@@ -166,28 +181,29 @@ fn shown(arguments: &SweepArguments, folders: &[PathBuf]) -> anyhow::Result<Exit
         Ok(status) => status,
         Err(error) => return refused_folder(error),
     };
-    let header = &status.index.header;
-    println!("{}", status.index.progress);
-    println!("job     {}\nhash    {}\nsolver  {}", header.job, header.sweep, header.solver_version);
+    let (header, progress) = (&status.index.header, &status.index.progress);
+    let (job, hash, version) = (&header.job, &header.sweep, &header.solver_version);
+    say(&format!("{progress}\njob     {job}\nhash    {hash}\nsolver  {version}\n"))?;
     for folder in &status.in_use {
-        println!("{} is written to by another process", folder.display());
+        say(&format!("{} is written to by another process\n", folder.display()))?;
     }
-    write_shown(&status.index, &folders[0], arguments)
+    Ok(write_shown(&status.index, &folders[0], arguments)?.unwrap_or_else(|| code_of(progress)))
 }
 
-/// The table where columns were chosen and the map that is asked for, beside the results of the first folder.
-fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+/// The table where columns were chosen and the map that is asked for, beside the results of the first folder; gives the
+/// exit code where there is no such map.
+fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<Option<ExitCode>> {
     if !index.header.columns.is_empty() {
         write_beside(&folder.join(CSV_FILE), |output| Ok(sweep::write_csv(index, output)?))?;
     }
-    let Some(of) = &arguments.figure else { return Ok(ExitCode::SUCCESS) };
+    let Some(of) = &arguments.figure else { return Ok(None) };
     let svg = match sweep::map(index, of) {
         Ok(svg) => svg,
-        Err(unfit @ MapError::Unfit(_)) => return Ok(refused(&unfit.to_string())),
+        Err(unfit @ MapError::Unfit(_)) => return Ok(Some(refused(&unfit.to_string()))),
         Err(error @ MapError::Results(_)) => return Err(error.into()),
     };
     write_beside(&folder.join(MAP_FILE), |output| Ok(output.write_all(svg.as_bytes())?))?;
-    Ok(ExitCode::SUCCESS)
+    Ok(None)
 }
 
 /// Writes a file that another one may read meanwhile: whole or not at all.

@@ -253,6 +253,22 @@ fn signals_end_a_sweep_that_can_go_on() {
     assert_eq!(output.status.code(), Some(75), "{said}");
     assert!(said.contains("of 400 rows") && said.contains("the same command goes on from here"), "{said}");
     assert!(rows(&[&out]).len() >= 2);
+    assert_eq!(run(&["--status", "--out", &out]).status.code(), Some(75));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn output_that_cannot_be_written_is_told_and_readers_may_leave() {
+    let folder = Folder::new("sweep-output");
+    let file = written(&folder, "rests.json", &rests(2));
+    let counted = |output: Stdio| slipdrive().args(["sweep", &file, "--count"]).stdout(output).output().unwrap();
+    let full = counted(OpenOptions::new().write(true).open("/dev/full").unwrap().into());
+    let said = String::from_utf8(full.stderr).unwrap();
+    assert!(full.status.code() == Some(1) && said.contains("standard output cannot be written: No space"), "{said}");
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let left = counted(writer.into());
+    assert_eq!((left.status.code(), left.stderr.as_slice()), (Some(0), &b""[..]));
 }
 
 #[tokio::test]
