@@ -162,6 +162,11 @@ async fn certificate_needs_the_end_that_the_answer_states() {
     let other = presented(&server, &presentation(&other, &answer)).await["plans"][0].clone();
     assert_eq!(other["certificate"], json!([]));
     assert!(texts(&other["details"]).contains("away from the goal of the request in y_m"), "{other}");
+    let mut late = answer.clone();
+    late["final_time_s"] = json!(99);
+    let late = presented(&server, &presentation(&request, &late)).await["plans"][0].clone();
+    assert_eq!((&late["certificate"], &late["end_difference"]), (&json!([]), &json!(0.0)));
+    assert!(texts(&late["details"]).contains("its final_time_s is 99: they do not belong together"), "{late}");
     let mut endless = answer.clone();
     endless["end_state"] = Value::Null;
     let endless = presented(&server, &presentation(&request, &endless)).await["plans"][0].clone();

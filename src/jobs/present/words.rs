@@ -29,6 +29,12 @@ pub(super) fn of_plan(label: &str, plan: &AcceptedPlan, motion: &Trajectory) -> 
                 certificate.clear();
                 details.push(other_goal(error));
             }
+            let time = plan.motion.schedule.final_time;
+            let agrees = (answer.final_time_s - time).abs() <= END_TOLERANCE * time.max(1.0);
+            if claims_goal(answer) && !agrees {
+                certificate.clear();
+                details.push(other_time(answer.final_time_s, time));
+            }
             (headline(answer), details, certificate, answer.end_state)
         }
         Said::Simulate(answer) => {
@@ -62,6 +68,13 @@ fn other_goal((field, error): (&str, f64)) -> String {
         "The motion, rolled out again, ends {} away from the goal of the request in {field}: request and answer do not belong \
          together. Nothing is claimed for it.",
         short(error)
+    )
+}
+
+fn other_time(said: f64, time: f64) -> String {
+    format!(
+        "The torques of the answer last {time} s, its final_time_s is {said}: they do not belong together. Nothing is claimed \
+         for it."
     )
 }
 
