@@ -92,8 +92,9 @@ impl HeatMap {
             let levels = ticks([low, high], 7.0);
             grid.draw_colours(self, [low, high], &mut svg);
             let inner: Vec<_> = levels.values.iter().copied().filter(|level| *level > low && *level < high).collect();
+            let mut labelled = Vec::new();
             for level in &inner {
-                grid.draw_contour(self, *level, &levels.label(*level), &mut svg);
+                grid.draw_contour(self, (*level, &levels.label(*level)), &mut labelled, &mut svg);
             }
             draw_scale(&self.value, [low, high], inner.iter().map(|level| (*level, levels.label(*level))), &mut svg);
         }
@@ -211,7 +212,14 @@ impl Grid {
         }
     }
 
-    fn draw_contour(&self, map: &HeatMap, level: f64, label: &str, svg: &mut Svg) {
+    /// A contour with its label, unless that hides one that is there.
+    fn draw_contour(
+        &self,
+        map: &HeatMap,
+        (level, label): (f64, &str),
+        labelled: &mut Vec<[[f64; 2]; 2]>,
+        svg: &mut Svg,
+    ) {
         let values: Vec<_> = map.cells.iter().map(|cell| cell.value().unwrap_or(f64::NAN)).collect();
         let lines = Field { across: &self.middles[0], up: &self.middles[1], values: &values }.lines(level);
         for paint in [&HALO, &CONTOUR] {
@@ -221,8 +229,14 @@ impl Grid {
         if let Some(line) = longest.filter(|line| length(line) > SHORTEST_LABELLED) {
             let [x, y] = middle_of(line);
             let half = 3.2 * label.chars().count() as f64 + 3.0;
-            svg.rectangle([x - half, y - 7.0], [x + half, y + 7.0], &LABEL);
-            svg.text([x, y + 4.0], Anchor::Middle, 11.0, label);
+            let [from, to] = [[x - half, y - 7.0], [x + half, y + 7.0]];
+            let hides =
+                |other: &[[f64; 2]; 2]| (0..2).all(|axis| from[axis] < other[1][axis] && other[0][axis] < to[axis]);
+            if !labelled.iter().any(hides) {
+                labelled.push([from, to]);
+                svg.rectangle(from, to, &LABEL);
+                svg.text([x, y + 4.0], Anchor::Middle, 11.0, label);
+            }
         }
     }
 
@@ -345,6 +359,17 @@ mod tests {
             let svg = map(cells, 1, 1).svg();
             assert!(svg.starts_with("<svg") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         }
+    }
+
+    #[test]
+    fn labels_of_contours_do_not_overlap() {
+        let counts = |svg: &str| ["sd-label", "sd-contour"].map(|class| svg.matches(class).count());
+        // A cliff from 0 to 10: its four lines run side by side within the distance of two cells. Each has a mark at the scale.
+        let cells = (0..60 * 60).map(|index| MapCell::Value(if index % 60 < 30 { 0.0 } else { 10.0 }));
+        assert_eq!(counts(&map(cells.collect(), 60, 60).svg()), [1, 8]);
+        // A slope over the whole width, with five.
+        let cells = (0..60 * 60).map(|index| MapCell::Value(f64::from(index % 60)));
+        assert_eq!(counts(&map(cells.collect(), 60, 60).svg()), [5, 10]);
     }
 
     #[test]

@@ -130,13 +130,24 @@ impl Frame {
         self.map(panel)
     }
 
-    fn draw_ticks(&self, panel: &Panel, svg: &mut Svg) {
-        let [[left, right], [lower, upper]] = self.px;
-        let [first, last] = self.data[1];
-        let of_up = [first.min(last), first.max(last)];
+    fn up_ticks(&self, panel: &Panel) -> Ticks {
+        let ([lower, upper], [first, last]) = (self.px[1], self.data[1]);
         // Squares where both have one scale.
         let spacing = if panel.equal { 55.0 } else { 27.0 };
-        let (across, up) = (ticks(self.data[0], (right - left) / 55.0), ticks(of_up, (lower - upper) / spacing));
+        ticks([first.min(last), first.max(last)], (lower - upper) / spacing)
+    }
+
+    /// The room left of the panel that its numbers need, px.
+    pub(super) fn room_of_labels(&self, panel: &Panel) -> f64 {
+        let ticks = self.up_ticks(panel);
+        let longest = ticks.values.iter().map(|tick| ticks.label(*tick).chars().count()).max();
+        // Digits of the widest usual font, and the distance of the numbers.
+        8.0 + 7.0 * longest.unwrap_or_default() as f64
+    }
+
+    fn draw_ticks(&self, panel: &Panel, svg: &mut Svg) {
+        let [[left, right], [lower, upper]] = self.px;
+        let (across, up) = (ticks(self.data[0], (right - left) / 55.0), self.up_ticks(panel));
         for tick in &across.values {
             let [x, _] = self.place([*tick, self.data[1][0]]);
             svg.lines([&[[x, lower], [x, upper]][..]].into_iter(), false, &GRID);
@@ -217,13 +228,17 @@ pub(super) fn ticks([low, high]: [f64; 2], count: f64) -> Ticks {
 impl Ticks {
     /// What stands beside a tick.
     pub(super) fn label(&self, value: f64) -> String {
-        let magnitude = self.step.abs().log10().floor();
-        if !(-5.0..5.0).contains(&magnitude) {
-            return format!("{value:.1e}").replace('-', "\u{2212}");
-        }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 5")]
-        let decimals = (-magnitude).max(0.0) as usize;
-        format!("{value:.decimals$}").replace('-', "\u{2212}")
+        let magnitude = |value: f64| value.abs().log10().floor();
+        let largest = self.values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+        let of_step = magnitude(self.step);
+        // Small steps between numbers that are not small have plain numbers too.
+        let is_plain = (-5.0..5.0).contains(&of_step) || (of_step < 0.0 && magnitude(largest) >= -3.0);
+        // As many digits as tell neighbours apart.
+        let digits = if is_plain { -of_step } else { (magnitude(value) - of_step).max(1.0) };
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "no more than a double has")]
+        let digits = digits.clamp(0.0, 17.0) as usize;
+        let label = if is_plain { format!("{value:.digits$}") } else { format!("{value:.digits$e}") };
+        label.replace('-', "\u{2212}")
     }
 }
 
@@ -241,6 +256,9 @@ mod tests {
         assert_eq!(labels([-0.11, 0.21], 4.0), ["\u{2212}0.1", "0.0", "0.1", "0.2"]);
         assert_eq!(labels([0.0, 3e-6], 3.0), ["0.0e0", "1.0e\u{2212}6", "2.0e\u{2212}6", "3.0e\u{2212}6"]);
         assert!(labels([1e8, 1e8 + 1.0], 3.0).len() >= 2);
+        assert_eq!(labels([0.3, 0.300_02], 3.0), ["0.30000", "0.30001", "0.30002"]);
+        assert_eq!(labels([0.3, 0.300_002], 3.0), ["0.300000", "0.300001", "0.300002"]);
+        assert_eq!(labels([1e7, 1.1e7], 3.0), ["1.00e7", "1.05e7", "1.10e7"]);
     }
 
     #[test]

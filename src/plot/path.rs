@@ -216,7 +216,7 @@ fn keys_of_path(plans: &[Plan]) -> Vec<Key> {
         keys.push(Key::line(SLIP, "wheel slips"));
     }
     keys.push(Key::area(START.faint(0.35), "start"));
-    if plans.iter().any(|plan| plan.goal.is_some()) {
+    if plans.iter().any(|plan| !goal(plan, View { on_side: false }).is_empty()) {
         keys.push(Key::line(GOAL.dashed("4 2.5"), "goal"));
     }
     if plans.iter().any(|plan| !plan.keep_in.is_empty()) {

@@ -6,7 +6,7 @@ use super::{Figure, LARGEST_FIGURE, Plan, TOLERANCE};
 
 /// Width of all figures, px: a page's column, and 17 cm on paper at the size of its text.
 pub(super) const WIDTH: f64 = 680.0;
-/// Room for the numbers left of a panel, and between panels, px.
+/// Room for the numbers left of a panel, and between panels, px; longer numbers have more.
 const LEFT: f64 = 54.0;
 /// Room right of the last panel, px.
 const RIGHT: f64 = 12.0;
@@ -146,12 +146,16 @@ impl Sheet {
                     Shared::First if index == 0 => of_row,
                     Shared::None | Shared::First => panel.range(1),
                 };
-                let left = width * column as f64 + LEFT;
-                let px = [[left, width * (column + 1) as f64], [top + ABOVE + panel.height, top + ABOVE]];
-                let mut frame = if panel.equal { of_one_scale(panel, px) } else { self.over(panel, shared, px) };
-                if panel.up_falls {
-                    frame.data[1].reverse();
-                }
+                let with_room = |room: f64| {
+                    let (left, right) = (width * column as f64 + room, width * (column + 1) as f64);
+                    let px = [[left, right], [top + ABOVE + panel.height, top + ABOVE]];
+                    let mut frame = if panel.equal { of_one_scale(panel, px) } else { self.over(panel, shared, px) };
+                    if panel.up_falls {
+                        frame.data[1].reverse();
+                    }
+                    frame
+                };
+                let frame = with_room(with_room(LEFT).room_of_labels(panel).max(LEFT));
                 maps.push(frame.draw(panel, tolerance, &mut svg));
             }
             let height = row.iter().map(|panel| panel.height).fold(0.0, f64::max);

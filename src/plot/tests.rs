@@ -3,6 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use super::*;
+use crate::shooting::StateComponent;
 use crate::solver::{
     RunControl, SimulateInput, SimulateParameters, SolveInput, SolveParameters, SolverSettings, simulate, solve,
 };
@@ -186,6 +187,24 @@ fn impossible_plan_says_so_over_start_and_goal() {
     let figures = figures(&[Plan { fault, ..plan(&drive) }]);
     assert_eq!(figures.iter().map(|figure| figure.name).collect::<Vec<_>>(), ["path"]);
     assert!(figures[0].svg.contains("The goal is impossible. &lt;no torque&gt; &amp; &quot;more&quot;."));
+}
+
+#[test]
+fn long_numbers_have_room_and_goals_without_a_place_have_no_key() {
+    let mut drive = drive(200);
+    for state in &mut drive.trajectory.state {
+        state.configuration.x = 1e-6 * state.configuration.y - 5e-5;
+    }
+    let figures = figures(&[plan(&drive)]);
+    let motion = figure(&figures, "motion");
+    let left = |axes: &str| motion.maps.iter().find(|map| map.axes == axes).unwrap().x.px[0];
+    assert!(motion.svg.contains(">\u{2212}0.00005<") && left("x") == 64.0 && left("y") == 54.0, "{}", motion.svg);
+    assert!(figure(&figures, "path").svg.contains(">goal<"));
+
+    for component in [StateComponent::X, StateComponent::Y] {
+        drive.input.maneuver.goal.set(component, None);
+    }
+    assert!(!figure(&super::figures(&[plan(&drive)]), "path").svg.contains(">goal<"));
 }
 
 #[test]
