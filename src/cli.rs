@@ -21,7 +21,7 @@ use serde_json::{Map, Value};
 use slipdrive::contract::{Problem, indented, json};
 use slipdrive::jobs::{Flag, InProcessSolver, Jobs, Kind, Limits, Visitor};
 use slipdrive::metrics::Metrics;
-use slipdrive::service::{Done, Service, ServiceSettings};
+use slipdrive::service::{Class, Done, Service, ServiceSettings};
 
 pub(crate) use self::sweep::sweep;
 #[cfg(feature = "nats")]
@@ -172,8 +172,10 @@ fn run_job<K: Kind>(
     if arguments.out.is_some() && !K::HAS_FILES {
         return Ok(misused(&format!("there are no files of `{}`", K::NAME)));
     }
-    let read = read_body::<K>(arguments, jobs.limits())?.and_then(|body| with_flags(body, flags));
-    let (input, body) = match read.and_then(|body| Ok((K::read(&body, jobs.limits())?, body))) {
+    // The two seconds of light jobs are for servers.
+    let limits = if K::CLASS == Class::Light { jobs.limits().without_clock() } else { *jobs.limits() };
+    let read = read_body::<K>(arguments, &limits)?.and_then(|body| with_flags(body, flags));
+    let (input, body) = match read.and_then(|body| Ok((K::read(&body, &limits)?, body))) {
         Ok(read) => read,
         Err(problem) => return Ok(refuse(&problem)),
     };

@@ -42,7 +42,7 @@ pub(super) fn write(
         return Ok(());
     }
     let request = PresentRequest { report: arguments.report.is_some(), ..request.clone() };
-    let input = Present::accept(request, jobs.limits())?;
+    let input = Present::accept(request, &jobs.limits().without_clock())?;
     if let Some(path) = &arguments.csv {
         let csv = AcceptedPlan::csv(&input.plans, &InProcessSolver, (&AtomicBool::new(false)).into());
         write_file(path, csv.map_err(|_| anyhow::anyhow!("the motion was stopped"))?.as_bytes())?;
