@@ -304,16 +304,16 @@ fn replay(report: &Report, settings: &SolverSettings) -> String {
     };
     let (position, heading) = (settings.replay_tolerance_position, settings.replay_tolerance_heading);
     let beyond = beyond_tolerance(report, replay, (position, heading));
-    let verdict =
-        if beyond.is_empty() { String::new() } else { format!(" Beyond what is tolerated: {}.", beyond.join(", ")) };
+    let verdict = if beyond.is_empty() { "" } else { " Beyond what is tolerated: " };
     format!(
         "Replay: the same torques on a finer grid of {} steps end {} mm and {} rad from the goal; tolerated are {} mm and {} rad, and \
-         of speeds what moves the robot as far in a second.{verdict}",
+         of speeds what moves the robot as far in a second.{verdict}{}",
         replay.steps,
         short(1e3 * replay.miss_m),
         short(replay.miss_heading_rad),
         short(1e3 * position),
         short(heading),
+        beyond.join(", "),
     )
 }
 
@@ -326,12 +326,11 @@ fn beyond_tolerance(report: &Report, replay: &Replay, (position, heading): (f64,
         ("the yaw rate", replay.miss_yaw_rate_rad_s, heading, 1.0, "rad/s"),
         ("the speed of a wheel", replay.miss_wheel_speed_m_s, position, 1e3, "mm/s"),
     ];
-    let beyond = misses.into_iter().filter(|(_, miss, tolerance, ..)| miss > tolerance);
-    let missed = beyond.map(|(what, miss, _, scale, unit)| format!("{what} by {} {unit}", short(scale * miss)));
+    let missed = misses.into_iter().filter(|(_, miss, tolerance, ..)| miss > tolerance);
+    let missed = missed.map(|(what, miss, _, scale, unit)| format!("{what} by {} {unit}", short(scale * miss)));
     let limits = report.limits.iter().filter(|used| used.replay_excess.is_some_and(|excess| excess > REPLAY_EXCESS));
     let exceeded = limits.map(|used| format!("{} exceeded", used.limit));
-    let separates = (replay.separations > 0).then(|| "a contact separates".to_owned());
-    missed.chain(exceeded).chain(separates).collect()
+    missed.chain(exceeded).chain((replay.separations > 0).then(|| "a contact separates".to_owned())).collect()
 }
 
 fn lower_bound(final_time: f64, report: &Report) -> Option<String> {
@@ -356,8 +355,7 @@ fn criticality(report: &Report) -> Option<String> {
         0 => String::new(),
         count => format!("; {count} torques are off the limit at which they would gain"),
     };
-    // The last linear program may end a rounding error below zero.
-    let decrease = short(report.predicted_decrease_s.max(0.0));
+    let decrease = short(report.predicted_decrease_s.max(0.0)); // Rounding may end below.
     Some(format!("Criticality: to first order, changed torques gain no more than {decrease} s{signs}."))
 }
 
