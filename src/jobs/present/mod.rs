@@ -2,6 +2,7 @@
 
 mod csv;
 mod draw;
+mod replay_words;
 mod report;
 mod words;
 
@@ -10,7 +11,7 @@ use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 
-use super::plan::{AcceptedPlan, forget_motion, light_time_limit};
+use super::plan::{AcceptedPlan, forget_motion};
 use super::table::line;
 use super::{Kind, Limits, ManeuverSolver};
 use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentResponse, PresentedPlan};
@@ -120,7 +121,7 @@ impl Kind for Present {
             AcceptedPlan::of(solve, simulate, limits).map_err(|fault| fault.below(&format!("plans[{index}]")))
         };
         let plans: Result<_, _> = request.plans.into_iter().enumerate().map(accept_plan).collect();
-        Ok(AcceptedPlans { plans: plans?, quoted, time_limit: light_time_limit(limits) })
+        Ok(AcceptedPlans { plans: plans?, quoted, time_limit: limits.light_time_limit() })
     }
 
     fn max_body_bytes(_limits: &Limits) -> usize {

@@ -1,15 +1,16 @@
 //! Plans in words: what was found, and why to trust it.
 
+use super::replay_words::replay;
 use crate::contact::{ContactMode, ContactName};
 use crate::contract::message::{
     ChangedParameter, ContactName as NamedContact, EndState, LimitUse, LowerBoundAssumption, PlanInWords, Refinement,
-    Replay, Report, Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
+    Report, Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
 };
 use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::robot::State;
 use crate::shooting::StateComponent;
 use crate::simulation::Trajectory;
-use crate::solver::{REPLAY_EXCESS, Refinement as Grid, SolveInput, SolverSettings};
+use crate::solver::{Refinement as Grid, SolveInput, SolverSettings};
 
 /// Largest difference of the end from what the answer says, in any component: rounding of an interval's length, no more.
 const END_TOLERANCE: f64 = 1e-9;
@@ -25,15 +26,10 @@ pub(super) fn of_plan(label: &str, plan: &AcceptedPlan, motion: &Trajectory) -> 
             let error = largest_goal_error(asked, &motion.end_state);
             let mut details = details(asked, answer, motion);
             let mut certificate = certificate(asked, answer, error);
-            if claims_goal(answer) && error.1 > asked.settings.goal_tolerance + END_TOLERANCE {
+            let contradictions = [other_goal(asked, error), other_time(answer, plan.motion.schedule.final_time)];
+            for contradiction in contradictions.into_iter().flatten().filter(|_| claims_goal(answer)) {
                 certificate.clear();
-                details.push(other_goal(error));
-            }
-            let time = plan.motion.schedule.final_time;
-            let agrees = (answer.final_time_s - time).abs() <= END_TOLERANCE * time.max(1.0);
-            if claims_goal(answer) && !agrees {
-                certificate.clear();
-                details.push(other_time(answer.final_time_s, time));
+                details.push(contradiction);
             }
             (headline(answer), details, certificate, answer.end_state)
         }
@@ -63,19 +59,25 @@ fn largest_goal_error(asked: &SolveInput, end: &State) -> (&'static str, f64) {
     largest.unwrap_or(("goal", 0.0))
 }
 
-fn other_goal((field, error): (&str, f64)) -> String {
-    format!(
+/// What to say of a motion that misses the goal.
+fn other_goal(asked: &SolveInput, (field, error): (&str, f64)) -> Option<String> {
+    let text = format!(
         "The motion, rolled out again, ends {} away from the goal of the request in {field}: request and answer do not belong \
          together. Nothing is claimed for it.",
         short(error)
-    )
+    );
+    (error > asked.settings.goal_tolerance + END_TOLERANCE).then_some(text)
 }
 
-fn other_time(said: f64, time: f64) -> String {
-    format!(
+/// What to say of torques that last for another time.
+fn other_time(answer: &Solution, time: f64) -> Option<String> {
+    let said = answer.final_time_s;
+    let text = format!(
         "The torques of the answer last {time} s, its final_time_s is {said}: they do not belong together. Nothing is claimed \
          for it."
-    )
+    );
+    let agrees = (said - time).abs() <= END_TOLERANCE * time.max(1.0);
+    (!agrees).then_some(text)
 }
 
 /// Largest difference in any component; two values that are no numbers are alike.
@@ -298,41 +300,6 @@ fn named(contact: NamedContact) -> &'static str {
     }
 }
 
-fn replay(report: &Report, settings: &SolverSettings) -> String {
-    let Some(replay) = &report.replay else {
-        return "Replay: not computed in time, so the plan is not confirmed on a finer grid.".to_owned();
-    };
-    let (position, heading) = (settings.replay_tolerance_position, settings.replay_tolerance_heading);
-    let beyond = beyond_tolerance(report, replay, (position, heading));
-    let verdict = if beyond.is_empty() { "" } else { " Beyond what is tolerated: " };
-    format!(
-        "Replay: the same torques on a finer grid of {} steps end {} mm and {} rad from the goal; tolerated are {} mm and {} rad, and \
-         of speeds what moves the robot as far in a second.{verdict}{}",
-        replay.steps,
-        short(1e3 * replay.miss_m),
-        short(replay.miss_heading_rad),
-        short(1e3 * position),
-        short(heading),
-        beyond.join(", "),
-    )
-}
-
-/// What keeps a replay from being within its tolerances.
-fn beyond_tolerance(report: &Report, replay: &Replay, (position, heading): (f64, f64)) -> Vec<String> {
-    let misses = [
-        ("the place", replay.miss_m, position, 1e3, "mm"),
-        ("the heading", replay.miss_heading_rad, heading, 1.0, "rad"),
-        ("the speed", replay.miss_speed_m_s, position, 1e3, "mm/s"),
-        ("the yaw rate", replay.miss_yaw_rate_rad_s, heading, 1.0, "rad/s"),
-        ("the speed of a wheel", replay.miss_wheel_speed_m_s, position, 1e3, "mm/s"),
-    ];
-    let missed = misses.into_iter().filter(|(_, miss, tolerance, ..)| miss > tolerance);
-    let missed = missed.map(|(what, miss, _, scale, unit)| format!("{what} by {} {unit}", short(scale * miss)));
-    let limits = report.limits.iter().filter(|used| used.replay_excess.is_some_and(|excess| excess > REPLAY_EXCESS));
-    let exceeded = limits.map(|used| format!("{} exceeded", used.limit));
-    missed.chain(exceeded).chain((replay.separations > 0).then(|| "a contact separates".to_owned())).collect()
-}
-
 fn lower_bound(final_time: f64, report: &Report) -> Option<String> {
     let bound = report.lower_bound_s;
     let why = match report.lower_bound_assumption() {
@@ -355,7 +322,8 @@ fn criticality(report: &Report) -> Option<String> {
         0 => String::new(),
         count => format!("; {count} torques are off the limit at which they would gain"),
     };
-    let decrease = short(report.predicted_decrease_s.max(0.0)); // Rounding may end below.
+    // The last linear program may end a rounding error below zero.
+    let decrease = short(report.predicted_decrease_s.max(0.0));
     Some(format!("Criticality: to first order, changed torques gain no more than {decrease} s{signs}."))
 }
 

@@ -1,0 +1,41 @@
+//! The replay of a plan in words.
+
+use super::words::short;
+use crate::contract::message::{Replay, Report};
+use crate::solver::{REPLAY_EXCESS, SolverSettings};
+
+/// Where the replay ends, and what keeps it from being within its tolerances.
+pub(super) fn replay(report: &Report, settings: &SolverSettings) -> String {
+    let Some(replay) = &report.replay else {
+        return "Replay: not computed in time, so the plan is not confirmed on a finer grid.".to_owned();
+    };
+    let (position, heading) = (settings.replay_tolerance_position, settings.replay_tolerance_heading);
+    let beyond = beyond_tolerance(report, replay, (position, heading));
+    let verdict =
+        if beyond.is_empty() { String::new() } else { format!(" Beyond what is tolerated: {}.", beyond.join(", ")) };
+    format!(
+        "Replay: the same torques on a finer grid of {} steps end {} mm and {} rad from the goal; tolerated are {} mm and {} rad, and \
+         of speeds what moves the robot as far in a second.{verdict}",
+        replay.steps,
+        short(1e3 * replay.miss_m),
+        short(replay.miss_heading_rad),
+        short(1e3 * position),
+        short(heading),
+    )
+}
+
+fn beyond_tolerance(report: &Report, replay: &Replay, (position, heading): (f64, f64)) -> Vec<String> {
+    let misses = [
+        ("the place", replay.miss_m, position, 1e3, "mm"),
+        ("the heading", replay.miss_heading_rad, heading, 1.0, "rad"),
+        ("the speed", replay.miss_speed_m_s, position, 1e3, "mm/s"),
+        ("the yaw rate", replay.miss_yaw_rate_rad_s, heading, 1.0, "rad/s"),
+        ("the speed of a wheel", replay.miss_wheel_speed_m_s, position, 1e3, "mm/s"),
+    ];
+    let missed = misses.into_iter().filter(|(_, miss, tolerance, ..)| miss > tolerance);
+    let missed = missed.map(|(what, miss, _, scale, unit)| format!("{what} by {} {unit}", short(scale * miss)));
+    let limits = report.limits.iter().filter(|used| used.replay_excess.is_some_and(|excess| excess > REPLAY_EXCESS));
+    let exceeded = limits.map(|used| format!("{} exceeded", used.limit));
+    let separates = (replay.separations > 0).then(|| "a contact separates".to_owned());
+    missed.chain(exceeded).chain(separates).collect()
+}
