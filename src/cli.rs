@@ -64,7 +64,7 @@ pub(crate) fn example(name: Option<&str>) -> anyhow::Result<ExitCode> {
     let Some((_, body)) = found else {
         let known: Vec<_> = examples.0.iter().map(|(name, _)| *name).collect();
         let fault = format!("there is no example `{}`, but {}", name.unwrap_or_default(), known.join(", "));
-        return Ok(misused(&fault));
+        return Ok(refused(&fault));
     };
     io::stdout().lock().write_all(body)?;
     Ok(ExitCode::SUCCESS)
@@ -167,10 +167,10 @@ fn run_job<K: Kind>(
 ) -> anyhow::Result<ExitCode> {
     let shows = arguments.save.is_some() || shown::is_asked_for(arguments);
     if shows && !K::HAS_FIGURES {
-        return Ok(misused(&format!("there is nothing to show of `{}`", K::NAME)));
+        return Ok(refused(&format!("there is nothing to show of `{}`", K::NAME)));
     }
     if arguments.out.is_some() && !K::HAS_FILES {
-        return Ok(misused(&format!("there are no files of `{}`", K::NAME)));
+        return Ok(refused(&format!("there are no files of `{}`", K::NAME)));
     }
     // The two seconds of light jobs are for servers.
     let limits = if K::CLASS == Class::Light { jobs.limits().without_clock() } else { *jobs.limits() };
@@ -250,7 +250,8 @@ fn read_file(input: &PathBuf, limit: usize) -> anyhow::Result<Vec<u8>> {
     Ok(body)
 }
 
-fn misused(fault: &str) -> ExitCode {
+/// Says what cannot be used.
+pub(crate) fn refused(fault: &str) -> ExitCode {
     eprintln!("error: {fault}");
     ExitCode::from(EXIT_BAD_INPUT)
 }

@@ -12,7 +12,7 @@ use std::io::{self, Write as _};
 use std::process::ExitCode;
 
 use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Subcommand as _};
-use config::{Arguments, Command, Faults, log_settings};
+use config::{Arguments, Command, log_settings};
 
 /// For input that cannot be used, usage errors included (`EX_USAGE` of sysexits).
 const EXIT_BAD_INPUT: u8 = 64;
@@ -50,7 +50,7 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
                 let telemetry = telemetry::start(&config.log)?;
                 shutdown::serve_until_stopped(&config, telemetry.dropped_lines()).map(|()| ExitCode::SUCCESS)
             }
-            Err(faults) => Ok(refuse(&faults)),
+            Err(faults) => Ok(cli::refused(&faults.to_string())),
         },
         Command::Sweep(sweep) => logged(matches, || cli::sweep(sweep)),
         #[cfg(feature = "nats")]
@@ -59,7 +59,7 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
         Command::Completions(completions) => cli::completions(completions.shell, cli::with_jobs(Arguments::command())),
         Command::Health(health) => Ok(match health.target() {
             Ok(target) => health::ask(target, health.live),
-            Err(faults) => refuse(&faults),
+            Err(faults) => cli::refused(&faults.to_string()),
         }),
     }
 }
@@ -71,11 +71,6 @@ fn logged(matches: &ArgMatches, command: impl FnOnce() -> anyhow::Result<ExitCod
             let _telemetry = telemetry::start(&log)?;
             command()
         }
-        Err(faults) => Ok(refuse(&faults)),
+        Err(faults) => Ok(cli::refused(&faults.to_string())),
     }
-}
-
-fn refuse(faults: &Faults) -> ExitCode {
-    eprintln!("error: {faults}");
-    ExitCode::from(EXIT_BAD_INPUT)
 }

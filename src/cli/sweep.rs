@@ -15,6 +15,7 @@ use slipdrive::service::Service;
 use slipdrive::sweep::{self, Ended, Index, MapError, Progress, Results, ResultsError, RowFaults, Sweep};
 
 use super::progress_of_rows::ProgressOfRows;
+use super::refused;
 use crate::EXIT_BAD_INPUT;
 use crate::config::{SweepArguments, cores};
 use crate::shutdown::Signals;
@@ -54,11 +55,6 @@ pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
             }
         }
     }
-}
-
-pub(super) fn refused(fault: &str) -> ExitCode {
-    eprintln!("error: {fault}");
-    ExitCode::from(EXIT_BAD_INPUT)
 }
 
 fn read(file: &Path, jobs: &Jobs) -> anyhow::Result<Result<Sweep, Problem>> {

@@ -9,7 +9,8 @@ use slipdrive::sweep::{Results, Shard, Sweep};
 use tokio::time::sleep;
 
 use super::progress_of_rows::{ProgressLine, ProgressOfRows};
-use super::sweep::{complete, refused, refused_folder, refused_rows, to_be_continued, workers};
+use super::refused;
+use super::sweep::{complete, refused_folder, refused_rows, to_be_continued, workers};
 use crate::config::{NatsArguments, SweepArguments};
 use crate::shutdown::Signals;
 

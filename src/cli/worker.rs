@@ -10,7 +10,7 @@ use slipdrive::sweep;
 use slipdrive::sweep::nats::{Access, Broker, NatsError, StreamLimits, Worker, WorkerSettings};
 use tokio::time::sleep;
 
-use super::sweep::refused;
+use super::refused;
 use crate::config::{WorkerArguments, cores};
 use crate::shutdown::{Signals, serve_probes};
 

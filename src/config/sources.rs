@@ -217,9 +217,9 @@ impl fmt::Display for Shown {
         if text.is_empty() {
             return writeln!(formatter, "# {key} is not set");
         }
-        let is_bare = text.parse::<f64>().is_ok_and(f64::is_finite) || text.parse::<bool>().is_ok();
+        let is_value = text.parse::<f64>().is_ok_and(f64::is_finite) || text.parse::<bool>().is_ok();
         // Numbers such as `007` are none of TOML.
-        let is_bare = is_bare && format!("{key} = {text}").parse::<toml::Table>().is_ok();
+        let is_bare = is_value && format!("{key} = {text}").parse::<toml::Table>().is_ok();
         let value = if is_bare { text.clone() } else { toml::Value::from(text.as_str()).to_string() };
         writeln!(formatter, "{key} = {value} # {}", place(setting, *source))
     }

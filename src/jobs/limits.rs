@@ -24,6 +24,8 @@ pub(super) const MAX_ROLLOUT_LIMIT: u64 = 100_000_000;
 pub const DEFAULT_TIME_LIMIT_S: f64 = 10.0;
 /// Longest number in JSON with the comma after it, characters: 17 digits, signs, point and exponent.
 const NUMBER_BYTES: usize = 25;
+/// How long a light job with rollouts may run: one that meets friction which is hard to resolve is cut off, others wait.
+const LIGHT_TIME_LIMIT: Duration = Duration::from_secs(2);
 /// Largest request body, bytes: two torque arrays with the most intervals, as much again for white space, and 32 KiB for
 /// the rest of the request, rounded up to a power of two.
 pub(super) const MAX_BODY_BYTES: usize = (2 * 2 * MAX_CONTROL_INTERVALS * NUMBER_BYTES + 32 * 1024).next_power_of_two();
@@ -83,6 +85,11 @@ impl Limits {
             Clock::Limits => Some(Duration::from_secs_f64(self.max_time_limit_s)),
             Clock::Rests => None,
         }
+    }
+
+    /// The same of a light job with rollouts.
+    pub(super) fn light_time_limit(&self) -> Option<Duration> {
+        self.time_limit().map(|_| LIGHT_TIME_LIMIT)
     }
 
     /// Rules of a request, with the limits on two arrays of torques.

@@ -1,7 +1,5 @@
 //! A request with its answer as a motion that can be rolled out again: what kinds of jobs begin with that are about a plan.
 
-use std::time::Duration;
-
 use serde_json::Value;
 
 use super::simulate::Simulate;
@@ -18,8 +16,6 @@ use crate::stop::{Stop, Stopped};
 
 /// Shorter motions are none: what takes no time, or diverges at once.
 const LEAST_TIME_S: f64 = 1e-6;
-/// How long a light job with rollouts may run: one that meets friction which is hard to resolve is cut off, others wait.
-const LIGHT_TIME_LIMIT: Duration = Duration::from_secs(2);
 
 /// A plan whose request is valid and whose answer has a motion, or none where nothing moves.
 #[derive(Debug)]
@@ -72,11 +68,6 @@ impl AcceptedPlan {
         }
         solver.simulate(&self.motion, stop).map(|simulation| simulation.trajectory)
     }
-}
-
-/// How long a light job with rollouts may run; none where no clock ends it.
-pub(super) fn light_time_limit(limits: &Limits) -> Option<Duration> {
-    limits.time_limit().map(|_| LIGHT_TIME_LIMIT)
 }
 
 /// A saved plan, or a whole request about one, without what is rolled out again anyway.
@@ -157,6 +148,7 @@ fn motion_of(asked: &SolveInput, answer: &Solution, limits: &Limits) -> Result<S
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
+    use std::time::Duration;
 
     use serde_json::json;
 

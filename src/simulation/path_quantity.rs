@@ -288,8 +288,8 @@ impl PathQuantity {
             Self::Acceleration { point } | Self::Deceleration { point } => {
                 let by_change =
                     self.of_step(entry, sample).signum() * PointChange::new(point, entry, sample).direction();
-                let by_yaw = by_velocity_of(point, by_change);
-                (gradient.by_end_velocity, gradient.by_start_velocity) = (by_yaw, -by_yaw);
+                let by_velocity = by_velocity_of(point, by_change);
+                (gradient.by_end_velocity, gradient.by_start_velocity) = (by_velocity, -by_velocity);
                 // Of the turn of the point.
                 let (along, yaw_rate) = (by_change.dot(&point), start[2]);
                 gradient.by_start_velocity[2] -= along * 2.0 * yaw_rate * sample.step_length;

@@ -7,7 +7,7 @@ use crate::contract::Problem;
 use crate::contract::convert::{named, required};
 use crate::contract::message::{ExportFormat, ExportRequest, Status};
 use crate::jobs::Limits;
-use crate::jobs::plan::{AcceptedPlan, Said, light_time_limit};
+use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::rules::{Checks, Number, Rule, RuleSet};
 
 const RATE_RULE: Rule = Rule::between(1.0, 10_000.0, "Hz");
@@ -88,7 +88,7 @@ pub(super) fn accept(request: ExportRequest, limits: &Limits) -> Result<Accepted
     };
     let Ok(joint_names) = <[String; 2]>::try_from(joint_names) else { return required(None, "joint_names") };
     let labels = Labels { start_ns, frame_id, joint_names };
-    Ok(AcceptedExport { plan, format, rate, labels, time_limit: light_time_limit(limits) })
+    Ok(AcceptedExport { plan, format, rate, labels, time_limit: limits.light_time_limit() })
 }
 
 /// That there is a plan, of not too many points.
