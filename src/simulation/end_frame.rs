@@ -2,8 +2,9 @@
 //!
 //! A step keeps the contact law at the heading of its midpoint. A robot that rolls exactly therefore ends with a velocity that
 //! lags its heading by `omega_E dt / 2`, and a goal at speed on a curve would ask for a slip of that size. So the velocity of
-//! the chassis centre of mass is turned by that angle before it is moved to the reference point. With restitution the law
-//! mixes the velocities at both ends of the step and no frame rolls: the velocity stays as it is.
+//! the chassis centre of mass is turned by that angle before it is moved to the reference point. With restitution e the law holds
+//! for the mean of the velocities at both ends of the step, of which the first one counts e times; on a steady curve that one
+//! lags by a step more. The mean of the velocity turned by half a step forwards and, counting e times, backwards is what rolls.
 
 use nalgebra::Vector2;
 
@@ -14,10 +15,12 @@ use crate::robot::State;
 /// The frame of the end of one rollout.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EndFrame {
-    /// Turn of the velocity per yaw rate: half a step, s; 0 with restitution.
+    /// Turn of the velocity per yaw rate: half a step, s.
     turn_time: f64,
     /// Its derivative by the final time.
     turn_time_by_final_time: f64,
+    /// What of the sine of the turn is left with restitution e: (1 - e) / (1 + e).
+    sine_share: f64,
     /// From the chassis centre of mass to the reference point, in the body frame (right, forward), m.
     offset: Vector2<f64>,
 }
@@ -25,9 +28,14 @@ pub struct EndFrame {
 impl Simulator {
     /// The frame of the end of a rollout, for a reference point `offset` away from the chassis centre of mass.
     pub fn end_frame(&self, rollout: &Rollout, offset: Vector2<f64>) -> EndFrame {
-        let rolls = self.robot().parameters().tangential_restitution == 0.0;
-        let turn_time_by_final_time = if rolls { 0.5 / rollout.step_count as f64 } else { 0.0 };
-        EndFrame { turn_time: turn_time_by_final_time * rollout.schedule.final_time, turn_time_by_final_time, offset }
+        let restitution = self.robot().parameters().tangential_restitution;
+        let turn_time_by_final_time = 0.5 / rollout.step_count as f64;
+        EndFrame {
+            turn_time: turn_time_by_final_time * rollout.schedule.final_time,
+            turn_time_by_final_time,
+            sine_share: (1.0 - restitution) / (1.0 + restitution),
+            offset,
+        }
     }
 }
 
@@ -35,23 +43,25 @@ impl EndFrame {
     /// The end state at the reference point, from that of the scheme at the chassis centre of mass.
     pub fn state(&self, end: &State) -> State {
         let mut turned = *end;
-        (turned.velocity.x, turned.velocity.y) = turn((end.velocity.x, end.velocity.y), self.angle(end).sin_cos());
+        let [turn_of_velocity, _] = self.turn_at(end);
+        (turned.velocity.x, turned.velocity.y) = turn((end.velocity.x, end.velocity.y), turn_of_velocity);
         turned.moved_by(self.offset)
     }
 
-    /// The turn of the velocity at an end state.
-    fn angle(&self, end: &State) -> f64 {
-        self.turn_time * end.velocity.yaw_rate
+    /// The turn of the velocity at an end state, as sine and cosine, and its derivative by the angle.
+    fn turn_at(&self, end: &State) -> [(f64, f64); 2] {
+        let (sin, cos) = (self.turn_time * end.velocity.yaw_rate).sin_cos();
+        [(self.sine_share * sin, cos), (self.sine_share * cos, -sin)]
     }
 
     /// The frame at one end state of the scheme.
     pub fn at(&self, end: &State) -> EndFrameAt {
-        let angle = self.angle(end).sin_cos();
+        let [turn_of_velocity, by_angle] = self.turn_at(end);
         let (sin, cos) = end.configuration.heading.sin_cos();
         EndFrameAt {
             frame: *self,
-            angle,
-            velocity: turn((end.velocity.x, end.velocity.y), angle),
+            turn: turn_of_velocity,
+            velocity_by_angle: turn((end.velocity.x, end.velocity.y), by_angle),
             yaw_rate: end.velocity.yaw_rate,
             arm: Vector2::new(cos * self.offset.x - sin * self.offset.y, sin * self.offset.x + cos * self.offset.y),
         }
@@ -67,10 +77,10 @@ fn turn((x, y): (f64, f64), (sin, cos): (f64, f64)) -> (f64, f64) {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EndFrameAt {
     frame: EndFrame,
-    /// Sine and cosine of the turn of the velocity.
-    angle: (f64, f64),
-    /// The turned velocity.
-    velocity: (f64, f64),
+    /// The turn of the velocity, as sine and cosine.
+    turn: (f64, f64),
+    /// Derivative of the turned velocity by the angle of the turn.
+    velocity_by_angle: (f64, f64),
     yaw_rate: f64,
     /// The offset in the world frame.
     arm: Vector2<f64>,
@@ -84,17 +94,17 @@ impl EndFrameAt {
 
     /// As [`EndFrameAt::derivative`] by the final time, which also changes the step.
     pub fn derivative_by_final_time(&self, derivative: &EndDerivative) -> EndDerivative {
-        let by_turn = self.frame.turn_time * derivative[7] + self.frame.turn_time_by_final_time * self.yaw_rate;
-        self.along(derivative, by_turn)
+        let of_angle = self.frame.turn_time * derivative[7] + self.frame.turn_time_by_final_time * self.yaw_rate;
+        self.along(derivative, of_angle)
     }
 
-    /// With the derivative of the turn.
-    fn along(&self, derivative: &EndDerivative, by_turn: f64) -> EndDerivative {
-        let Self { velocity, yaw_rate: end_yaw_rate, arm, .. } = self;
-        let change = turn((derivative[5], derivative[6]), self.angle);
+    /// With the derivative of the angle of the turn.
+    fn along(&self, derivative: &EndDerivative, of_angle: f64) -> EndDerivative {
+        let Self { velocity_by_angle, yaw_rate: end_yaw_rate, arm, .. } = self;
+        let change = turn((derivative[5], derivative[6]), self.turn);
         let mut moved = *derivative;
-        moved[5] = change.0 - velocity.1 * by_turn;
-        moved[6] = change.1 + velocity.0 * by_turn;
+        moved[5] = change.0 + velocity_by_angle.0 * of_angle;
+        moved[6] = change.1 + velocity_by_angle.1 * of_angle;
 
         let (heading, yaw_rate) = (derivative[2], derivative[7]);
         moved[0] -= arm.y * heading;

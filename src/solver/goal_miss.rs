@@ -35,7 +35,7 @@ pub(super) fn goal_missed(
             "more `grid.steps` or a slower start".to_owned(),
         )
     } else {
-        ("goal_missed", "the best plan", help(input, component, miss, stop_reason))
+        ("goal_missed", "the best plan", help(input, miss, stop_reason))
     };
     Reason {
         code,
@@ -50,8 +50,8 @@ pub(super) fn goal_missed(
 }
 
 /// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
-fn help(input: &SolveInput, component: StateComponent, miss: f64, stop_reason: StopReason) -> String {
-    let for_search = help_for_search(input, component, miss, stop_reason);
+fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> String {
+    let for_search = help_for_search(input, miss, stop_reason);
     let Some(slip) = slip_at_goal(input) else { return for_search.to_owned() };
     format!(
         "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {slip} m/s), else {for_search}"
@@ -59,7 +59,7 @@ fn help(input: &SolveInput, component: StateComponent, miss: f64, stop_reason: S
 }
 
 /// What would help the search to the goal, for the most certain cause first.
-fn help_for_search(input: &SolveInput, component: StateComponent, miss: f64, stop_reason: StopReason) -> &'static str {
+fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> &'static str {
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     match stop_reason {
@@ -69,19 +69,9 @@ fn help_for_search(input: &SolveInput, component: StateComponent, miss: f64, sto
             "more `grid.control_intervals`, of which there are too few for so many goal fields,"
         }
         StopReason::Finished if settings.method == Method::NelderMead => "the method `sequential_linear`",
-        StopReason::Finished if asks_for_lagging_velocity(input, component) => {
-            "a free velocity or more `grid.steps` (with restitution a rolling end lags its heading by half a step),"
-        }
         StopReason::Finished if settings.is_near_goal(miss.abs()) => {
             "a larger `solver.goal_tolerance` or more `grid.steps`"
         }
         StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",
     }
-}
-
-/// Whether the goal asks for a velocity on a curve that the scheme meets only up to its step.
-fn asks_for_lagging_velocity(input: &SolveInput, component: StateComponent) -> bool {
-    let is_velocity = matches!(component, StateComponent::VelocityX | StateComponent::VelocityY);
-    let turns = input.maneuver.goal.value(StateComponent::YawRate).is_some_and(|rate| rate != 0.0);
-    is_velocity && turns && input.robot.parameters().tangential_restitution > 0.0
 }

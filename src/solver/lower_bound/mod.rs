@@ -60,8 +60,8 @@ pub(super) fn largest_lower_bound(input: &SolveInput, grid: Grid) -> LowerBound 
 /// The bounds for motions of a grid.
 pub(super) fn lower_bounds(input: &SolveInput, grid: Grid, wanted: Wanted) -> Vec<LowerBound> {
     let mut bounds = Bounds::new(input, grid);
-    // With restitution a goal judges the velocity as it is, and the equations of motion have no step.
-    let (Grid::Steps(step_count), 0.0) = (grid, input.robot.parameters().tangential_restitution) else {
+    // The equations of motion have no step, and so no frame of its end.
+    let Grid::Steps(step_count) = grid else {
         return bounds.all(wanted);
     };
     let goal = &input.maneuver.goal;

@@ -2,7 +2,7 @@
 //!
 //! Every interval holds all end states that meet the goal within its tolerance.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 use nalgebra::Vector2;
 
@@ -37,6 +37,7 @@ pub(super) struct Targets<'a> {
     end_turn: f64,
     /// Largest speed of the chassis centre of mass at the end, where the goal leaves it free, m/s.
     free_speed: f64,
+    has_restitution: bool,
 }
 
 impl<'a> Targets<'a> {
@@ -61,13 +62,17 @@ impl<'a> Targets<'a> {
             lever: maneuver.reference_point.offset(input.robot.parameters()).norm(),
             end_turn: 0.0,
             free_speed: f64::INFINITY,
+            has_restitution: input.robot.parameters().tangential_restitution > 0.0,
         }
     }
 
     /// Allows for the frame in which the goal judges velocities, in plans whose end has turned by at most `end_turn` rad within
     /// half a step, and whose chassis centre of mass is no faster than `free_speed`, m/s.
     pub(super) fn turn_end(&mut self, end_turn: f64, free_speed: f64) {
-        (self.end_turn, self.free_speed) = (end_turn.min(2.0), free_speed);
+        // With restitution the frame also takes a share of the speed, at most that by which the cosine is below one.
+        let speed_left = if self.has_restitution { end_turn.min(FRAC_PI_2).cos() } else { 1.0 };
+        let chord = if self.has_restitution { end_turn } else { end_turn.min(2.0) };
+        (self.end_turn, self.free_speed) = (chord / speed_left, free_speed);
     }
 
     pub(super) fn value(&self, component: StateComponent) -> Option<f64> {
@@ -107,8 +112,19 @@ impl<'a> Targets<'a> {
                 around(direction.dot(&velocity), slack)
             }
         };
-        let turned = if self.end_turn == 0.0 { 0.0 } else { self.end_turn * self.largest_end_speed() };
+        let turned = self.turned();
         (reference.0 + turning.0 - turned, reference.1 + turning.1 + turned)
+    }
+
+    /// By how much the frame of the goal changes the velocity of the chassis centre of mass at most, m/s.
+    fn turned(&self) -> f64 {
+        if self.end_turn == 0.0 { 0.0 } else { self.end_turn * self.largest_end_speed() }
+    }
+
+    /// By how much the velocities of points then differ from those of a body that is turned as a whole, m/s: with restitution the
+    /// turn is not that of the heading.
+    fn stretch(&self) -> f64 {
+        if self.has_restitution { self.turned() } else { 0.0 }
     }
 
     /// The largest speed of the chassis centre of mass that the goal allows, m/s.
@@ -127,7 +143,8 @@ impl<'a> Targets<'a> {
         components.iter().all(|component| self.value(*component).is_some()).then(|| {
             let [x, y] = components.map(|component| self.component(component));
             let largest = largest_magnitude(x).hypot(largest_magnitude(y));
-            ((least_magnitude(x).hypot(least_magnitude(y)) - swing).max(0.0), largest + swing)
+            let slack = swing + self.stretch();
+            ((least_magnitude(x).hypot(least_magnitude(y)) - slack).max(0.0), largest + slack)
         })
     }
 

@@ -290,7 +290,8 @@ class EndErrors:
 class EndState:
     """The state of the reference point at the end, as a goal judges it. A step keeps the friction law at the heading
     of its midpoint, so the velocity of the chassis centre of mass is first turned by half the angle of the last
-    step, then moved to the reference point; with restitution it is not turned.
+    step, then moved to the reference point; with restitution e it is the mean of the velocities turned so forwards
+    and, counting e times, backwards.
     """
 
     heading_rad: float | None
