@@ -137,7 +137,7 @@ fn write_errors(table: &mut String, assessment: &Assessment) {
     let [along, across, distance, heading, speed] = ["along m", "across m", "distance m", "heading rad", "speed m/s"];
     line(table, &format!("  {:<10} {along:>11} {across:>11} {distance:>11} {heading:>11} {speed:>11}", ""));
     let mut write = |name: &str, error: &EndError| {
-        let numbers: Vec<String> = error.iter().map(|error| format!(" {error:>11.5}")).collect();
+        let numbers: Vec<String> = error.iter().map(|error| format!(" {:>11}", rounded(*error, 5))).collect();
         line(table, &format!("  {name:<10}{}", numbers.concat()));
     };
     write("nominal", &assessment.nominal.error);
@@ -150,7 +150,28 @@ fn write_errors(table: &mut String, assessment: &Assessment) {
 fn write_shares(table: &mut String, shares: &[ParameterShares]) {
     table.push_str("\nshare of variance\n");
     for ParameterShares { parameter, shares } in shares {
-        let numbers: Vec<String> = shares.iter().map(|share| format!(" {share:>11.2}")).collect();
+        let numbers: Vec<String> = shares.iter().map(|share| format!(" {:>11}", rounded(*share, 2))).collect();
         line(table, &format!("  {:<22}{}", parameter.as_str(), numbers.concat()));
+    }
+}
+
+/// With so many digits, zero without a sign; a dash for what the samples do not tell.
+fn rounded(value: f64, digits: usize) -> String {
+    let unit = 10.0_f64.powf(digits as f64);
+    // A negative zero and 0 add up to 0.
+    let value = (value * unit).round() / unit + 0.0;
+    if value.is_nan() { "-".to_owned() } else { format!("{value:.digits$}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rounded;
+
+    #[test]
+    fn zeros_have_no_sign_and_what_is_unknown_is_a_dash() {
+        assert_eq!(
+            [-4e-6, 0.0, -1.25, f64::NAN].map(|value| rounded(value, 5)),
+            ["0.00000", "0.00000", "-1.25000", "-"]
+        );
     }
 }
