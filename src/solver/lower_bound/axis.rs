@@ -11,7 +11,7 @@
 use super::ceiling::Ceiling;
 use super::curve::{Curve, Level};
 use super::envelope::{Envelope, Piece};
-use super::first_time::{Floor, first_time};
+use super::first_time::{Cover, Floor, first_time};
 use super::grid_error::GridError;
 
 /// Spans on which the grid's errors are bounded by their largest value.
@@ -132,7 +132,8 @@ impl Axis {
     /// later than `floor`.
     pub(super) fn least_time(&self, law: GridLaw, error: &impl Fn(f64) -> GridError, floor: Floor) -> (f64, Demand) {
         let reversed = self.reversed();
-        if !self.excludes(floor.time, law, error) && !reversed.excludes(floor.time, law, error) {
+        let at_floor = error(floor.time);
+        if !self.excludes(floor.time, law, &at_floor) && !reversed.excludes(floor.time, law, &at_floor) {
             return (0.0, Demand::Velocity);
         }
         let velocity = self.least_time_of_velocity(law, error);
@@ -149,13 +150,19 @@ impl Axis {
     }
 
     /// Whether a plan of a duration, s, cannot meet the goal in the positive direction.
-    fn excludes(&self, duration: f64, law: GridLaw, error: &impl Fn(f64) -> GridError) -> bool {
-        self.largest_change(duration, law, error) < self.change_of_speed()
-            || self.asks_for_displacement() && self.furthest(duration, duration, law, error) < self.displacement.0
+    fn excludes(&self, duration: f64, law: GridLaw, error: &GridError) -> bool {
+        self.largest_change(duration, || law.error_of_velocity(error)) < self.change_of_speed()
+            || self.asks_for_displacement()
+                && self.furthest(duration, duration, law, error).within < self.displacement.0
     }
 
     fn least_time_of_velocity(&self, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
-        first_time(0.0, self.change_of_speed(), Floor::ZERO, |_, duration| self.largest_change(duration, law, error))
+        let grid_error = |duration| match law {
+            GridLaw::Exact => 0.0,
+            GridLaw::CenterOfMass => law.error_of_velocity(&error(duration)),
+        };
+        let change = |_, duration| Cover::growing(self.largest_change(duration, || grid_error(duration)));
+        first_time(0.0, self.change_of_speed(), Floor::ZERO, change)
     }
 
     /// What the goal asks for, in either direction.
@@ -174,9 +181,8 @@ impl Axis {
     }
 
     /// The largest change of speed within a duration.
-    fn largest_change(&self, duration: f64, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
-        let is_exact = duration <= 0.0 || law == GridLaw::Exact;
-        self.acceleration * duration + if is_exact { 0.0 } else { law.error_of_velocity(&error(duration)) }
+    fn largest_change(&self, duration: f64, grid_error: impl FnOnce() -> f64) -> f64 {
+        if duration <= 0.0 { 0.0 } else { self.acceleration * duration + grid_error() }
     }
 
     fn asks_for_displacement(&self) -> bool {
@@ -193,17 +199,16 @@ impl Axis {
         if !self.asks_for_displacement() {
             return not_before;
         }
-        first_time(not_before, self.displacement.0, floor, |from, to| self.furthest(from, to, law, error))
+        first_time(not_before, self.displacement.0, floor, |from, to| self.furthest(from, to, law, &error(to)))
     }
 
     /// The furthest displacement in any time between two.
     ///
     /// With more time every line lies higher, so the lines of the longest time hold for all of them.
-    fn furthest(&self, from: f64, to: f64, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
+    fn furthest(&self, from: f64, to: f64, law: GridLaw, error: &GridError) -> Cover {
         if to <= 0.0 {
-            return 0.0;
+            return Cover::growing(0.0);
         }
-        let error = error(to);
         let forward = Curve::by_time(&self.start_push.towards, self.rise_from(), error.dt(), to);
         let backward = match self.end_speed.1 {
             speed if speed.is_finite() && !self.is_damped => {
@@ -213,14 +218,15 @@ impl Axis {
         };
         let drive = self.drive_scale.and_then(|scale| Some(error.drive()?.scaled(scale)));
         let drive = drive.unwrap_or_else(|| Curve::above_all(to));
-        let lines = self.ceiling.lines(&error, self.drive_scale, to);
+        let lines = self.ceiling.lines(error, self.drive_scale, to);
         let mut curves = vec![&forward, &backward, &drive];
         curves.extend(&lines.curves);
         let envelope = Envelope::new(&curves);
         let convexity = error.of_convexity(&curves);
-        let error_area: f64 = envelope.pieces().iter().map(|piece| law.error_area(piece, &error)).sum();
+        let error_area: f64 = envelope.pieces().iter().map(|piece| law.error_area(piece, error)).sum();
         let excess = lines.excess(envelope.pieces(), LIMITS, self.start_speed);
-        largest_area(envelope.pieces(), from) + error_area + convexity + law.error_of_displacement(&error) + excess
+        let further = error_area + convexity + law.error_of_displacement(error) + excess;
+        Cover { at_end: envelope.area(to) + further, within: largest_area(envelope.pieces(), from) + further }
     }
 }
 

@@ -132,12 +132,14 @@ impl Capacity {
     ///
     /// `slack` is how far the direction is known, rad; `yaw_rate` the largest rate at that time, rad/s.
     pub(super) fn accelerations_along(&self, direction: Vector2<f64>, slack: f64, yaw_rate: f64) -> Vec<Level> {
+        let turn = |index: u32| PI * f64::from(index) / f64::from(TURNS);
+        let enclosing = self.loads.enclosing_turn(direction);
+        let last = (1..TURNS).find(|index| turn(*index) >= enclosing).unwrap_or(TURNS);
         let level = |index: u32| {
-            let turn = PI * f64::from(index) / f64::from(TURNS);
-            let until = if index == TURNS { f64::INFINITY } else { self.time_of_turn(turn - slack, yaw_rate) };
-            Level { until, rate: self.loads.largest_sum_along(direction, turn) / self.mass }
+            let until = if index == last { f64::INFINITY } else { self.time_of_turn(turn(index) - slack, yaw_rate) };
+            Level { until, rate: self.loads.largest_sum_along(direction, turn(index)) / self.mass }
         };
-        (1..=TURNS).map(level).collect()
+        (1..=last).map(level).collect()
     }
 
     /// A time before which yaw cannot turn by more than an angle, s.

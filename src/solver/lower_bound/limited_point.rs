@@ -1,7 +1,7 @@
 //! Bounds by the limits of the speed and the accelerations of one point of the robot.
 
 use super::ceiling::{KEPT, PointCeiling};
-use super::first_time::{Floor, first_time, rules_out};
+use super::first_time::{Cover, Floor, first_time, rules_out};
 use super::{Bounds, LowerBound};
 use crate::shooting::StateComponent;
 use crate::solver::solution::LowerBoundAssumption;
@@ -33,7 +33,7 @@ impl Bounds<'_> {
         let point = self.point_ceiling()?;
         let (least, largest) = self.targets.end_speed_at(self.distance_of_point())?;
         let least_time = |required: f64, change: fn((f64, f64)) -> f64| {
-            let cover = |_, duration| change(point.largest_changes(&self.error(duration), duration));
+            let cover = |_, duration| Cover::growing(change(point.largest_changes(&self.error(duration), duration)));
             let matters = rules_out(floor.time, required, &cover);
             if matters { first_time(0.0, required, floor, cover) } else { 0.0 }
         };

@@ -153,6 +153,11 @@ impl Loads {
         self.bound(gain).largest(self.torque_limit) + 3.0 * self.law_error
     }
 
+    /// The turn from a direction of the body that encloses those which relieve the contacts the most: larger ones allow no more.
+    pub(super) fn enclosing_turn(&self, direction: Vector2<f64>) -> f64 {
+        self.by_friction[FRONT].iter().map(|response| direction.angle(&-response)).fold(0.0, f64::max)
+    }
+
     /// Largest weighted sum of the friction forces.
     pub(super) fn largest(&self, weights: &PerContact) -> ByTorque {
         let mut bound = self.bound(|contact, cost, response| gain(weights[contact], cost, response));

@@ -24,7 +24,8 @@ use self::axis::{Axis, Demand, GridLaw, Push};
 use self::capacity::Capacity;
 pub(super) use self::capacity::LAW_ERROR;
 use self::ceiling::{Ceiling, SpeedLevel};
-use self::first_time::{Floor, first_time, rules_out};
+use self::curve::Curve;
+use self::first_time::{Cover, Floor, first_time, rules_out};
 pub(super) use self::grid_error::Grid;
 use self::grid_error::{GridError, KnownRates};
 use self::targets::Targets;
@@ -356,10 +357,11 @@ impl<'a> Bounds<'a> {
         let required = rise - 1e-12 * self.rates.start_norm;
         let cover = |_, duration| {
             if duration <= 0.0 {
-                return 0.0;
+                return Cover::growing(0.0);
             }
             let error = self.error(duration);
-            error.drive().map_or(f64::INFINITY, |drive| drive.end() - self.rates.start_norm + error.of_end_norm())
+            let rise = |drive: &Curve| drive.end() - self.rates.start_norm + error.of_end_norm();
+            Cover::growing(error.drive().map_or(f64::INFINITY, rise))
         };
         let matters = rules_out(floor.time, required, &cover);
         let time = if matters { first_time(0.0, required, floor, cover) } else { 0.0 };
