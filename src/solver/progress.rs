@@ -63,21 +63,6 @@ impl ProgressObserver for BestProgress<'_> {
     }
 }
 
-/// Forwards phases only: while the grid is refined, iterates are worse than the plan reported before.
-pub(super) struct PhasesOnly<'a>(pub(super) &'a RunControl<'a>);
-
-impl ProgressObserver for PhasesOnly<'_> {
-    fn progress(&self, _progress: &SolveProgress) {}
-
-    fn begins(&self, phase: Phase) {
-        self.0.observer().begins(phase);
-    }
-
-    fn ends(&self, phase: Phase) {
-        self.0.observer().ends(phase);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::AtomicBool;

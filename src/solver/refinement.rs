@@ -11,7 +11,6 @@ use super::certificate::{Replayed, replay};
 use super::control_grid::{further_optima, search};
 use super::grid_problem::problem_on;
 use super::local_search::LocalSearch;
-use super::progress::PhasesOnly;
 use super::run_control::RunControl;
 use super::search::SearchResult;
 use super::settings::SolveInput;
@@ -33,9 +32,8 @@ const ATTEMPT_LIMIT: usize = 3;
 ///
 /// The best decision stays, on the finest grid on which it meets the goal, where no plan can.
 pub(super) fn refine(input: &SolveInput, simulator: &Simulator, control: &RunControl, result: &mut SearchResult) {
-    let quiet = PhasesOnly(control);
-    let control = control.of_part(control.stop(), &quiet);
-    let mut refiner = Refiner { input, simulator, control: &control, result };
+    // While the grid is refined, iterates are worse than the plan reported before.
+    let mut refiner = Refiner { input, simulator, control: control.quietly(), result };
     let outcome = refiner.run();
     result.refinement = match result.stop_reason {
         StopReason::Stopped | StopReason::RolloutLimit if outcome != RefinementOutcome::WithinTolerance => {
@@ -45,10 +43,10 @@ pub(super) fn refine(input: &SolveInput, simulator: &Simulator, control: &RunCon
     };
 }
 
-struct Refiner<'a, 'b, 'c> {
+struct Refiner<'a, 'b> {
     input: &'a SolveInput,
     simulator: &'a Simulator,
-    control: &'a RunControl<'c>,
+    control: RunControl<'a>,
     result: &'b mut SearchResult,
 }
 
@@ -60,7 +58,7 @@ struct Plan {
     replayed: Replayed,
 }
 
-impl Refiner<'_, '_, '_> {
+impl Refiner<'_, '_> {
     fn run(&mut self) -> RefinementOutcome {
         let candidates = self.candidates_on_the_coarsest_grid();
         if self.is_interrupted() {
@@ -80,7 +78,7 @@ impl Refiner<'_, '_, '_> {
         }
         let is_confirmed = self.refine_first(candidates.collect(), coarse_step_count) || {
             let grid = (&mut *self.result, coarse_step_count);
-            let candidates = further_optima(self.input, self.simulator, grid, self.control);
+            let candidates = further_optima(self.input, self.simulator, grid, &self.control);
             !self.is_interrupted() && self.refine_first(candidates, coarse_step_count)
         };
         if is_confirmed { RefinementOutcome::WithinTolerance } else { outcome }
@@ -98,7 +96,7 @@ impl Refiner<'_, '_, '_> {
             step_count = (FACTORS.1 * step_count).min(self.finest());
             let (problem, _) = problem_on(self.input, self.simulator, step_count);
             let left = self.input.settings.rollout_limit - self.result.rollouts;
-            let finer = search(self.input, (self.simulator, &problem), (step_count, left), self.control);
+            let finer = search(self.input, (self.simulator, &problem), (step_count, left), &self.control);
             self.result.follow(finer, self.input.settings.goal_tolerance);
         }
     }
@@ -220,7 +218,7 @@ impl Refiner<'_, '_, '_> {
         problem.release_torques();
         problem.tighten(margins);
         let rollout_limit = settings.rollout_limit - self.result.rollouts;
-        let mut search = LocalSearch::new(&mut problem, settings, self.control, rollout_limit);
+        let mut search = LocalSearch::new(&mut problem, settings, &self.control, rollout_limit);
         let found = run(&mut search);
         let (_, iterations, rollouts) = search.into_parts();
         self.result.iterations += iterations;

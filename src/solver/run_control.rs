@@ -61,13 +61,15 @@ pub struct RunControl<'a> {
     stop: Stop<'a>,
     cut: Stop<'a>,
     observer: &'a dyn ProgressObserver,
+    /// Whether the observer sees phases alone.
+    is_quiet: bool,
     helpers: &'a dyn Helpers,
 }
 
 impl<'a> RunControl<'a> {
     /// Control by what stops the search, and an observer.
     pub fn new(stop: impl Into<Stop<'a>>, observer: &'a dyn ProgressObserver) -> Self {
-        Self { stop: stop.into(), cut: Stop::never(), observer, helpers: &Alone }
+        Self { stop: stop.into(), cut: Stop::never(), observer, is_quiet: false, helpers: &Alone }
     }
 
     /// Lets these helpers share the work; the answer does not depend on them.
@@ -87,12 +89,17 @@ impl<'a> RunControl<'a> {
         RunControl::new(Stop::never(), &NoProgress)
     }
 
+    /// Reports no progress from now on.
+    pub(super) fn quietly(self) -> Self {
+        Self { is_quiet: true, ..self }
+    }
+
     /// Control of one part of the search, stopped by `stop`, with an observer of its own and without helpers.
     pub(super) fn of_part<'b>(&self, stop: Stop<'b>, observer: &'b dyn ProgressObserver) -> RunControl<'b>
     where
         'a: 'b,
     {
-        RunControl { stop, cut: self.cut, observer, helpers: &Alone }
+        RunControl { stop, observer, helpers: &Alone, ..*self }
     }
 
     /// Rollouts that may be spent under this control.
@@ -134,7 +141,9 @@ impl<'a> RunControl<'a> {
 
     /// Notifies the observer of progress.
     pub fn report(&self, progress: &SolveProgress) {
-        self.observer.progress(progress);
+        if !self.is_quiet {
+            self.observer.progress(progress);
+        }
     }
 }
 
