@@ -108,8 +108,6 @@ pub enum Ending {
     Done,
     /// The merit to beat is out of reach.
     Hopeless,
-    /// The budget ended it.
-    Interrupted(Interruption),
 }
 
 /// The best point found.
@@ -121,8 +119,8 @@ pub struct SequentialLinearResult {
     pub constraints: Constraints,
     /// Linear programs solved.
     pub iterations: u64,
-    /// Why it ended.
-    pub ending: Ending,
+    /// Why it ended, or what of the budget ended it.
+    pub ending: Result<Ending, Interruption>,
 }
 
 /// Minimises `cost' x` subject to `residual = 0`, `inequality <= 0` and the bounds, from `start`.
@@ -137,7 +135,7 @@ pub fn minimise_sequentially(
     on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
 ) -> SequentialLinearResult {
     let mut search = Search::new(problem, (start, programs), settings);
-    let ending = search.run(budget, on_improvement).unwrap_or_else(Ending::Interrupted);
+    let ending = search.run(budget, on_improvement);
     let Search { x, model, iterations, .. } = search;
     SequentialLinearResult { x, constraints: model.constraints, iterations, ending }
 }

@@ -9,7 +9,7 @@ use super::candidate::{Candidate, Stationarity, improves};
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
-    Budget, Constraints, ElasticSolver, Ending, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem, Restoration,
+    Budget, Constraints, ElasticSolver, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem, Restoration,
     SequentialLinearResult, SequentialLinearSettings, StepRatios, minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{GoalScales, Penalty, ShootingProblem, wrapped_angle};
@@ -127,10 +127,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         if let Some(passed) = passed.filter(|_| !candidate.is_feasible(tolerance)) {
             self.note(&passed);
         }
-        match result.ending {
-            Ending::Interrupted(interruption) => Err(interruption),
-            Ending::Done | Ending::Hopeless => Ok(candidate),
-        }
+        result.ending.map(|_| candidate)
     }
 
     /// The settings of a descent to the goal.

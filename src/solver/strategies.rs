@@ -10,8 +10,8 @@ use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
-    Ending, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Restoration, SequentialLinearSettings, StepRatios,
-    criticality_measure, minimise_sequentially,
+    FIRST_RADIUS, Interruption, PENALTY_GROWTH, Restoration, SequentialLinearSettings, StepRatios, criticality_measure,
+    minimise_sequentially,
 };
 use crate::shooting::decision_from_schedule;
 
@@ -294,9 +294,7 @@ impl LocalSearch<'_, '_, '_> {
             let result = minimise_sequentially(self.problem, from, &settings, &mut self.budget, &mut |_, _| {});
             self.problem.set_slip_smoothing(0.0);
             self.iterations += result.iterations;
-            if let Ending::Interrupted(interruption) = result.ending {
-                return Err(interruption);
-            }
+            result.ending?;
             merit = self.merit(&result);
             decision = result.x;
             first_radius = FIRST_RADIUS;

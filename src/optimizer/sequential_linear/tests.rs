@@ -169,7 +169,7 @@ fn restoration_steps_back_from_points_without_values() {
     let settings = SequentialLinearSettings { iteration_limit: 1, ..settings() };
     let mut problem = SmallProblem::new(&[WIDE], &[logarithm], &[nothing_to_gain]);
     let result = problem.solve_with(&[2.0_f64.exp(), 0.0], &settings, PLENTY);
-    assert_eq!(result.ending, Ending::Done);
+    assert_eq!(result.ending, Ok(Ending::Done));
     assert!((result.x[0] - 1.0).abs() <= AT_VERTEX, "{result:?}");
 }
 
@@ -216,7 +216,7 @@ fn a_merit_out_of_reach_ends_the_iteration() {
     let settings = SequentialLinearSettings { merit_to_beat: -1e6, ..settings() };
     let mut problem = SmallProblem::new(&[WIDE; 2], &[circle], &[maratos]);
     let result = problem.solve_with(&[-0.6, 0.8, 0.6], &settings, PLENTY);
-    assert_eq!((result.ending, result.iterations), (Ending::Hopeless, 1));
+    assert_eq!((result.ending, result.iterations), (Ok(Ending::Hopeless), 1));
 }
 
 #[test]
@@ -225,7 +225,7 @@ fn the_budget_ends_the_iteration_at_its_best_point() {
     let mut last = f64::INFINITY;
     for rollouts in 1..20 {
         let result = problem.solve_with(&[-0.6, 0.8, 0.6], &settings(), rollouts);
-        assert_eq!(result.ending, Ending::Interrupted(Interruption::RolloutLimit));
+        assert_eq!(result.ending, Err(Interruption::RolloutLimit));
         let merit = result.x[2] + 5.0 * result.constraints.violation_sum();
         assert!(merit <= last);
         last = merit;
