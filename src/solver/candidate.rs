@@ -6,8 +6,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use super::progress::is_nearer;
-use crate::optimizer::{CriticalityMeasure, CriticalitySettings};
-use crate::shooting::ShootingProblem;
+use crate::optimizer::CriticalityMeasure;
 
 /// Largest accepted criticality measure, as a share of the final time.
 pub(super) const CRITICALITY_TOLERANCE: f64 = 1e-4;
@@ -40,22 +39,6 @@ pub(super) struct Stationarity {
     /// What the merit counts as 1, s.
     pub(super) time_unit: f64,
     pub(super) measure: CriticalityMeasure,
-}
-
-impl Stationarity {
-    /// The settings for a plan of this final time: the search goes on until half of what counts is predicted.
-    pub(super) fn settings(
-        problem: &ShootingProblem,
-        penalty_parameter: f64,
-        (final_time, goal_tolerance): (f64, f64),
-    ) -> CriticalitySettings {
-        CriticalitySettings {
-            penalty_parameter,
-            negligible_decrease: 0.5 * CRITICALITY_TOLERANCE * final_time / problem.time_unit(),
-            residual_tolerance: goal_tolerance * problem.goal_scales().largest(),
-            inequality_tolerance: problem.inequality_tolerance(),
-        }
-    }
 }
 
 impl Candidate {

@@ -7,8 +7,9 @@ use nalgebra::{DVector, SVector};
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
 use super::goal_miss::goal_missed;
 use super::limit_uses::{largest_excess, limit_uses, motion_with_limits};
-use super::local_search::STRICT_PENALTY;
+use super::local_search::{LocalSearch, STRICT_PENALTY};
 use super::lower_bound::{Grid, LAW_ERROR, LowerBound, largest_lower_bound};
+use super::run_control::{NoProgress, RunControl};
 use super::search::SearchResult;
 use super::sensitivity::{Sensitivity, sensitivity};
 use super::settings::{Refinement, SolveInput, SolverSettings};
@@ -16,7 +17,7 @@ use super::solution::{
     DistinctOptimum, LimitUse, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
 };
 use crate::contact::ContactName;
-use crate::optimizer::{Budget, CriticalityMeasure, ElasticSolver, Interruption, criticality_measure, sign_violations};
+use crate::optimizer::{Interruption, sign_violations};
 use crate::robot::State;
 use crate::shooting::{
     LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision,
@@ -55,7 +56,7 @@ pub(super) fn certified(
     problem.tighten(&best.margins);
     let is_urgent = result.stop_reason == StopReason::Stopped;
     let mut certificate = || -> Result<Certificate, Stopped> {
-        let optimality = Optimality::of_decision(problem, best, (input.settings.goal_tolerance, is_urgent), cut)?;
+        let optimality = Optimality::of_decision(problem, best, (&input.settings, is_urgent), cut)?;
         let replayed = match &result.replayed {
             Some(replayed) => replayed.clone(),
             None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
@@ -88,12 +89,12 @@ impl Optimality {
     fn of_decision(
         problem: &mut ShootingProblem,
         best: &Candidate,
-        (goal_tolerance, is_urgent): (f64, bool),
+        (settings, is_urgent): (&SolverSettings, bool),
         cut: Stop,
     ) -> Result<Self, Stopped> {
         let known = match &best.stationarity {
             Some(known) => Some(Arc::clone(known)),
-            None => measured(problem, best, goal_tolerance, (is_urgent, cut))?.map(Arc::new),
+            None => measured(problem, best, settings, (is_urgent, cut))?.map(Arc::new),
         };
         let unknown = Self::unknown(&best.decision);
         let Some(known) = known else { return Ok(unknown) };
@@ -121,18 +122,15 @@ impl Optimality {
 fn measured(
     problem: &mut ShootingProblem,
     best: &Candidate,
-    goal_tolerance: f64,
+    settings: &SolverSettings,
     (is_urgent, cut): (bool, Stop),
 ) -> Result<Option<Stationarity>, Stopped> {
-    let mut budget = Budget::new(cut, if is_urgent { URGENT_ROLLOUTS } else { u64::MAX });
-    let settings = Stationarity::settings(problem, STRICT_PENALTY, (best.final_time(), goal_tolerance));
-    match criticality_measure(problem, (&best.decision, &mut ElasticSolver::new()), &settings, &mut budget) {
-        Ok(CriticalityMeasure { interruption: Some(Interruption::Stopped), .. }) | Err(Interruption::Stopped) => {
-            Err(Stopped)
-        }
-        Ok(measure) => {
-            Ok(Some(Stationarity { penalty_parameter: STRICT_PENALTY, time_unit: problem.time_unit(), measure }))
-        }
+    let control = RunControl::new(cut, &NoProgress);
+    let rollout_limit = if is_urgent { URGENT_ROLLOUTS } else { u64::MAX };
+    match LocalSearch::new(problem, settings, &control, rollout_limit).measured(best, STRICT_PENALTY) {
+        Ok(known) if known.measure.interruption == Some(Interruption::Stopped) => Err(Stopped),
+        Ok(known) => Ok(Some(known)),
+        Err(Interruption::Stopped) => Err(Stopped),
         Err(Interruption::RolloutLimit) => Ok(None),
     }
 }

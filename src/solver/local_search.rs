@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::candidate::{Candidate, Stationarity, improves};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, improves};
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
-    Budget, Constraints, ElasticSolver, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem, Restoration,
-    SequentialLinearResult, SequentialLinearSettings, StepRatios, minimise_by_nelder_mead, minimise_sequentially,
+    Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem,
+    Restoration, SequentialLinearResult, SequentialLinearSettings, StepRatios, criticality_measure,
+    minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{GoalScales, Penalty, ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
@@ -201,6 +202,20 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let whole_turns = if turn.is_finite() { turn - wrapped_angle(turn) } else { 0.0 };
         self.aim(Some(heading + whole_turns));
         Ok(())
+    }
+
+    /// The criticality measure of a plan: until half of what counts is predicted.
+    pub(super) fn measured(&mut self, plan: &Candidate, penalty_parameter: f64) -> Result<Stationarity, Interruption> {
+        let time_unit = self.problem.time_unit();
+        let settings = SequentialLinearSettings {
+            penalty_parameter,
+            first_radius: FIRST_RADIUS,
+            feasibility_tolerance: self.settings.goal_tolerance * self.scales.largest(),
+            ..self.descent(0.5 * CRITICALITY_TOLERANCE * plan.final_time() / time_unit)
+        };
+        let from = (&plan.decision, linear_programs(self.problem, &mut self.programs));
+        let measure = criticality_measure(self.problem, from, &settings, &mut self.budget)?;
+        Ok(Stationarity { penalty_parameter, time_unit, measure })
     }
 
     /// Stores the criticality measure of a candidate, also with the best one if they are the same.

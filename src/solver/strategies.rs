@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, is_distinct, keep_better};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, is_distinct, keep_better};
 use super::hops::{DIRECT_PATIENCE, FIRST_PATIENCE};
 use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
@@ -10,7 +10,7 @@ use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
-    FIRST_RADIUS, Interruption, PENALTY_GROWTH, Restoration, SequentialLinearSettings, StepRatios, criticality_measure,
+    FIRST_RADIUS, Interruption, PENALTY_GROWTH, Restoration, SequentialLinearSettings, StepRatios,
     minimise_sequentially,
 };
 use crate::shooting::decision_from_schedule;
@@ -240,18 +240,15 @@ impl LocalSearch<'_, '_, '_> {
         let tolerance = self.settings.goal_tolerance;
         let mut penalty_parameter = STRICT_PENALTY;
         loop {
-            let settings = Stationarity::settings(self.problem, penalty_parameter, (best.final_time(), tolerance));
-            let from = (&best.decision, linear_programs(self.problem, &mut self.programs));
-            let mut measure = criticality_measure(self.problem, from, &settings, &mut self.budget)?;
-            if let Some(interruption) = measure.interruption {
+            let mut known = self.measured(best, penalty_parameter)?;
+            if let Some(interruption) = known.measure.interruption {
                 return Err(interruption);
             }
-            let Some(better) = measure.better.take() else {
-                let time_unit = self.problem.time_unit();
-                self.note_stationarity(best, Stationarity { penalty_parameter, time_unit, measure });
+            let Some(better) = known.measure.better.take() else {
+                self.note_stationarity(best, known);
                 return Ok(());
             };
-            let next = self.descend(&better, measure.radius)?;
+            let next = self.descend(&better, known.measure.radius)?;
             if next.is_better_than(best, tolerance) {
                 *best = next;
             } else if penalty_parameter < LARGEST_PENALTY {

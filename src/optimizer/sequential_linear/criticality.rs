@@ -2,25 +2,9 @@
 
 use nalgebra::DVector;
 
-use super::{
-    FIRST_RADIUS, RADIUS_FACTOR, Restoration, SHRINK_RATIO, SMALLEST_RADIUS, Search, SequentialLinearSettings,
-    StepRatios,
-};
+use super::{RADIUS_FACTOR, SHRINK_RATIO, SMALLEST_RADIUS, Search, SequentialLinearSettings};
 use crate::optimizer::evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
 use crate::optimizer::linear_program::ElasticSolver;
-
-/// Parameters of [`criticality_measure`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CriticalitySettings {
-    /// Penalty parameter of the merit.
-    pub penalty_parameter: f64,
-    /// A predicted decrease of at most this much needs no confirmation.
-    pub negligible_decrease: f64,
-    /// Residuals of at most this magnitude count as met: removing violations that a search accepts is no decrease.
-    pub residual_tolerance: f64,
-    /// Inequalities violated by at most this much count as met.
-    pub inequality_tolerance: f64,
-}
 
 /// The result of [`criticality_measure`].
 #[derive(Debug, Clone, PartialEq)]
@@ -46,42 +30,31 @@ pub struct CriticalityMeasure {
 /// descent direction the region stays large, and the measure estimates the attainable decrease. Takes about ten rollouts;
 /// with fewer the answer is an upper bound of the measure.
 ///
+/// The measure is that of a descent with these settings: from its first radius on, until no more than its smallest prediction is
+/// left. What it takes as met counts as met: removing violations that a search accepts is no decrease.
+///
 /// # Errors
 /// When the budget ends before the first linear program is solved.
 pub fn criticality_measure(
     problem: &mut dyn Problem,
     (x, programs): (&DVector<f64>, &mut ElasticSolver),
-    criticality: &CriticalitySettings,
+    settings: &SequentialLinearSettings,
     budget: &mut Budget,
 ) -> Result<CriticalityMeasure, Interruption> {
-    let &CriticalitySettings { penalty_parameter, negligible_decrease, residual_tolerance, inequality_tolerance } =
-        criticality;
-    let settings = SequentialLinearSettings {
-        penalty_parameter,
-        largest_penalty_parameter: penalty_parameter,
-        first_radius: FIRST_RADIUS,
-        feasibility_tolerance: residual_tolerance,
-        inequality_tolerance,
-        smallest_prediction: negligible_decrease,
-        merit_to_beat: f64::INFINITY,
-        step_ratios: StepRatios::BOUNDS,
-        iteration_limit: 0,
-        restoration: Restoration::Skip,
-    };
     let mut model = Linearisation::new(problem.constraints(), x.len());
     let stop = budget.spend()?;
-    problem.linearise((x, FIRST_RADIUS), &mut model, stop)?;
+    problem.linearise((x, settings.first_radius), &mut model, stop)?;
     let within = |value: f64, tolerance: f64| if value.abs() <= tolerance { value } else { 0.0 };
-    let residual = model.constraints.residual.map(|value| within(value, residual_tolerance));
-    let inequality = model.constraints.inequality.map(|value| within(value.max(0.0), inequality_tolerance));
+    let residual = model.constraints.residual.map(|value| within(value, settings.feasibility_tolerance));
+    let inequality = model.constraints.inequality.map(|value| within(value.max(0.0), settings.inequality_tolerance));
     let offset = Constraints { residual, inequality };
     model.constraints.subtract(&offset);
-    let mut search = Search { model, model_is_current: true, offset, ..Search::new(problem, (x, programs), &settings) };
+    let mut search = Search { model, model_is_current: true, offset, ..Search::new(problem, (x, programs), settings) };
     let merit = search.merit(&search.x, &search.model.constraints);
     let (prediction, better, interruption) = loop {
         let (step, gap) = search.linear_step(budget)?;
         let prediction = merit - search.modelled_merit(&step) + gap;
-        if prediction <= negligible_decrease || search.radius <= SMALLEST_RADIUS {
+        if prediction <= settings.smallest_prediction || search.radius <= SMALLEST_RADIUS {
             break (prediction, None, None);
         }
         // The prediction falls with the radius, so this one is an upper bound of the measure.

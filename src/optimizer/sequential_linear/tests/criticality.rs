@@ -5,11 +5,12 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{DMatrix, DVector};
 
 use super::functions::*;
-use super::small_problem::{PLENTY, SmallProblem};
+use super::small_problem::{PLENTY, SmallProblem, settings};
 use super::{SMALLEST_RADIUS, WIDE};
 use crate::optimizer::linear_problem::LinearProblem;
 use crate::optimizer::{
-    Budget, CriticalityMeasure, CriticalitySettings, ElasticSolver, Interruption, criticality_measure,
+    Budget, CriticalityMeasure, ElasticSolver, FIRST_RADIUS, Interruption, SequentialLinearSettings,
+    criticality_measure,
 };
 
 const PENALTY_PARAMETER: f64 = 5.0;
@@ -19,11 +20,12 @@ const ROUNDING: f64 = 1e-14;
 const LARGEST_EXCESS: f64 = 10.0;
 
 fn measured_within(rollouts: u64, problem: &mut SmallProblem, x: &[f64]) -> Result<CriticalityMeasure, Interruption> {
-    let settings = CriticalitySettings {
+    let settings = SequentialLinearSettings {
         penalty_parameter: PENALTY_PARAMETER,
-        negligible_decrease: 0.0,
-        residual_tolerance: 0.0,
-        inequality_tolerance: 0.0,
+        first_radius: FIRST_RADIUS,
+        smallest_prediction: 0.0,
+        feasibility_tolerance: 0.0,
+        ..settings()
     };
     let stop = AtomicBool::new(false);
     let from = (&DVector::from_row_slice(x), &mut ElasticSolver::new());
@@ -122,11 +124,13 @@ fn to_one(at_least: bool) -> LinearProblem {
 }
 
 fn decrease_at(mut problem: LinearProblem, x: f64, tolerance: f64) -> f64 {
-    let settings = CriticalitySettings {
+    let settings = SequentialLinearSettings {
         penalty_parameter: 50.0,
-        negligible_decrease: 1e-9,
-        residual_tolerance: tolerance,
+        first_radius: FIRST_RADIUS,
+        smallest_prediction: 1e-9,
+        feasibility_tolerance: tolerance,
         inequality_tolerance: tolerance,
+        ..settings()
     };
     let stop = AtomicBool::new(false);
     let mut budget = Budget::new(&stop, 100);
