@@ -46,8 +46,8 @@ pub struct SequentialLinearSettings {
     pub step_ratios: StepRatios,
     /// Most iterations.
     pub iteration_limit: usize,
-    /// Whether the final point's violations are driven to zero.
-    pub restoration: Restoration,
+    /// Whether the final point is an answer, whose violations are driven to zero, and no intermediate one.
+    pub restores: bool,
 }
 
 /// What steps are judged by: their share of the decrease that the linear model predicts.
@@ -65,15 +65,6 @@ impl StepRatios {
     /// Where curves are followed, those of limits or of smoothed friction, a step r gains about r (1 - k r). A ratio below a half is a
     /// step beyond the best one, and from three quarters on one of twice the length keeps a half.
     pub const CURVES: Self = Self { correct: 0.5, grow: 0.75 };
-}
-
-/// Whether the final point's violations are driven to zero.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Restoration {
-    /// Yes: the point is an answer.
-    Restore,
-    /// No: the point is an intermediate one.
-    Skip,
 }
 
 /// First trust radius at a plan, of descents and of the criticality measure: variables may change by a tenth of their scale, enough to
@@ -200,7 +191,7 @@ impl<'a> Search<'a> {
         on_improvement(&self.x, &self.model.constraints);
         loop {
             let ending = self.descend(budget, on_improvement)?;
-            if ending == Ending::Hopeless || self.settings.restoration == Restoration::Skip {
+            if ending == Ending::Hopeless || !self.settings.restores {
                 return Ok(ending);
             }
             self.restore(budget)?;

@@ -10,8 +10,8 @@ use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
     Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem,
-    Restoration, SequentialLinearResult, SequentialLinearSettings, StepRatios, criticality_measure,
-    minimise_by_nelder_mead, minimise_sequentially,
+    SequentialLinearResult, SequentialLinearSettings, StepRatios, criticality_measure, minimise_by_nelder_mead,
+    minimise_sequentially,
 };
 use crate::shooting::{GoalScales, Penalty, ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
@@ -143,7 +143,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             merit_to_beat: f64::INFINITY,
             step_ratios: if self.problem.has_path_limits() { StepRatios::CURVES } else { StepRatios::BOUNDS },
             iteration_limit: usize::MAX,
-            restoration: Restoration::Restore,
+            restores: true,
         }
     }
 

@@ -10,8 +10,7 @@ use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
 use crate::optimizer::{
-    FIRST_RADIUS, Interruption, PENALTY_GROWTH, Restoration, SequentialLinearSettings, StepRatios,
-    minimise_sequentially,
+    FIRST_RADIUS, Interruption, PENALTY_GROWTH, SequentialLinearSettings, StepRatios, minimise_sequentially,
 };
 use crate::shooting::decision_from_schedule;
 
@@ -20,10 +19,10 @@ use crate::shooting::decision_from_schedule;
 const SMOOTHING: [f64; 3] = [0.24, 0.08, 0.024];
 /// Most linear programs of a start under the first smoothing, before starts are compared, and under each smoothing afterwards.
 const ROUGH_ITERATION_LIMIT: usize = 10;
-const SMOOTHED_ITERATION_LIMIT: usize = 20;
-/// First trust radius from a start, whose torques may be far from the optimum. Much larger ones leave the family of plans that the
-/// start belongs to, where small changes go far: backwards, a front-heavy robot is unstable.
-const START_RADIUS: f64 = 0.2;
+const SMOOTHED_ITERATION_LIMIT: usize = 2 * ROUGH_ITERATION_LIMIT;
+/// First trust radius from a start, whose torques are farther from the optimum than those of a plan. Much larger ones leave the family
+/// of plans that the start belongs to, where small changes go far: backwards, a front-heavy robot is unstable.
+const START_RADIUS: f64 = 2.0 * FIRST_RADIUS;
 /// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
 const LOSS: f64 = 0.02;
 /// Fewest control intervals of the grids on which held wheels begin.
@@ -283,7 +282,7 @@ impl LocalSearch<'_, '_, '_> {
                 first_radius,
                 iteration_limit,
                 step_ratios: StepRatios::CURVES,
-                restoration: Restoration::Skip,
+                restores: false,
                 ..self.descent(ROUGH)
             };
             self.problem.set_slip_smoothing(smoothing);

@@ -182,14 +182,14 @@ fn restoration_removes_what_a_small_penalty_leaves() {
     fn shifted_parabola(x: &[f64]) -> (f64, Vec<f64>) {
         parabola(&[x[0] + 1.0, x[1]])
     }
-    let penalised = |penalty_parameter: f64, restoration: Restoration| {
-        let settings = SequentialLinearSettings { penalty_parameter, restoration, ..settings() };
+    let penalised = |penalty_parameter: f64, restores: bool| {
+        let settings = SequentialLinearSettings { penalty_parameter, restores, ..settings() };
         SmallProblem::new(&[WIDE], &[slow, shifted_parabola], &[]).solve_with(&[3.0, 0.0], &settings, PLENTY)
     };
-    let skipped = penalised(5.0, Restoration::Skip);
+    let skipped = penalised(5.0, false);
     assert!((skipped.x[0] - 0.875).abs() <= ON_CURVE, "{skipped:?}");
-    assert_at_vertex(&penalised(5.0, Restoration::Restore), &[1.0, 2.0]);
-    assert_at_vertex(&penalised(6.0, Restoration::Skip), &[1.0, 2.0]);
+    assert_at_vertex(&penalised(5.0, true), &[1.0, 2.0]);
+    assert_at_vertex(&penalised(6.0, false), &[1.0, 2.0]);
 }
 
 #[test]
@@ -204,7 +204,7 @@ fn a_penalty_parameter_that_is_too_small_grows() {
     let settings = SequentialLinearSettings {
         penalty_parameter: 1.5,
         largest_penalty_parameter: 10.0,
-        restoration: Restoration::Skip,
+        restores: false,
         ..settings()
     };
     let mut problem = SmallProblem::new(&[WIDE], &[at_one, shifted_parabola], &[]);

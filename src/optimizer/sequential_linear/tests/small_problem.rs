@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{DMatrix, DVector};
 
 use crate::optimizer::{
-    Budget, Constraints, ElasticSolver, Linearisation, Problem, Restoration, SequentialLinearResult,
-    SequentialLinearSettings, StepRatios, minimise_sequentially,
+    Budget, Constraints, ElasticSolver, Linearisation, Problem, SequentialLinearResult, SequentialLinearSettings,
+    StepRatios, minimise_sequentially,
 };
 use crate::stop::{Stop, Stopped};
 
@@ -114,7 +114,7 @@ pub(super) fn settings() -> SequentialLinearSettings {
         merit_to_beat: f64::INFINITY,
         step_ratios: StepRatios::BOUNDS,
         iteration_limit: 400,
-        restoration: Restoration::Restore,
+        restores: true,
     }
 }
 
