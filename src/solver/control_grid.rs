@@ -96,20 +96,16 @@ fn use_all_intervals(
     (result, rollout_limit): (&mut SearchResult, u64),
     control: &RunControl,
 ) {
-    let Some(best) = &result.best else { return };
+    let Some(best) = result.best.clone() else { return };
     let mut problem = problem.clone();
     problem.release_torques();
     problem.set_time_unit(best.final_time());
-    let left = rollout_limit - result.rollouts;
-    let mut search = LocalSearch::new(&mut problem, &input.settings, control, left);
-    let outcome = search.polish(best.clone(), FIRST_PATIENCE, 0);
-    let (found, iterations, rollouts) = search.into_parts();
-    result.iterations += iterations;
-    result.rollouts += rollouts;
+    let polish = |search: &mut LocalSearch| search.polish(best.clone(), FIRST_PATIENCE, 0);
+    let (outcome, found) = result.searching_on((&mut problem, &input.settings), (control, rollout_limit), polish);
     if let Err(interruption) = outcome {
         result.stop_reason = interruption.into();
     }
-    if let Some(found) = found.filter(|found| improves(Some(best), found, input.settings.goal_tolerance)) {
+    if let Some(found) = found.filter(|found| improves(Some(&best), found, input.settings.goal_tolerance)) {
         if let Some(fastest) = result.plans.first_mut() {
             fastest.clone_from(&found);
         }

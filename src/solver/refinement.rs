@@ -35,12 +35,8 @@ pub(super) fn refine(input: &SolveInput, simulator: &Simulator, control: &RunCon
     // While the grid is refined, iterates are worse than the plan reported before.
     let mut refiner = Refiner { input, simulator, control: control.quietly(), result };
     let outcome = refiner.run();
-    result.refinement = match result.stop_reason {
-        StopReason::Stopped | StopReason::RolloutLimit if outcome != RefinementOutcome::WithinTolerance => {
-            RefinementOutcome::Interrupted
-        }
-        StopReason::Finished | StopReason::Stopped | StopReason::RolloutLimit => outcome,
-    };
+    let is_whole = result.stop_reason == StopReason::Finished || outcome == RefinementOutcome::WithinTolerance;
+    result.refinement = if is_whole { outcome } else { RefinementOutcome::Interrupted };
 }
 
 struct Refiner<'a, 'b> {
@@ -135,9 +131,10 @@ impl Refiner<'_, '_> {
         self.result.replayed = Some(plan.replayed.clone());
     }
 
-    /// Whether the allowed steps may do for the plan.
+    /// Whether the allowed steps may do for the plan: those that bring its replay within tolerance if the miss is proportional to the step.
     fn may_fit_step_limit(&self, plan: &Plan) -> bool {
-        plan.needed_steps(self.input) <= UNCERTAINTY * self.finest() as f64
+        let needed = plan.replayed.replay.relative_miss(&self.input.settings) * plan.step_count as f64;
+        needed <= UNCERTAINTY * self.finest() as f64
     }
 
     /// The plan on the finest grid that it needs and reaches.
@@ -192,7 +189,7 @@ impl Refiner<'_, '_> {
         let mut factor = self.next_factor(plan);
         loop {
             let step_count = (factor * plan.step_count).min(self.finest());
-            let candidate = self.adapted(&plan.candidate, step_count)?;
+            let candidate = self.searching_on((step_count, &[]), |search| search.adapt(&plan.candidate))?;
             if self.is_plan(&candidate) {
                 return Ok(Some(self.plan(candidate, step_count, self.control.stop())?));
             }
@@ -203,11 +200,7 @@ impl Refiner<'_, '_> {
         }
     }
 
-    fn adapted(&mut self, candidate: &Candidate, step_count: usize) -> Result<Candidate, Interruption> {
-        self.searching_on((step_count, &[]), |search| search.adapt(candidate))
-    }
-
-    /// Searches on a grid with what is left of the rollouts, and counts what that takes.
+    /// Searches on a grid with what is left of the rollouts.
     fn searching_on<T>(
         &mut self,
         (step_count, margins): (usize, &[(&str, f64)]),
@@ -217,13 +210,7 @@ impl Refiner<'_, '_> {
         let (mut problem, _) = problem_on(self.input, self.simulator, step_count);
         problem.release_torques();
         problem.tighten(margins);
-        let rollout_limit = settings.rollout_limit - self.result.rollouts;
-        let mut search = LocalSearch::new(&mut problem, settings, &self.control, rollout_limit);
-        let found = run(&mut search);
-        let (_, iterations, rollouts) = search.into_parts();
-        self.result.iterations += iterations;
-        self.result.rollouts += rollouts;
-        found
+        self.result.searching_on((&mut problem, settings), (&self.control, settings.rollout_limit), run).0
     }
 
     fn plan(&self, candidate: Candidate, step_count: usize, stop: Stop) -> Result<Plan, Stopped> {
@@ -246,12 +233,5 @@ impl Refiner<'_, '_> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8, and whole")]
         let factor = factor as usize;
         factor
-    }
-}
-
-impl Plan {
-    /// The steps that bring the replay within tolerance, if the miss is proportional to the step.
-    fn needed_steps(&self, input: &SolveInput) -> f64 {
-        self.replayed.replay.relative_miss(&input.settings) * self.step_count as f64
     }
 }

@@ -2,11 +2,12 @@
 
 use super::candidate::{Candidate, distinct, improves, is_distinct};
 use super::certificate::Replayed;
+use super::local_search::LocalSearch;
 use super::progress::BestProgress;
 use super::race::{MORE_STARTS, Race};
 use super::run_control::RunControl;
 use super::sensitivity::friction_shift;
-use super::settings::{Choice, SolveInput};
+use super::settings::{Choice, SolveInput, SolverSettings};
 use super::solution::{DistinctOptimum, RefinementOutcome, StopReason};
 use super::starts::{Strategy, starts};
 use crate::optimizer::Interruption;
@@ -45,6 +46,21 @@ impl SearchResult {
             self.stop_reason = finer.stop_reason;
         }
         (self.iterations, self.rollouts, self.starts_tried) = (iterations, rollouts, starts_tried);
+    }
+
+    /// Searches on with what is left of the rollouts, and counts what that takes; gives the best decision met, too.
+    pub(super) fn searching_on<T>(
+        &mut self,
+        (problem, settings): (&mut ShootingProblem, &SolverSettings),
+        (control, rollout_limit): (&RunControl, u64),
+        run: impl FnOnce(&mut LocalSearch) -> T,
+    ) -> (T, Option<Candidate>) {
+        let mut search = LocalSearch::new(problem, settings, control, rollout_limit - self.rollouts);
+        let found = run(&mut search);
+        let (best, iterations, rollouts) = search.into_parts();
+        self.iterations += iterations;
+        self.rollouts += rollouts;
+        (found, best)
     }
 
     /// How far less friction shifts the ends of the local optima; the steadiest comes first where it is asked for.
@@ -176,7 +192,7 @@ mod tests {
     use super::*;
     use crate::simulation::Simulator;
     use crate::solver::grid_problem::problem_on;
-    use crate::solver::settings::{Method, SolveParameters, SolverSettings};
+    use crate::solver::settings::{Method, SolveParameters};
 
     #[test]
     fn without_further_starts_there_are_no_further_optima() {
