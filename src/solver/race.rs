@@ -157,9 +157,19 @@ impl<'a> Race<'a> {
     pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
         let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(2 * STARTS_A_PLAN), FIRST_PATIENCE);
         for round in 0.. {
-            self.polish(optima, count, (patience, round));
-            if count == 1 || self.found.interruption.is_some() {
-                break;
+            if self.found.interruption.is_some() {
+                return;
+            }
+            best_first(optima, |optimum| optimum);
+            let mut chosen = distinct(optima, |optimum| optimum.merit);
+            chosen.truncate(count);
+            let polish =
+                |index: usize, search: &mut LocalSearch| search.polish(optima[chosen[index]].clone(), patience, round);
+            for (index, local) in self.round(chosen.len(), &polish) {
+                optima[chosen[index]] = local;
+            }
+            if count == 1 {
+                return;
             }
             (count, patience) = (count.div_ceil(2), 2 * patience);
         }
@@ -177,21 +187,6 @@ impl<'a> Race<'a> {
         if let Some((_, local)) = self.round(1, &|_, search| search.polish(best.clone(), 0, 0)).pop() {
             optima.retain(|optimum| optimum.decision != best.decision);
             optima.push(local);
-        }
-    }
-
-    /// Polishes the fastest distinct optima, so many of them.
-    fn polish(&mut self, optima: &mut [Candidate], count: usize, (patience, round): (usize, u64)) {
-        if self.found.interruption.is_some() {
-            return;
-        }
-        best_first(optima, |optimum| optimum);
-        let mut chosen = distinct(optima, |optimum| optimum.merit);
-        chosen.truncate(count);
-        let locals =
-            self.round(chosen.len(), &|index, search| search.polish(optima[chosen[index]].clone(), patience, round));
-        for (index, local) in locals {
-            optima[chosen[index]] = local;
         }
     }
 

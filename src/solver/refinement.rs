@@ -72,11 +72,12 @@ impl Refiner<'_, '_> {
         if outcome == RefinementOutcome::WithinTolerance || self.is_interrupted() {
             return outcome;
         }
-        let is_confirmed = self.refine_first(candidates.collect(), coarse_step_count) || {
+        let mut is_confirmed = self.refine_first(candidates.collect(), coarse_step_count);
+        if !is_confirmed && !self.is_interrupted() {
             let grid = (&mut *self.result, coarse_step_count);
             let candidates = further_optima(self.input, self.simulator, grid, &self.control);
-            !self.is_interrupted() && self.refine_first(candidates, coarse_step_count)
-        };
+            is_confirmed = !self.is_interrupted() && self.refine_first(candidates, coarse_step_count);
+        }
         if is_confirmed { RefinementOutcome::WithinTolerance } else { outcome }
     }
 
