@@ -55,18 +55,10 @@ struct Spin {
     end: f64,
     /// 1 to the left, -1 to the right.
     turn: f64,
-    goes_on: After,
+    /// Whether all torques are reversed afterwards: turned round, the robot brakes by driving forwards.
+    turns_round: bool,
     /// Whole turns by which the heading at the goal changes, positive in the sense of the spin.
     revolutions: f64,
-}
-
-/// How a plan goes on after a spin.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum After {
-    /// As before.
-    AsPlanned,
-    /// With all torques reversed: turned round, the robot brakes by driving forwards.
-    TurnedRound,
 }
 
 /// The first starts of a search, at most `count`, in the order in which they are tried: the caller's guess, the fastest
@@ -145,7 +137,7 @@ impl Spin {
             begin: one.min(other),
             end: one.max(other),
             turn: drawn_from(&[1.0, -1.0], rng),
-            goes_on: drawn_from(&[After::AsPlanned, After::TurnedRound, After::TurnedRound], rng),
+            turns_round: drawn_from(&[false, true, true], rng),
             revolutions: drawn_from(&[0.0, 0.0, 0.0, 0.0, 1.0, -1.0], rng),
         }
     }
@@ -170,7 +162,7 @@ impl Spin {
         let end = interval(self.end).clamp(begin + 1, count);
         for (torques, torque) in [(&mut schedule.left, torque.left), (&mut schedule.right, torque.right)] {
             torques[begin..end].fill(torque);
-            if self.goes_on == After::TurnedRound {
+            if self.turns_round {
                 torques[end..].iter_mut().for_each(|torque| *torque = -*torque);
             }
         }
@@ -213,7 +205,7 @@ mod tests {
     #[test]
     fn a_robot_that_turned_round_brakes_by_driving_forwards() {
         let limit = PerWheel::new(3.0, 2.0);
-        let right = Spin { begin: 0.5, end: 0.75, turn: -1.0, goes_on: After::TurnedRound, revolutions: -1.0 };
+        let right = Spin { begin: 0.5, end: 0.75, turn: -1.0, turns_round: true, revolutions: -1.0 };
         let left = Spin { turn: 1.0, ..right }.of(&plan(Some(0.1)), limit);
         let right = right.of(&plan(Some(0.1)), limit);
         assert_eq!(right.schedule.left, [1.0, 1.0, 3.0, 1.0]);
@@ -237,7 +229,7 @@ mod tests {
         let mut plan = plan(None);
         plan.schedule.left.truncate(1);
         plan.schedule.right.truncate(1);
-        let spin = Spin { begin: 1.0, end: 1.0, turn: -1.0, goes_on: After::AsPlanned, revolutions: 0.0 };
+        let spin = Spin { begin: 1.0, end: 1.0, turn: -1.0, turns_round: false, revolutions: 0.0 };
         let spun = spin.of(&plan, PerWheel::new(1.0, 1.0));
         assert_eq!(spun.schedule.left, [1.0]);
     }
