@@ -252,7 +252,7 @@ impl ElasticSolver {
             self.gradient[*column] = 0.0;
         }
         self.update_point(program, true);
-        if self.basis.is_updated() {
+        if self.basis.is_updated {
             // Corrects what the updates have lost.
             self.value.copy_from(program.target);
             self.value.gemv(1.0, program.matrix, &self.x, -1.0);

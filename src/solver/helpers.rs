@@ -36,24 +36,22 @@ impl Helpers for Alone {
 }
 
 /// Cancels the other parts of shared work when one panics.
-pub(crate) struct CancelOnPanic<'a>(Option<&'a AtomicBool>);
+pub(crate) struct CancelOnPanic<'a>(&'a AtomicBool);
 
 impl<'a> CancelOnPanic<'a> {
     /// Sets the flag where it is dropped before [`Self::disarm`].
     pub(crate) fn new(is_cancelled: &'a AtomicBool) -> Self {
-        Self(Some(is_cancelled))
+        Self(is_cancelled)
     }
 
     /// The part has ended by itself.
-    pub(crate) fn disarm(mut self) {
-        self.0 = None;
+    pub(crate) fn disarm(self) {
+        std::mem::forget(self);
     }
 }
 
 impl Drop for CancelOnPanic<'_> {
     fn drop(&mut self) {
-        if let Some(is_cancelled) = self.0 {
-            is_cancelled.store(true, Ordering::Relaxed);
-        }
+        self.0.store(true, Ordering::Relaxed);
     }
 }

@@ -55,14 +55,13 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         control: &'a RunControl<'c>,
         rollout_limit: u64,
     ) -> Self {
-        let budget = control.budget(rollout_limit);
         let scales = problem.goal_scales();
         Self {
             problem,
             scales,
             settings,
             control,
-            budget,
+            budget: Budget::new(control.stop(), rollout_limit),
             programs: ElasticSolver::new(),
             coarse_step_count: usize::MAX,
             start: (0, 0),

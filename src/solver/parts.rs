@@ -72,8 +72,6 @@ pub(super) struct Total {
     pub(super) locals: Vec<(usize, Candidate)>,
     /// Why some parts have no local optimum.
     pub(super) interruption: Option<Interruption>,
-    /// Parts that were begun.
-    pub(super) tried: usize,
     pub(super) best: Option<Candidate>,
     pub(super) iterations: u64,
     pub(super) rollouts: u64,
@@ -89,7 +87,6 @@ impl Total {
     }
 
     fn add(&mut self, (index, outcome): (usize, PartOutcome), goal_tolerance: f64) {
-        self.tried += 1;
         self.iterations += outcome.iterations;
         self.rollouts += outcome.rollouts;
         note(&mut self.best, outcome.best, goal_tolerance);

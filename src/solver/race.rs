@@ -36,6 +36,8 @@ pub(super) struct Race<'a> {
     control: &'a RunControl<'a>,
     progress: &'a BestProgress<'a>,
     pub(super) found: Total,
+    /// Starts tried.
+    pub(super) tried: usize,
 }
 
 impl<'a> Race<'a> {
@@ -47,7 +49,7 @@ impl<'a> Race<'a> {
     ) -> Self {
         let coarse_step_count = coarse_step_count(input, problem.time_unit());
         let problem = problem.clone();
-        Self { input, problem, coarse_step_count, rollout_limit, control, progress, found: Total::default() }
+        Self { input, problem, coarse_step_count, rollout_limit, control, progress, found: Total::default(), tried: 0 }
     }
 
     /// From starts to local optima, in blocks of the requested number, until the best one has been found more than by chance, and
@@ -67,9 +69,9 @@ impl<'a> Race<'a> {
 
     /// From starts, and from spins of the best that they lead to, to local optima.
     pub(super) fn block(&mut self, starts: &[Start], smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
-        let (first, count) = (self.found.tried, starts.len());
+        let (first, count) = (self.tried, starts.len());
         let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
-        self.found.tried += self.heats((starts, &numbers), smoothed, optima);
+        self.tried += self.heats((starts, &numbers), smoothed, optima);
         for round in 0..SPIN_ROUNDS {
             self.spins((count / STARTS_A_PLAN, round), smoothed, optima);
         }
@@ -84,7 +86,7 @@ impl<'a> Race<'a> {
             goal_heading: best.local.goal_heading,
             strategy: Strategy::Smoothed,
         };
-        let (numbers, stream) = (vec![best.number; count], self.found.tried + round * count);
+        let (numbers, stream) = (vec![best.number; count], self.tried + round * count);
         self.heats((&spun(self.input, &plan, (count, stream as u64)), &numbers), smoothed, optima);
     }
 

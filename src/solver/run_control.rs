@@ -1,7 +1,6 @@
 //! How a running solve is stopped and observed from outside.
 
 use super::helpers::{Alone, Helpers, SharedWork};
-use crate::optimizer::Budget;
 use crate::stop::Stop;
 
 /// What a solve reports while it runs.
@@ -100,11 +99,6 @@ impl<'a> RunControl<'a> {
         'a: 'b,
     {
         RunControl { stop, observer, helpers: &Alone, ..*self }
-    }
-
-    /// Rollouts that may be spent under this control.
-    pub(super) fn budget(&self, rollout_limit: u64) -> Budget<'a> {
-        Budget::new(self.stop, rollout_limit)
     }
 
     /// Does the work on the calling thread and on helpers; returns when it is done.

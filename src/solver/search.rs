@@ -105,12 +105,12 @@ pub(super) fn search(
     let mut race = Race::new(input, problem, rollout_limit, (control, &progress));
     let mut optima = Vec::new();
     race.starts(&starts, &mut optima);
-    let is_smoothed = starts[..race.found.tried].iter().any(|start| start.strategy == Strategy::Smoothed);
+    let is_smoothed = starts[..race.tried].iter().any(|start| start.strategy == Strategy::Smoothed);
     if is_smoothed && !race.is_too_coarse() {
         race.finals(&mut optima);
     }
     race.release_torques(&mut optima);
-    let found = race.found;
+    let (found, starts_tried) = (race.found, race.tried);
     let optima = feasible(optima, settings.goal_tolerance);
     let is_plan = |plan: &&Candidate| plan.is_feasible(settings.goal_tolerance);
     let mut plans: Vec<_> = found.best.iter().chain(&optima).filter(is_plan).cloned().collect();
@@ -122,7 +122,7 @@ pub(super) fn search(
         step_count,
         iterations: found.iterations,
         rollouts: found.rollouts,
-        starts_tried: found.tried,
+        starts_tried,
         distinct_optima: grouped(&optima),
         refinement: RefinementOutcome::Fixed,
         replayed: None,
@@ -144,13 +144,13 @@ pub(super) fn further_optima(
     let starts = starts(input, result.starts_tried + settings.start_count);
     let progress = BestProgress::new(control, settings.goal_tolerance);
     let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, (control, &progress));
-    race.found.tried = result.starts_tried;
+    race.tried = result.starts_tried;
     let mut optima = Vec::new();
     // Searches of several grids count their starts each time, and some maneuvers have few.
     race.block(starts.get(result.starts_tried..).unwrap_or_default(), &mut Vec::new(), &mut optima);
     result.iterations += race.found.iterations;
     result.rollouts += race.found.rollouts;
-    result.starts_tried = race.found.tried;
+    result.starts_tried = race.tried;
     if let Some(interruption) = race.found.interruption {
         result.stop_reason = interruption.into();
     }

@@ -19,7 +19,8 @@ pub(super) struct Basis {
     is_inverted: bool,
     /// Whether the inverse is updated, not made afresh.
     pub(super) is_kept: bool,
-    is_updated: bool,
+    /// Whether the inverse was updated since it was made.
+    pub(super) is_updated: bool,
 }
 
 impl Basis {
@@ -29,11 +30,6 @@ impl Basis {
     /// Whether the inverse is there and need not be made.
     pub(super) fn has_inverse(&self) -> bool {
         self.is_kept && self.is_inverted
-    }
-
-    /// Whether the inverse was updated since it was made.
-    pub(super) fn is_updated(&self) -> bool {
-        self.is_updated
     }
 
     pub(super) fn clear(&mut self) {
