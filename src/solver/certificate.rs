@@ -55,22 +55,24 @@ pub(super) fn certified(
     }
     problem.tighten(&best.margins);
     let is_urgent = result.stop_reason == StopReason::Stopped;
-    let mut certificate = || -> Result<Certificate, Stopped> {
+    let mut certificate = || -> Result<(Optimality, Certificate), Stopped> {
         let optimality = Optimality::of_decision(problem, best, (&input.settings, is_urgent), cut)?;
         let replayed = match &result.replayed {
             Some(replayed) => replayed.clone(),
             None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
         };
         let sensitivity = sensitivity(input, (&motion.schedule, step_count), cut)?;
-        Ok(Certificate { optimality, bound, replayed, sensitivity })
+        Ok((optimality, Certificate { bound, replayed, sensitivity }))
     };
-    let certificate = certificate().map_err(|Stopped| Optimality::unknown(&best.decision));
-    Ok(motion.solution(input, result, certificate))
+    let (optimality, shown) = match certificate() {
+        Ok((optimality, shown)) => (optimality, Some(shown)),
+        Err(Stopped) => (Optimality::unknown(&best.decision), None),
+    };
+    Ok(motion.solution(input, result, (optimality, shown)))
 }
 
 /// What is shown of a plan beside its motion.
 struct Certificate {
-    optimality: Optimality,
     bound: LowerBound,
     replayed: Replayed,
     sensitivity: Vec<Sensitivity>,
@@ -168,15 +170,15 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
         refinement,
         replayed: None,
     };
-    let certificate = Certificate {
-        optimality: Optimality { measure: 0.0, is_stationary: true, sign_violations: 0 },
+    let optimality = Optimality { measure: 0.0, is_stationary: true, sign_violations: 0 };
+    let shown = Certificate {
         bound: largest_lower_bound(input, Grid::Steps(input.settings.step_count)),
         replayed: Replayed { replay: replay_of_miss(input, &goal_error, (0, 0, 0.0)), limits: Vec::new() },
         sensitivity: Vec::new(),
     };
     let schedule = TorqueSchedule::empty();
     let motion = Motion { schedule, trajectory, goal_error, limits: Vec::new(), sticks: true };
-    let mut solution = motion.solution(input, result, Ok(certificate));
+    let mut solution = motion.solution(input, result, (optimality, Some(shown)));
     solution.report.control_count = 0;
     solution
 }
@@ -224,19 +226,14 @@ impl Motion {
         mut self,
         input: &SolveInput,
         result: SearchResult,
-        certificate: Result<Certificate, Optimality>,
+        (optimality, shown): (Optimality, Option<Certificate>),
     ) -> Solution {
-        let (optimality, shown) = match certificate {
-            Ok(Certificate { optimality, bound, replayed: Replayed { replay, limits }, sensitivity }) => {
-                for (used, replayed) in self.limits.iter_mut().zip(&limits) {
-                    used.replay_excess = Some(replayed.excess);
-                }
-                (optimality, Some((bound, (replay, sensitivity))))
-            }
-            Err(unknown) => (unknown, None),
-        };
-        let (bound, shown) = shown.unzip();
-        let (replay, sensitivity) = shown.unzip();
+        let (bound, replayed) = shown.as_ref().map(|shown| (shown.bound, &shown.replayed)).unzip();
+        for (used, on_replay) in self.limits.iter_mut().zip(replayed.into_iter().flat_map(|replayed| &replayed.limits))
+        {
+            used.replay_excess = Some(on_replay.excess);
+        }
+        let replay = replayed.map(|replayed| replayed.replay);
         let separations = self.trajectory.separations();
         let meets_goal = self.goal_error.amax() <= input.settings.goal_tolerance;
         let keeps_law = self.trajectory.worst_contact_residual <= LAW_ERROR;
@@ -274,8 +271,8 @@ impl Motion {
                 slip_reversals: self.trajectory.slip_reversals(),
                 switching_sign_violations: optimality.sign_violations,
                 replay,
-                limits: std::mem::take(&mut self.limits),
-                sensitivity: sensitivity.unwrap_or_default(),
+                limits: self.limits,
+                sensitivity: shown.map_or_else(Vec::new, |shown| shown.sensitivity),
             },
             trajectory: self.trajectory,
             schedule: self.schedule,
