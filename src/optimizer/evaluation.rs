@@ -67,7 +67,7 @@ impl Constraints {
 }
 
 /// The larger of two, or NaN: a point without values meets nothing.
-fn larger(worst: f64, value: f64) -> f64 {
+pub fn larger(worst: f64, value: f64) -> f64 {
     if value > worst || value.is_nan() { value } else { worst }
 }
 

@@ -11,7 +11,7 @@ mod sequential_linear;
 mod switching;
 
 pub use elastic_program::{ElasticProgram, ElasticSolution};
-pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
+pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem, larger};
 pub use linear_program::ElasticSolver;
 pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
 pub use sequential_linear::{

@@ -1,6 +1,7 @@
 //! How much of its limits a motion uses: measured on a rollout of its own, on any grid.
 
 use super::solution::LimitUse;
+use crate::optimizer::larger;
 use crate::shooting::{PathLimit, PathLimits};
 use crate::simulation::{FrictionLaw, PathMaxima, PathMaximum, PathQuantity, Rollout, Simulator};
 use crate::stop::{Stop, Stopped};
@@ -93,7 +94,5 @@ fn torque_rate_use(rate: f64, rollout: &Rollout) -> LimitUse {
 
 /// The largest excess; at most 0 where all limits are kept, NaN if any is.
 pub(super) fn largest_excess(uses: &[LimitUse]) -> f64 {
-    uses.iter()
-        .map(|used| used.excess)
-        .fold(0.0, |worst, next| if next > worst || next.is_nan() { next } else { worst })
+    uses.iter().map(|used| used.excess).fold(0.0, larger)
 }
