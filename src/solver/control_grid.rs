@@ -61,19 +61,13 @@ fn with_fewer_intervals(input: &SolveInput) -> Option<SolveInput> {
     while control_count.is_multiple_of(2) && control_count / 2 >= SolverSettings::default().control_count {
         control_count /= 2;
     }
-    let is_other_method = input.settings.method == Method::NelderMead;
     // A torque may change by less from one interval to the next where these are shorter.
     let has_torque_rate = input.path_limits().torque_rate.is_some();
-    if control_count == input.settings.control_count
-        || is_other_method
-        || has_torque_rate
-        || input.initial_guess.is_some()
-    {
-        return None;
-    }
-    let mut coarse = input.clone();
-    coarse.settings.control_count = control_count;
-    Some(coarse)
+    let needs_all = input.settings.method == Method::NelderMead || has_torque_rate || input.initial_guess.is_some();
+    (control_count < input.settings.control_count && !needs_all).then(|| {
+        let settings = SolverSettings { control_count, ..input.settings };
+        SolveInput { settings, ..input.clone() }
+    })
 }
 
 /// The same plan on all intervals, a whole number of which take the place of one: with the same torques to the bit, which keep the
