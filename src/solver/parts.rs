@@ -43,9 +43,7 @@ pub(super) type RunPart<'a> = dyn Fn(usize, &RunControl, u64) -> PartOutcome + S
 
 /// The parts of one search.
 pub(super) struct Parts<'a> {
-    control: &'a RunControl<'a>,
     progress: &'a BestProgress<'a>,
-    goal_tolerance: f64,
     rollout_limit: u64,
     run: &'a RunPart<'a>,
     state: Mutex<State>,
@@ -99,28 +97,20 @@ impl Total {
 
 impl<'a> Parts<'a> {
     pub(super) fn new(
-        (control, progress): (&'a RunControl<'a>, &'a BestProgress<'a>),
-        goal_tolerance: f64,
+        progress: &'a BestProgress<'a>,
         rollout_limit: u64,
         (count, run): (usize, &'a RunPart<'a>),
     ) -> Self {
         let state = State { slots: (0..count).map(|_| Slot::Open).collect(), given_back: None };
-        Self {
-            control,
-            progress,
-            goal_tolerance,
-            rollout_limit,
-            run,
-            state: Mutex::new(state),
-            is_cancelled: AtomicBool::new(false),
-        }
+        Self { progress, rollout_limit, run, state: Mutex::new(state), is_cancelled: AtomicBool::new(false) }
     }
 
     /// Runs all parts, with the helpers of the control.
     pub(super) fn total(self) -> Total {
-        self.control.share(&self);
-        let Self { control, progress, goal_tolerance, rollout_limit, run, state, .. } = self;
-        let State { slots, given_back } = state.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let Self { progress, rollout_limit, run, .. } = self;
+        let BestProgress { control, goal_tolerance, .. } = *progress;
+        control.share(&self);
+        let State { slots, given_back } = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
         let mut total = Total::default();
         let mut slots = slots.into_iter().enumerate();
         while let Some((index, slot)) = slots.next() {
@@ -154,7 +144,7 @@ impl<'a> Parts<'a> {
     }
 
     fn is_over(&self) -> bool {
-        self.is_cancelled.load(Ordering::Relaxed) || self.control.is_stopped()
+        self.is_cancelled.load(Ordering::Relaxed) || self.progress.control.is_stopped()
     }
 
     /// The first open part, and the most that it may spend.
@@ -171,9 +161,9 @@ impl<'a> Parts<'a> {
 
     fn end(&self, index: usize, limit: u64, outcome: PartOutcome) {
         let mut state = self.state();
-        if matches!(outcome.local, Err(Interruption::Stopped)) && !self.control.is_stopped() {
+        if matches!(outcome.local, Err(Interruption::Stopped)) && !self.progress.control.is_stopped() {
             state.slots[index] = Slot::Open;
-            note(&mut state.given_back, outcome.best, self.goal_tolerance);
+            note(&mut state.given_back, outcome.best, self.progress.goal_tolerance);
             return;
         }
         state.slots[index] = Slot::Done { outcome: Box::new(outcome), limit };
@@ -213,8 +203,8 @@ impl SharedWork for Parts<'_> {
         }
         let Some((index, limit)) = self.begin() else { return false };
         let alarm = CancelOnPanic::new(&self.is_cancelled);
-        let stop = self.control.stop().interrupted_by([&self.is_cancelled, recalled]);
-        let control = self.control.of_part(stop, self.progress);
+        let control = self.progress.control;
+        let control = control.of_part(control.stop().interrupted_by([&self.is_cancelled, recalled]), self.progress);
         let outcome = (self.run)(index, &control, limit);
         alarm.disarm();
         self.end(index, limit, outcome);

@@ -22,8 +22,8 @@ fn is_better(first: &SolveProgress, second: &SolveProgress, goal_tolerance: f64)
 
 /// Forwards progress that is better than all reported before, and the latest start that has begun.
 pub(super) struct BestProgress<'a> {
-    control: &'a RunControl<'a>,
-    goal_tolerance: f64,
+    pub(super) control: &'a RunControl<'a>,
+    pub(super) goal_tolerance: f64,
     reported: Mutex<Option<SolveProgress>>,
 }
 

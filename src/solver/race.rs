@@ -5,7 +5,6 @@ use super::hops::FIRST_PATIENCE;
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
-use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::starts::{Start, Strategy, spun};
 use super::strategies::Heat;
@@ -33,7 +32,6 @@ pub(super) struct Race<'a> {
     problem: ShootingProblem<'a>,
     coarse_step_count: usize,
     rollout_limit: u64,
-    control: &'a RunControl<'a>,
     progress: &'a BestProgress<'a>,
     pub(super) found: Total,
     /// Starts tried.
@@ -45,11 +43,11 @@ impl<'a> Race<'a> {
         input: &'a SolveInput,
         problem: &ShootingProblem<'a>,
         rollout_limit: u64,
-        (control, progress): (&'a RunControl<'a>, &'a BestProgress<'a>),
+        progress: &'a BestProgress<'a>,
     ) -> Self {
         let coarse_step_count = coarse_step_count(input, problem.time_unit());
         let problem = problem.clone();
-        Self { input, problem, coarse_step_count, rollout_limit, control, progress, found: Total::default(), tried: 0 }
+        Self { input, problem, coarse_step_count, rollout_limit, progress, found: Total::default(), tried: 0 }
     }
 
     /// From starts to local optima, in blocks of the requested number, until the best one has been found more than by chance, and
@@ -196,7 +194,7 @@ impl<'a> Race<'a> {
     fn round(
         &mut self,
         count: usize,
-        run: &(dyn Fn(usize, &mut LocalSearch) -> RoundResult + Sync),
+        run: &(dyn Fn(usize, &mut LocalSearch) -> Result<Candidate, Interruption> + Sync),
     ) -> Vec<(usize, Candidate)> {
         let run_part: &RunPart = &|index, control, rollout_limit| {
             let mut problem = self.problem.clone();
@@ -208,7 +206,7 @@ impl<'a> Race<'a> {
         };
         let tolerance = self.input.settings.goal_tolerance;
         let left = self.rollout_limit - self.found.rollouts;
-        let mut total = Parts::new((self.control, self.progress), tolerance, left, (count, run_part)).total();
+        let mut total = Parts::new(self.progress, left, (count, run_part)).total();
         let locals = std::mem::take(&mut total.locals);
         self.found.follow(total, tolerance);
         locals
@@ -224,8 +222,6 @@ fn coarse_step_count(input: &SolveInput, final_time: f64) -> usize {
     let needed = needed as usize;
     needed.max(COARSE_STEPS).saturating_mul(control_count)
 }
-
-type RoundResult = Result<Candidate, Interruption>;
 
 /// The number of a start, and how many there are.
 type StartNumber = (usize, usize);

@@ -102,7 +102,7 @@ pub(super) fn search(
 ) -> SearchResult {
     let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
     let progress = BestProgress::new(control, settings.goal_tolerance);
-    let mut race = Race::new(input, problem, rollout_limit, (control, &progress));
+    let mut race = Race::new(input, problem, rollout_limit, &progress);
     let mut optima = Vec::new();
     race.starts(&starts, &mut optima);
     let is_smoothed = starts[..race.tried].iter().any(|start| start.strategy == Strategy::Smoothed);
@@ -143,7 +143,7 @@ pub(super) fn further_optima(
     let settings = &input.settings;
     let starts = starts(input, result.starts_tried + settings.start_count);
     let progress = BestProgress::new(control, settings.goal_tolerance);
-    let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, (control, &progress));
+    let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, &progress);
     race.tried = result.starts_tried;
     let mut optima = Vec::new();
     // Searches of several grids count their starts each time, and some maneuvers have few.
