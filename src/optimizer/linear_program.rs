@@ -242,7 +242,8 @@ impl ElasticSolver {
         self.update_multipliers(program);
         self.update_gradient(program);
         if self.gradient_error > self.small_gradient {
-            self.correct_multipliers();
+            // Where rows are nearly dependent, as those of rolling wheels are, the inverse has few digits.
+            self.take_from_basic(&self.gradient.select_rows(&self.basis.basic));
             self.update_gradient(program);
         }
         if self.drop_row_beyond_box(program) {
@@ -280,20 +281,15 @@ impl ElasticSolver {
             let cost = program.cost[*column] + self.perturbation.of(*column);
             cost + program.matrix.column(*column).dot(&self.multiplier)
         };
-        let missing = DVector::from_iterator(self.basis.basic.len(), self.basis.basic.iter().map(gradient));
-        let tight = self.basis.inverse.tr_mul(&missing);
-        for (row, multiplier) in self.basis.tight.iter().zip(tight.iter()) {
-            self.multiplier[*row] = -multiplier;
-        }
+        let gradients = DVector::from_iterator(self.basis.basic.len(), self.basis.basic.iter().map(gradient));
+        self.take_from_basic(&gradients);
     }
 
-    /// Makes the gradients of the basic variables smaller: where rows are nearly dependent, as those of rolling wheels are, the inverse
-    /// has few digits.
-    fn correct_multipliers(&mut self) {
-        let missing = self.basis.basic.iter().map(|column| self.gradient[*column]);
-        let tight = self.basis.inverse.tr_mul(&DVector::from_iterator(self.basis.basic.len(), missing));
-        for (row, multiplier) in self.basis.tight.iter().zip(tight.iter()) {
-            self.multiplier[*row] -= multiplier;
+    /// Changes the multipliers of the tight rows such that the gradients of the basic variables fall by these.
+    fn take_from_basic(&mut self, gradients: &DVector<f64>) {
+        let changes = self.basis.inverse.tr_mul(gradients);
+        for (row, change) in self.basis.tight.iter().zip(changes.iter()) {
+            self.multiplier[*row] -= change;
         }
     }
 
