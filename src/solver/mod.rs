@@ -54,9 +54,6 @@ use crate::shooting::{ShootingProblem, decision_from_schedule, decision_len};
 use crate::simulation::Simulator;
 use crate::stop::{Stop, Stopped};
 
-/// Final time of the answer where every motion that was tried diverged, s.
-const STANDING_TIME: f64 = ROUNDING;
-
 /// Solves a maneuver; the result, whatever it is, is a status of the answer, never an error.
 ///
 /// The answer depends on the input alone, unless `control` stops the search.
@@ -102,9 +99,9 @@ fn fallback(input: &SolveInput, problem: &mut ShootingProblem, stop: Stop) -> Re
     Ok(goal_error.is_finite().then_some(candidate))
 }
 
-/// No torque, for so short a time that no motion diverges.
+/// The answer where every motion that was tried diverged: no torque, for so short a time that none does.
 fn standing_still(input: &SolveInput) -> Candidate {
     let mut decision = DVector::zeros(decision_len(input.settings.control_count));
-    decision[2 * input.settings.control_count] = STANDING_TIME;
+    decision[2 * input.settings.control_count] = ROUNDING;
     Candidate::new(decision, f64::INFINITY, true, None)
 }

@@ -11,7 +11,7 @@ use super::certificate::{Replayed, replay};
 use super::control_grid::{further_optima, search};
 use super::grid_problem::problem_on;
 use super::local_search::LocalSearch;
-use super::run_control::RunControl;
+use super::run_control::{Phase, RunControl};
 use super::search::SearchResult;
 use super::settings::SolveInput;
 use super::solution::{RefinementOutcome, StopReason};
@@ -162,7 +162,7 @@ impl Refiner<'_, '_> {
         if margins.is_empty() {
             return (plan, RefinementOutcome::StepLimit);
         }
-        let slower = self.searching_on((plan.step_count, &margins), |search| search.back_off(&plan.candidate));
+        let slower = self.searching_from(&plan, (plan.step_count, &margins), |search| search.back_off(&plan.candidate));
         let slower = slower.and_then(|slower| Ok(self.plan(slower, plan.step_count, self.control.stop())?));
         match slower {
             Ok(slower) if self.is_plan(&slower.candidate) && slower.replayed.keeps_limits() => {
@@ -190,7 +190,7 @@ impl Refiner<'_, '_> {
         let mut factor = self.next_factor(plan);
         loop {
             let step_count = (factor * plan.step_count).min(self.finest());
-            let candidate = self.searching_on((step_count, &[]), |search| search.adapt(&plan.candidate))?;
+            let candidate = self.searching_from(plan, (step_count, &[]), |search| search.adapt(&plan.candidate))?;
             if self.is_plan(&candidate) {
                 return Ok(Some(self.plan(candidate, step_count, self.control.stop())?));
             }
@@ -201,17 +201,24 @@ impl Refiner<'_, '_> {
         }
     }
 
-    /// Searches on a grid with what is left of the rollouts.
-    fn searching_on<T>(
+    /// Searches from a plan, on a grid and with tighter limits.
+    fn searching_from<T>(
         &mut self,
+        Plan { candidate, .. }: &Plan,
         (step_count, margins): (usize, &[(&str, f64)]),
         run: impl FnOnce(&mut LocalSearch) -> T,
     ) -> T {
+        let _phase = self.control.enter(Phase::Refinement);
         let settings = &self.input.settings;
         let (mut problem, _) = problem_on(self.input, self.simulator, step_count);
         problem.release_torques();
         problem.tighten(margins);
-        self.result.searching_on((&mut problem, settings), (&self.control, settings.rollout_limit), run).0
+        problem.set_time_unit(candidate.final_time());
+        let from_plan = |search: &mut LocalSearch| {
+            search.aim(candidate.goal_heading);
+            run(search)
+        };
+        self.result.searching_on((&mut problem, settings), (&self.control, settings.rollout_limit), from_plan).0
     }
 
     fn plan(&self, candidate: Candidate, step_count: usize, stop: Stop) -> Result<Plan, Stopped> {

@@ -70,9 +70,6 @@ impl LocalSearch<'_, '_, '_> {
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
     pub(super) fn adapt(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
-        let _phase = self.control.enter(Phase::Refinement);
-        self.aim(candidate.goal_heading);
-        self.problem.set_time_unit(candidate.final_time());
         let adapted = self.warmly(&candidate.decision, candidate.goal_heading)?;
         // A grid moves an optimum by little: one that is slower lies on a kink.
         if is_distinct(candidate.final_time(), adapted.final_time()) {
@@ -86,9 +83,6 @@ impl LocalSearch<'_, '_, '_> {
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
     pub(super) fn back_off(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
-        let _phase = self.control.enter(Phase::Refinement);
-        self.aim(candidate.goal_heading);
-        self.problem.set_time_unit(candidate.final_time());
         let mut best = self.near(&candidate.decision)?;
         if best.is_feasible(self.settings.goal_tolerance) {
             self.settle(&mut best)?;
