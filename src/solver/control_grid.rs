@@ -95,7 +95,9 @@ fn use_all_intervals(
     problem.release_torques();
     problem.set_time_unit(best.final_time());
     let polish = |search: &mut LocalSearch| search.polish(best.clone(), FIRST_PATIENCE, 0);
-    let (outcome, found) = result.searching_on((&mut problem, &input.settings), (control, rollout_limit), polish);
+    // Iterates are worse than the plan reported before.
+    let control = control.quietly();
+    let (outcome, found) = result.searching_on((&mut problem, &input.settings), (&control, rollout_limit), polish);
     if let Err(interruption) = outcome {
         result.stop_reason = interruption.into();
     }
