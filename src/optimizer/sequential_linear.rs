@@ -199,6 +199,8 @@ impl<'a> Search<'a> {
                 return Ok(ending);
             }
             self.radius = self.settings.first_radius;
+            // Rows that no step within the last radius violates are left out of the model.
+            self.model_is_current = false;
         }
     }
 

@@ -28,6 +28,8 @@ const FINE: f64 = 1e-7;
 /// The same of rough descents, below which the last third of the rollouts would gain little, and of all descents with limits, where
 /// steps along curved constraints stay short. `converged` allows ten times as much.
 pub(super) const ROUGH: f64 = 1e-5;
+/// Most linear programs of a descent. Of 10,000 one takes more than 600; a descent may crawl along a kink for ever.
+const ITERATION_LIMIT: usize = 1_000;
 /// The tolerance of the restoration, as a share of the goal tolerance.
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
@@ -141,7 +143,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             smallest_prediction,
             merit_to_beat: f64::INFINITY,
             step_ratios: if self.problem.has_path_limits() { StepRatios::CURVES } else { StepRatios::BOUNDS },
-            iteration_limit: usize::MAX,
+            iteration_limit: ITERATION_LIMIT,
             restores: true,
         }
     }
