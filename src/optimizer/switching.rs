@@ -16,7 +16,8 @@ const RADIUS: f64 = 1e-3;
 /// Reduced costs below this share of the largest one count as zero.
 const ZERO: f64 = 1e-2;
 
-/// How many variables contradict the sign of their reduced cost at `x`, where `model` is the problem's linearisation.
+/// How many variables that cost nothing themselves, as torques do, contradict the sign of their reduced cost at `x`, where `model` is the
+/// problem's linearisation.
 ///
 /// # Errors
 /// When it was stopped.
@@ -44,13 +45,13 @@ pub fn sign_violations(
     let reduced_cost = (problem.cost() - model.jacobian.tr_mul(&multiplier)).component_mul(&scale);
 
     let zero = ZERO * reduced_cost.amax();
-    let contradicts = |index: usize| {
+    let contradicts = |&index: &usize| {
         let slack = TOLERANCE * scale[index];
         let can_fall = below[index] < -slack && reduced_cost[index] > zero;
         let can_rise = above[index] > slack && reduced_cost[index] < -zero;
-        can_fall || can_rise
+        problem.cost()[index] == 0.0 && (can_fall || can_rise)
     };
-    Ok((0..x.len()).filter(|&index| contradicts(index)).count())
+    Ok((0..x.len()).filter(contradicts).count())
 }
 
 #[cfg(test)]
@@ -73,21 +74,27 @@ mod tests {
         }
     }
 
-    fn violations(x: [f64; 3]) -> usize {
+    fn violations(x: [f64; 3], penalty_parameter: f64) -> usize {
         let (mut problem, x) = (sum(), DVector::from_row_slice(&x));
         let mut model = Linearisation::new(problem.constraints(), x.len());
         problem.linearise((&x, 1.0), &mut model, Stop::never()).unwrap();
-        sign_violations(&problem, &x, &model, 5.0, Stop::never()).unwrap()
+        sign_violations(&problem, &x, &model, penalty_parameter, Stop::never()).unwrap()
     }
 
     #[test]
     fn the_optimum_contradicts_no_sign() {
-        assert_eq!(violations([-1.0, -1.0, -2.0]), 0);
+        assert_eq!(violations([-1.0, -1.0, -2.0], 5.0), 0);
     }
 
     #[test]
     fn variables_that_could_gain_are_counted() {
-        assert_eq!(violations([-1.0, 1.0, 0.0]), 1);
-        assert_eq!(violations([0.5, 0.5, 1.0]), 2);
+        assert_eq!(violations([-1.0, 1.0, 0.0], 5.0), 1);
+        assert_eq!(violations([0.5, 0.5, 1.0], 5.0), 2);
+    }
+
+    #[test]
+    fn what_the_cost_counts_is_no_torque() {
+        // Below the multiplier of the sum the penalty gives it up for a smaller last variable.
+        assert_eq!(violations([-1.0, -1.0, -2.0], 0.5), 0);
     }
 }

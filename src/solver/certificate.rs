@@ -111,9 +111,9 @@ impl Optimality {
         Ok(Self { measure, is_stationary, sign_violations })
     }
 
-    /// Without a measure the bounds are the whole final time, and a violation at every control.
+    /// Without a measure the bounds are the whole final time, and a violation at every torque.
     fn unknown(decision: &DVector<f64>) -> Self {
-        Self { measure: decision[decision.len() - 1], is_stationary: false, sign_violations: decision.len() }
+        Self { measure: decision[decision.len() - 1], is_stationary: false, sign_violations: decision.len() - 1 }
     }
 }
 
@@ -360,4 +360,17 @@ impl Replay {
 /// The miss of a motion that diverges on the fine grid becomes the largest number.
 pub(super) fn finite_or_largest(value: f64) -> f64 {
     if value.is_finite() { value } else { f64::MAX }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shooting::decision_len;
+
+    #[test]
+    fn a_certificate_that_is_cut_off_counts_every_torque() {
+        let decision = DVector::from_element(decision_len(40), 1.5);
+        let unknown = Optimality::unknown(&decision);
+        assert_eq!((unknown.measure, unknown.is_stationary, unknown.sign_violations), (1.5, false, 80));
+    }
 }
