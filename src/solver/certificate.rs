@@ -98,16 +98,15 @@ impl Optimality {
             Some(known) => Some(Arc::clone(known)),
             None => measured(problem, best, settings, (is_urgent, cut))?.map(Arc::new),
         };
-        let unknown = Self::unknown(&best.decision);
-        let Some(known) = known else { return Ok(unknown) };
+        let Some(known) = known else { return Ok(Self::unknown(&best.decision)) };
         let Stationarity { penalty_parameter, time_unit, measure } = &*known;
         problem.set_time_unit(*time_unit);
         let sign_violations = sign_violations(problem, &best.decision, &measure.model, *penalty_parameter, cut)?;
-        let decrease = time_unit * measure.prediction;
-        let measure = if decrease.is_finite() { decrease } else { unknown.measure };
+        let final_time = best.final_time();
+        let measure = decrease_within(time_unit * measure.prediction, final_time);
         // At the shortest final time no faster plan was looked for.
-        let is_faster_excluded = best.final_time() <= SHORTEST_FINAL_TIME;
-        let is_stationary = measure <= CRITICALITY_TOLERANCE * best.final_time() && !is_faster_excluded;
+        let is_faster_excluded = final_time <= SHORTEST_FINAL_TIME;
+        let is_stationary = measure <= CRITICALITY_TOLERANCE * final_time && !is_faster_excluded;
         Ok(Self { measure, is_stationary, sign_violations })
     }
 
@@ -115,6 +114,12 @@ impl Optimality {
     fn unknown(decision: &DVector<f64>) -> Self {
         Self { measure: decision[decision.len() - 1], is_stationary: false, sign_violations: decision.len() - 1 }
     }
+}
+
+/// A predicted decrease of the merit as one of the final time, s. Where the goal is missed the merit may fall by more than that time, and
+/// what is not a number is all of it. A negative one is as large a rounding.
+fn decrease_within(predicted: f64, final_time: f64) -> f64 {
+    final_time.min(predicted.abs())
 }
 
 /// The criticality measure of a decision for which the search has not computed it.
@@ -372,5 +377,13 @@ mod tests {
         let decision = DVector::from_element(decision_len(40), 1.5);
         let unknown = Optimality::unknown(&decision);
         assert_eq!((unknown.measure, unknown.is_stationary, unknown.sign_violations), (1.5, false, 80));
+    }
+
+    #[test]
+    fn a_plan_gains_no_more_than_its_final_time() {
+        for beyond in [7953.0, 1.8e145, f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+            assert_eq!(decrease_within(beyond, 24.0), 24.0);
+        }
+        assert_eq!([0.5, 0.0, -2e-14].map(|predicted| decrease_within(predicted, 24.0)), [0.5, 0.0, 2e-14]);
     }
 }

@@ -192,7 +192,8 @@ pub struct Report {
     pub distinct_optima: Vec<DistinctOptimum>,
     /// Largest residual of the contact law, relative to m g dt.
     pub worst_contact_residual: f64,
-    /// Criticality measure: decrease of the final time that the linear model still predicts, s.
+    /// Criticality measure: decrease of the final time that the linear model still predicts, s, at most that time; where the goal is
+    /// missed, coming nearer to it counts as a decrease too.
     pub predicted_decrease: f64,
     /// Rigorous lower bound on the final time, s; none where the certificate was cut off.
     pub lower_bound: Option<f64>,

@@ -63,6 +63,9 @@ fn assert_finite(seed: u64, solution: &Solution) {
         .chain(schedule.left.iter().chain(&schedule.right).copied())
         .chain([schedule.final_time, report.predicted_decrease, report.lower_bound.unwrap()])
         .chain(report.replay.iter().flat_map(|replay| [replay.miss_position, replay.miss_heading, replay.miss_speed]));
+    // The schedule has the final time of the decision up to rounding.
+    let most = schedule.final_time * (1.0 + 1e-12);
+    assert!((0.0..=most).contains(&report.predicted_decrease), "seed {seed}: {} of {most}", report.predicted_decrease);
     for number in numbers {
         assert!(number.is_finite(), "seed {seed}: {number}, {:?}", solution.status);
     }

@@ -322,7 +322,7 @@ fn criticality(report: &Report) -> Option<String> {
         0 => String::new(),
         count => format!("; {count} torques are off the limit at which they would gain"),
     };
-    // The last linear program may end a rounding error below zero.
+    // Before, a linear program could end a rounding error below zero, and answers are kept in files.
     let decrease = short(report.predicted_decrease_s.max(0.0));
     Some(format!("Criticality: to first order, changed torques gain no more than {decrease} s{signs}."))
 }
