@@ -146,6 +146,7 @@ fn measured(
 pub(super) fn certified_impossible(input: &SolveInput, reason: Reason) -> Solution {
     let mut solution = certified_standstill(input);
     solution.status = Status::Infeasible;
+    solution.replay_confirmed = false;
     solution.reason = Some(reason);
     solution.report.distinct_optima = Vec::new();
     if solution.report.refinement != RefinementOutcome::Fixed {

@@ -14,11 +14,11 @@ use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
 
 /// Why no plan can meet the goal; none where that is not proven.
 pub(super) fn impossibility(input: &SolveInput) -> Option<Reason> {
-    excluded_end(input)
-        .or_else(|| start_unloads(input))
-        .or_else(|| cannot_move(input))
-        .or_else(|| takes_too_long(input))
-        .or_else(|| goal_unloads(input))
+    let at_an_end = excluded_end(input).or_else(|| start_unloads(input));
+    if at_an_end.is_some() || input.starts_at_goal() {
+        return at_an_end;
+    }
+    cannot_move(input).or_else(|| takes_too_long(input)).or_else(|| goal_unloads(input))
 }
 
 fn start_unloads(input: &SolveInput) -> Option<Reason> {

@@ -61,12 +61,11 @@ use crate::stop::{Stop, Stopped};
 /// # Errors
 /// When `control` cuts off the certificate before the motion of the plan is known: there is nothing to answer.
 pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopped> {
-    let start_error = input.maneuver.goal_error(&input.maneuver.start);
-    if start_error.amax() <= input.settings.goal_tolerance {
-        return Ok(certificate::certified_standstill(input));
-    }
     if let Some(reason) = impossibility::impossibility(input) {
         return Ok(certificate::certified_impossible(input, reason));
+    }
+    if input.starts_at_goal() {
+        return Ok(certificate::certified_standstill(input));
     }
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;

@@ -267,6 +267,11 @@ impl SolveInput {
         PathLimits::of_maneuver(&self.robot, &self.maneuver, self.payload.as_ref(), self.aisle.as_ref())
     }
 
+    /// Whether the start meets the goal, in no time and without motion.
+    pub(super) fn starts_at_goal(&self) -> bool {
+        self.maneuver.goal_error(&self.maneuver.start).amax() <= self.settings.goal_tolerance
+    }
+
     /// The point that limits of speeds and accelerations speak of, relative to the chassis centre of mass, (right, forward), m.
     pub(super) fn limited_point(&self) -> Vector2<f64> {
         limited_point(self.robot.parameters(), self.maneuver.reference_point, self.payload.as_ref())

@@ -226,7 +226,7 @@ pub struct Solution {
     pub stop_reason: StopReason,
     /// Goal met, no separation, replay within tolerance.
     pub replay_confirmed: bool,
-    /// The first requirement that fails, for plans that miss the goal.
+    /// The first requirement that fails, where the goal is missed or impossible.
     pub reason: Option<Reason>,
     /// The torques.
     pub schedule: TorqueSchedule,

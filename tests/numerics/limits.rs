@@ -247,6 +247,39 @@ fn ends_that_limits_exclude_are_infeasible() {
 }
 
 #[test]
+fn a_start_at_the_goal_is_excluded_as_any_other() {
+    let at_goal = |mut parameters: SolveParameters| {
+        let maneuver = &mut parameters.maneuver;
+        for (component, value) in StateComponent::ALL.into_iter().zip(maneuver.start.to_vector().iter()) {
+            if maneuver.goal.value(component).is_some() {
+                maneuver.goal.set(component, Some(*value));
+            }
+        }
+        let solution = solved(parameters);
+        assert_eq!((solution.schedule.final_time, solution.report.rollouts), (0.0, 0));
+        (solution.status, solution.replay_confirmed, solution.reason.map(|reason| reason.code))
+    };
+    let stays = (Status::Converged, true, None);
+    let excluded = |code| (Status::Infeasible, false, Some(code));
+    let mut wide = shift_in_aisle(5.0);
+    assert_eq!(at_goal(wide.clone()), stays);
+    wide.aisle.keep_in = rectangle((-0.15, 0.15), (-1.0, 4.0));
+    assert_eq!(at_goal(wide), excluded("start_outside"));
+    // No motion is needed, so that no torque is.
+    let mut fast = SolveParameters::forward_drive();
+    fast.maneuver.torque_limit = PerWheel::new(0.0, 0.0);
+    assert_eq!(at_goal(fast.clone()), stays);
+    fast.maneuver.start.velocity.y = 1.0;
+    fast.maneuver.limits.speed = Some(1.0);
+    assert_eq!(at_goal(fast.clone()), stays);
+    fast.maneuver.limits.speed = Some(0.5);
+    assert_eq!(at_goal(fast.clone()), excluded("start_exceeds_limit"));
+    fast.maneuver.limits.speed = None;
+    fast.maneuver.start.velocity.yaw_rate = 100.0;
+    assert_eq!(at_goal(fast), excluded("start_separates"));
+}
+
+#[test]
 fn a_simulation_reports_the_same_uses() {
     let mut parameters = symmetric();
     parameters.maneuver.slip = SlipPolicy::Allowed;
