@@ -160,9 +160,12 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
     let start = input.maneuver.start;
     let trajectory = Trajectory { time: vec![0.0], state: vec![start], end_state: start, ..Trajectory::default() };
     let goal_error = input.maneuver.goal_error(&start);
+    let replay = replay_of_miss(input, &goal_error, (0, 0, 0.0));
     let refinement = match input.settings.refinement {
         Refinement::Fixed => RefinementOutcome::Fixed,
-        Refinement::UntilConfirmed { .. } => RefinementOutcome::WithinTolerance,
+        Refinement::UntilConfirmed { .. } if replay.within_tolerance => RefinementOutcome::WithinTolerance,
+        // All grids have the same miss, the finest too.
+        Refinement::UntilConfirmed { .. } => RefinementOutcome::StepLimit,
     };
     let result = SearchResult {
         best: None,
@@ -179,7 +182,7 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
     let optimality = Optimality { measure: 0.0, is_stationary: true, sign_violations: 0 };
     let shown = Certificate {
         bound: largest_lower_bound(input, Grid::Steps(input.settings.step_count)),
-        replayed: Replayed { replay: replay_of_miss(input, &goal_error, (0, 0, 0.0)), limits: Vec::new() },
+        replayed: Replayed { replay, limits: Vec::new() },
         sensitivity: Vec::new(),
     };
     let schedule = TorqueSchedule::empty();
@@ -371,13 +374,28 @@ pub(super) fn finite_or_largest(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shooting::decision_len;
+    use crate::shooting::{Goal, decision_len};
+    use crate::solver::settings::SolveParameters;
 
     #[test]
     fn a_certificate_that_is_cut_off_counts_every_torque() {
         let decision = DVector::from_element(decision_len(40), 1.5);
         let unknown = Optimality::unknown(&decision);
         assert_eq!((unknown.measure, unknown.is_stationary, unknown.sign_violations), (1.5, false, 80));
+    }
+
+    #[test]
+    fn a_standstill_is_refined_where_its_replay_is_within_tolerance() {
+        for (goal_tolerance, outcome) in
+            [(1.0, RefinementOutcome::StepLimit), (1e-6, RefinementOutcome::WithinTolerance)]
+        {
+            let mut parameters = SolveParameters::default();
+            parameters.settings.goal_tolerance = goal_tolerance;
+            parameters.maneuver.goal = Goal::at_rest(0.0, goal_tolerance, 0.0);
+            let solution = certified_standstill(&SolveInput::new(parameters).unwrap());
+            assert_eq!((solution.status, solution.report.refinement), (Status::Converged, outcome));
+            assert_eq!(solution.replay_confirmed, outcome == RefinementOutcome::WithinTolerance);
+        }
     }
 
     #[test]
