@@ -11,7 +11,7 @@ use super::hops::FIRST_PATIENCE;
 use super::local_search::LocalSearch;
 use super::run_control::RunControl;
 use super::search::{self, SearchResult};
-use super::settings::{Method, SolveInput, SolverSettings};
+use super::settings::{Choice, Method, SolveInput, SolverSettings};
 use super::solution::StopReason;
 use crate::shooting::{ShootingProblem, decision_from_schedule, schedule_from_decision};
 use crate::simulation::{Simulator, TorqueSchedule};
@@ -83,7 +83,7 @@ fn resample(plan: &mut Candidate, input: &SolveInput) {
     }
 }
 
-/// Polishes the best plan on all intervals.
+/// Polishes the best plan on all intervals; the steadiest one only descends there.
 fn use_all_intervals(
     input: &SolveInput,
     problem: &ShootingProblem,
@@ -94,7 +94,12 @@ fn use_all_intervals(
     let mut problem = problem.clone();
     problem.release_torques();
     problem.set_time_unit(best.final_time());
-    let polish = |search: &mut LocalSearch| search.polish(best.clone(), FIRST_PATIENCE, 0);
+    // Smoothing and hops lead to faster plans, whether these are steady or not.
+    let (patience, round) = match input.settings.choice {
+        Choice::Fastest => (FIRST_PATIENCE, 0),
+        Choice::Steadiest => (0, 1),
+    };
+    let polish = |search: &mut LocalSearch| search.polish(best.clone(), patience, round);
     // Iterates are worse than the plan reported before.
     let control = control.quietly();
     let (outcome, found) = result.searching_on((&mut problem, &input.settings), (&control, rollout_limit), polish);
@@ -112,9 +117,11 @@ fn use_all_intervals(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shooting::{Maneuver, ManeuverLimits};
-    use crate::solver::settings::SolveParameters;
+    use crate::shooting::{Goal, Maneuver, ManeuverLimits};
+    use crate::solver::sensitivity::friction_shift;
+    use crate::solver::settings::{Refinement, SolveParameters};
     use crate::solver::{Solution, Status, solve};
+    use crate::stop::Stop;
 
     fn parameters(control_count: usize) -> SolveParameters {
         let settings = SolverSettings { control_count, start_count: 4, ..SolverSettings::default() };
@@ -151,6 +158,27 @@ mod tests {
         assert!(whole.left.iter().all(|torque| *torque == third.left[0]));
         assert!(whole.right.iter().all(|torque| *torque == third.right[0]));
         assert!(plan.stationarity.is_none());
+    }
+
+    /// A quarter turn on 160 steps whose steadiest plan is wanted.
+    fn steadiest(control_count: usize) -> SolveInput {
+        let mut parameters = parameters(control_count);
+        let settings = &mut parameters.settings;
+        (settings.choice, settings.choose_within) = (Choice::Steadiest, 0.1);
+        (settings.step_count, settings.refinement) = (160, Refinement::Fixed);
+        parameters.maneuver.goal = Goal::at_rest(0.0, 0.0, 1.5);
+        SolveInput::new(parameters).unwrap()
+    }
+
+    #[test]
+    fn more_intervals_make_the_steadiest_plan_no_less_steady() {
+        let [coarse, fine] = [40, 80].map(|control_count| {
+            let input = steadiest(control_count);
+            let Solution { status, schedule, .. } = solve(&input, &RunControl::unattended()).unwrap();
+            assert_eq!((status, schedule.control_count()), (Status::Converged, control_count));
+            friction_shift(&input, (&schedule, 160), Stop::never()).unwrap().unwrap().relative(&input.settings)
+        });
+        assert!(fine <= 1.001 * coarse, "{fine} in place of {coarse} tolerances");
     }
 
     #[test]
