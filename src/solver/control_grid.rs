@@ -5,7 +5,7 @@
 
 use std::iter::repeat_n;
 
-use super::candidate::{Candidate, improves};
+use super::candidate::{Candidate, keep_better};
 use super::grid_problem::problem_on;
 use super::hops::FIRST_PATIENCE;
 use super::local_search::LocalSearch;
@@ -90,7 +90,7 @@ fn use_all_intervals(
     (result, rollout_limit): (&mut SearchResult, u64),
     control: &RunControl,
 ) {
-    let Some(best) = result.best.clone() else { return };
+    let Some(mut best) = result.best.clone() else { return };
     let mut problem = problem.clone();
     problem.release_torques();
     problem.set_time_unit(best.final_time());
@@ -103,15 +103,18 @@ fn use_all_intervals(
     // Iterates are worse than the plan reported before.
     let control = control.quietly();
     let (outcome, found) = result.searching_on((&mut problem, &input.settings), (&control, rollout_limit), polish);
-    if let Err(interruption) = outcome {
-        result.stop_reason = interruption.into();
+    match outcome {
+        // With its criticality measure, also where it is no better.
+        Ok(polished) => best = polished,
+        Err(interruption) => result.stop_reason = interruption.into(),
     }
-    if let Some(found) = found.filter(|found| improves(Some(&best), found, input.settings.goal_tolerance)) {
-        if let Some(fastest) = result.plans.first_mut() {
-            fastest.clone_from(&found);
-        }
-        result.best = Some(found);
+    if let Some(found) = found {
+        keep_better(&mut best, found, input.settings.goal_tolerance);
     }
+    if let Some(first) = result.plans.first_mut() {
+        first.clone_from(&best);
+    }
+    result.best = Some(best);
 }
 
 #[cfg(test)]
@@ -179,6 +182,21 @@ mod tests {
             friction_shift(&input, (&schedule, 160), Stop::never()).unwrap().unwrap().relative(&input.settings)
         });
         assert!(fine <= 1.001 * coarse, "{fine} in place of {coarse} tolerances");
+    }
+
+    #[test]
+    fn what_is_measured_of_a_plan_that_is_no_better_stays_known() {
+        let (input, control) = (steadiest(80), RunControl::unattended());
+        let simulator = Simulator::new(&input.robot);
+        let (problem, _) = problem_on(&input, &simulator, 160);
+        let mut result = search(&input, (&simulator, &problem), (160, u64::MAX), &control);
+        let mut settled = result.best.clone().unwrap();
+        settled.stationarity = None;
+        result.best = Some(settled.clone());
+        use_all_intervals(&input, &problem, (&mut result, u64::MAX), &control);
+        let [best, first] = [result.best.as_ref(), result.plans.first()].map(Option::unwrap);
+        assert_eq!(best.decision, settled.decision);
+        assert!(best.stationarity.is_some() && first.stationarity.is_some());
     }
 
     #[test]
