@@ -40,7 +40,7 @@ const EXIT_CODES: &str = "\
 Exit codes:
   0   there is what was asked for
   1   a job without an answer, or a file that cannot be read or written
-  2   an answer that is not what was asked for: the goal is missed or impossible
+  2   an answer that is not what was asked for: the goal is missed or impossible, or a limit exceeded
   75  a sweep that ended before its end: the same command goes on
   64  input that cannot be used: the command line, a request, or a setting";
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{DVector, SVector};
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
-use super::goal_miss::goal_missed;
+use super::goal_miss::{goal_missed, limit_missed};
 use super::limit_uses::{largest_excess, limit_uses, motion_with_limits};
 use super::local_search::{LocalSearch, STRICT_PENALTY};
 use super::lower_bound::{Grid, LAW_ERROR, LowerBound, largest_lower_bound};
@@ -222,12 +222,22 @@ impl Motion {
         Ok(Self { schedule, trajectory, goal_error, limits, sticks })
     }
 
-    /// Whether every contact carries its least load and all limits are kept.
-    fn keeps_limits(&self, input: &SolveInput) -> bool {
+    /// Whether every contact carries its least load, and sticks where it must.
+    fn keeps_contacts(&self, input: &SolveInput) -> bool {
         let least = input.maneuver.limits.least_normal_loads(&input.robot);
         let carries = |load: NormalLoad| load.share >= least[load.contact as usize] - LIMIT_TOLERANCE;
         let sticks = !input.maneuver.forbids_slip() || self.sticks;
-        sticks && self.trajectory.normal_loads().all(carries) && largest_excess(&self.limits) <= LIMIT_TOLERANCE
+        sticks && self.trajectory.normal_loads().all(carries)
+    }
+
+    /// The requirement that it misses: of the goal, else of the limits.
+    fn missed(&self, input: &SolveInput, stop_reason: StopReason) -> Option<Reason> {
+        // What is not a number is missed.
+        let misses = |value: f64, tolerance: f64| value > tolerance || value.is_nan();
+        if misses(self.goal_error.amax(), input.settings.goal_tolerance) {
+            return Some(goal_missed(input, &self.schedule, &self.goal_error, stop_reason));
+        }
+        misses(largest_excess(&self.limits), LIMIT_TOLERANCE).then(|| limit_missed(&self.limits))
     }
 
     /// The answer; its certificate may have been cut off.
@@ -244,11 +254,11 @@ impl Motion {
         }
         let replay = replayed.map(|replayed| replayed.replay);
         let separations = self.trajectory.separations();
-        let meets_goal = self.goal_error.amax() <= input.settings.goal_tolerance;
+        let reason = self.missed(input, result.stop_reason);
         let keeps_law = self.trajectory.worst_contact_residual <= LAW_ERROR;
-        let status = if !meets_goal {
+        let status = if reason.is_some() {
             Status::NotConverged
-        } else if optimality.is_stationary && keeps_law && separations.is_empty() && self.keeps_limits(input) {
+        } else if optimality.is_stationary && keeps_law && separations.is_empty() && self.keeps_contacts(input) {
             Status::Converged
         } else {
             Status::Feasible
@@ -257,8 +267,8 @@ impl Motion {
         Solution {
             status,
             stop_reason: result.stop_reason,
-            replay_confirmed: meets_goal && separations.is_empty() && is_replayed,
-            reason: (!meets_goal).then(|| goal_missed(input, &self.schedule, &self.goal_error, result.stop_reason)),
+            replay_confirmed: reason.is_none() && separations.is_empty() && is_replayed,
+            reason,
             goal_error: self.goal_error,
             contact_modes: self.trajectory.contact_modes(),
             report: Report {

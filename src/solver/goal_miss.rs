@@ -1,10 +1,10 @@
-//! The reason of a plan that misses the goal: the component that is missed most, and what would help.
+//! The reason of a plan that misses the goal or exceeds a limit: what is missed most, and what would help.
 
 use nalgebra::SVector;
 
 use super::excluded_ends::slip_at_goal;
 use super::settings::{Method, SolveInput};
-use super::solution::{Reason, StopReason};
+use super::solution::{LimitUse, Reason, StopReason};
 use crate::robot::State;
 use crate::shooting::{SHORTEST_FINAL_TIME, StateComponent, decision_len};
 use crate::simulation::TorqueSchedule;
@@ -46,6 +46,27 @@ pub(super) fn goal_missed(
         time: plan.final_time,
         value: miss,
         limit: tolerance,
+    }
+}
+
+/// The code of a plan that meets the goal and exceeds a limit.
+pub(crate) const LIMIT_EXCEEDED: &str = "limit_exceeded";
+
+/// The limit that a plan exceeds most, as a share of it.
+pub(super) fn limit_missed(limits: &[LimitUse]) -> Reason {
+    // An excess that is not a number is larger than all.
+    let most = limits.iter().reduce(|a, b| if b.excess > a.excess || b.excess.is_nan() { b } else { a });
+    let &LimitUse { limit, value, largest, time, .. } = most.expect("some limit is exceeded");
+    Reason {
+        code: LIMIT_EXCEEDED,
+        message: format!(
+            "`{limit}` allows {value}, the best plan that meets the goal takes {largest}; more `solver.starts`, more \
+             `grid.control_intervals` or a wider limit would help"
+        ),
+        field: limit.to_owned(),
+        time,
+        value: largest,
+        limit: value,
     }
 }
 

@@ -12,9 +12,9 @@ use crate::simulation::{ContactModeSpan, NormalLoad, Separation, TorqueSchedule,
 pub enum Status {
     /// Goal met within the limits, criticality measure small, contact law kept.
     Converged,
-    /// Goal met, but not shown to be a local optimum: it is none, or the certificate was cut off.
+    /// Goal met within the limits, but not shown to be a local optimum: it is none, or the certificate was cut off.
     Feasible,
-    /// Best iterate; the goal is missed.
+    /// Best iterate; the goal is missed, or a limit exceeded.
     NotConverged,
     /// Shown to be impossible.
     Infeasible,
@@ -226,7 +226,7 @@ pub struct Solution {
     pub stop_reason: StopReason,
     /// Goal met, no separation, replay within tolerance.
     pub replay_confirmed: bool,
-    /// The first requirement that fails, where the goal is missed or impossible.
+    /// The first requirement that fails, where the goal is missed or impossible, or a limit exceeded.
     pub reason: Option<Reason>,
     /// The torques.
     pub schedule: TorqueSchedule,

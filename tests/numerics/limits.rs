@@ -224,6 +224,21 @@ fn narrow_aisles_are_kept() {
 }
 
 #[test]
+fn a_plan_through_the_wall_is_none() {
+    let mut parameters = shift_in_aisle(0.22);
+    // Start and goal fit into the aisle, a robot that turns does not.
+    parameters.aisle.keep_in = rectangle((-0.22, 0.22), (-1.0, 4.0));
+    parameters.maneuver.goal = Goal::at_rest(0.0, 0.2, std::f64::consts::PI);
+    parameters.maneuver.reference_point = ReferencePoint::AxleMidpoint;
+    let solution = solved(parameters);
+    assert!(solution.goal_error.amax() <= 1e-6, "the goal is missed too: {}", solution.goal_error);
+    assert_eq!((solution.status, solution.replay_confirmed), (Status::NotConverged, false));
+    let reason = solution.reason.unwrap();
+    assert_eq!((reason.code, reason.field.as_str()), ("limit_exceeded", "maneuver.keep_in"));
+    assert!(reason.value > 0.1 && reason.limit == 0.0 && reason.message.contains("`maneuver.keep_in`"), "{reason:?}");
+}
+
+#[test]
 fn ends_that_limits_exclude_are_infeasible() {
     let code = |parameters| {
         let solution = solved(parameters);

@@ -10,7 +10,7 @@ use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::robot::State;
 use crate::shooting::StateComponent;
 use crate::simulation::Trajectory;
-use crate::solver::{Refinement as Grid, SolveInput, SolverSettings};
+use crate::solver::{LIMIT_EXCEEDED, Refinement as Grid, SolveInput, SolverSettings};
 
 /// Largest difference of the end from what the answer says, in any component: rounding of an interval's length, no more.
 const END_TOLERANCE: f64 = 1e-9;
@@ -121,6 +121,7 @@ pub(super) fn outcome(plan: &AcceptedPlan) -> String {
             Status::Converged if time == 0.0 => "start is goal".to_owned(),
             Status::Converged => format!("{time:.3} s"),
             Status::Feasible => format!("{time:.3} s, feasible"),
+            Status::NotConverged if exceeds_limit(answer) => "limit exceeded".to_owned(),
             Status::NotConverged => "goal missed".to_owned(),
             Status::Infeasible => "infeasible".to_owned(),
             Status::Unspecified => "without a status".to_owned(),
@@ -128,7 +129,7 @@ pub(super) fn outcome(plan: &AcceptedPlan) -> String {
     }
 }
 
-/// Why the goal is missed, where it is.
+/// Why the goal is missed or a limit exceeded, where that is so.
 pub(super) fn fault(plan: &AcceptedPlan) -> Option<String> {
     match &plan.said {
         Said::Solve(_, answer) => reason(answer).map(|reason| format!("{} {reason}", headline(answer))),
@@ -143,10 +144,16 @@ fn headline(answer: &Solution) -> String {
         Status::Feasible => {
             format!("The robot reaches its goal in {:.3} s, but that is not shown to be optimal.", answer.final_time_s)
         }
+        Status::NotConverged if exceeds_limit(answer) => "The goal is met, but a limit is exceeded.".to_owned(),
         Status::NotConverged => "The goal is missed.".to_owned(),
         Status::Infeasible => "The goal is impossible.".to_owned(),
         Status::Unspecified => "The answer has no status.".to_owned(),
     }
+}
+
+/// Whether the requirement that is not met is a limit on the way.
+fn exceeds_limit(answer: &Solution) -> bool {
+    answer.reason.as_ref().is_some_and(|reason| reason.code == LIMIT_EXCEEDED)
 }
 
 /// The requirement that is not met.

@@ -5,7 +5,7 @@ use crate::jobs::table::{line, row, separations, write_limits, write_timeline};
 use crate::service::Done;
 use crate::shooting::Goal;
 use crate::simulation::TorqueSchedule;
-use crate::solver::{Reason, Replay, Report, Sensitivity, Solution, Status};
+use crate::solver::{REPLAY_EXCESS, Reason, Replay, Report, Sensitivity, Solution, Status};
 
 /// What a certificate says that was cut off.
 const NOT_REACHED: &str = "not computed in time";
@@ -83,8 +83,9 @@ fn replay_miss(replay: &Replay) -> String {
     let Replay { miss_speed, miss_yaw_rate, miss_wheel_speed, .. } = replay;
     let verdict = match (within_tolerance, separations) {
         (true, _) => "within tolerance",
+        (false, 1..) => "a contact separates",
+        (false, 0) if replay.limit_excess > REPLAY_EXCESS => "a limit is exceeded",
         (false, 0) => "above tolerance",
-        (false, _) => "a contact separates",
     };
     format!(
         "{miss_position:.2e} m, {miss_heading:.2e} rad, {:.2e} m/s, {miss_yaw_rate:.2e} rad/s on {step_count} steps: {verdict}",

@@ -81,10 +81,10 @@ Refinement = Literal["fixed", "within_tolerance", "step_limit", "goal_lost", "in
 SearchPhase = Literal["start", "polish", "refinement", "certificate"]
 
 # How good a plan is.
-# - `converged`: Goal met, first-order measure small, no separation, contact law kept.
-# - `feasible`: Goal met, but not shown to be a local optimum: it is none, or the certificate was cut off by the time
-# limit or the deadline.
-# - `not_converged`: Best iterate; the goal is missed.
+# - `converged`: Goal met within the limits, first-order measure small, no separation, contact law kept.
+# - `feasible`: Goal met within the limits, but not shown to be a local optimum: it is none, or the certificate was cut
+# off by the time limit or the deadline.
+# - `not_converged`: Best iterate; the goal is missed, or a limit on the way exceeded.
 # - `infeasible`: Shown to be impossible.
 Status = Literal["converged", "feasible", "not_converged", "infeasible"]
 
@@ -665,7 +665,7 @@ class Reason:
     code: str
     """Stable code in snake_case. Infeasible: no_torque, no_friction, final_time_too_long, start_separates,
     goal_separates, start_below_load_share, goal_below_load_share, start_outside, goal_outside, start_exceeds_limit,
-    goal_exceeds_limit, start_slips, goal_slips. Not converged: goal_missed, motion_diverges.
+    goal_exceeds_limit, start_slips, goal_slips. Not converged: goal_missed, limit_exceeded, motion_diverges.
     """
     field: str
     """The field of the request that cannot be met."""
@@ -698,8 +698,8 @@ class Replay:
     steps: int
     """Steps of the fine grid."""
     within_tolerance: bool
-    """Whether all misses are within the asked tolerances, those of speeds by what they move in a second, and no
-    contact separates.
+    """Whether all misses are within the asked tolerances, those of speeds by what they move in a second, no contact
+    separates, and no limit is exceeded there by more than half a percent of it.
     """
 
 
@@ -728,8 +728,8 @@ class Report:
     method: Method
     """The optimiser used."""
     predicted_decrease_s: float | None
-    """Decrease of the final time that the linear model still predicts, s; the final time where the certificate was
-    cut off.
+    """Decrease of the final time that the linear model still predicts, s, at most that time; where the goal is
+    missed, coming nearer to it counts as a decrease too. The final time where the certificate was cut off.
     """
     refinement: Refinement
     """How the steps were chosen, and why no finer ones."""
@@ -924,7 +924,7 @@ class Solution:
     input_hash: str
     """SHA-256 of the completed request, in hexadecimal."""
     reason: Reason | None
-    """The first requirement that cannot be met, for plans that miss the goal."""
+    """The first requirement that cannot be met, where the goal is missed or impossible, or a limit exceeded."""
     replay_confirmed: bool
     """Goal errors within tolerance, no separation on either grid, replay within tolerance and within half a percent
     of all limits; false where the certificate was cut off.
