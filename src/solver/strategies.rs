@@ -241,7 +241,7 @@ impl LocalSearch<'_, '_, '_> {
                 self.note_stationarity(best, known);
                 return Ok(());
             };
-            let next = self.descend(&better, known.measure.radius)?;
+            let next = self.descend_until(&better, known.measure.radius, (ROUGH, f64::INFINITY))?;
             if next.is_better_than(best, tolerance) {
                 *best = next;
             } else if penalty_parameter < LARGEST_PENALTY {
