@@ -8,9 +8,6 @@ use nalgebra::Vector2;
 
 use crate::robot::PerWheel;
 
-/// Most steps of the fixed point of [`DriveNorm::kept_rates`], which converges geometrically and is safe after any number.
-const KEPT_RATE_STEPS: usize = 60;
-
 /// Magnitudes of the velocities that the drive norm weighs: G, m/s; yaw and wheels, rad/s.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Speeds {
@@ -115,7 +112,7 @@ impl DriveNorm {
 
     /// At least the drive norm of these speeds: any split of the wheel rates gives such a bound.
     pub(super) fn at_most(&self, speeds: &Speeds) -> f64 {
-        let (_, kept, norm) = self.kept_rates(speeds);
+        let (norm, kept) = self.kept_rates(speeds);
         let excess = |gain: f64, rate: f64, kept: f64| gain * self.spin_inertia * (rate - kept);
         norm + excess(self.gain.left, speeds.wheel.left, kept.left)
             + excess(self.gain.right, speeds.wheel.right, kept.right)
@@ -123,31 +120,37 @@ impl DriveNorm {
 
     /// At most the drive norm of these speeds: any velocity of norm at most 1 within the gains gives such a bound.
     pub(super) fn at_least(&self, speeds: &Speeds) -> f64 {
-        let (scale, kept, _) = self.kept_rates(speeds);
+        let (norm, kept) = self.kept_rates(speeds);
         let wheels = kept.left * speeds.wheel.left + kept.right * speeds.wheel.right;
         let product = self.body_norm_squared(speeds) + self.spin_inertia * wheels;
-        if scale > 0.0 { product / scale } else { 0.0 }
+        if norm > 0.0 { product / norm } else { 0.0 }
     }
 
-    /// (norm before the last step, wheel rates kept by it, norm with them); the norms decrease.
-    fn kept_rates(&self, speeds: &Speeds) -> (f64, PerWheel<f64>, f64) {
+    /// The least norm whose gains take from the wheels what exceeds them, with the rates that they keep.
+    ///
+    /// A wheel is cut where its rate exceeds its gain times the norm, and the norm falls with each one that is cut.
+    fn kept_rates(&self, speeds: &Speeds) -> (f64, PerWheel<f64>) {
         let body = self.body_norm_squared(speeds);
-        let norm =
-            |rate: PerWheel<f64>| (body + self.spin_inertia * (rate.left * rate.left + rate.right * rate.right)).sqrt();
-        let mut kept = speeds.wheel;
-        let mut last = norm(kept);
-        let mut scale = last;
-        for _ in 0..KEPT_RATE_STEPS {
-            scale = last;
-            kept.left = kept.left.min(self.gain.left * scale);
-            kept.right = kept.right.min(self.gain.right * scale);
-            last = norm(kept);
-            // Another step would keep the same rates.
-            if last == scale {
-                break;
+        let wheels = [(speeds.wheel.left, self.gain.left), (speeds.wheel.right, self.gain.right)];
+        let norm_with = |is_cut: [bool; 2]| {
+            let (mut squared, mut share) = (body, 1.0);
+            for ((rate, gain), is_cut) in wheels.into_iter().zip(is_cut) {
+                if is_cut {
+                    share -= self.spin_inertia * gain * gain;
+                } else {
+                    squared += self.spin_inertia * rate * rate;
+                }
             }
+            (squared / share).sqrt()
+        };
+        let mut is_cut = [false; 2];
+        let mut norm = norm_with(is_cut);
+        while let Some(next) = (0..2).find(|&wheel| !is_cut[wheel] && wheels[wheel].0 > wheels[wheel].1 * norm) {
+            is_cut[next] = true;
+            norm = norm_with(is_cut);
         }
-        (scale, kept, last)
+        let [left, right] = wheels.map(|(rate, gain)| rate.min(gain * norm));
+        (norm, PerWheel::new(left, right))
     }
 
     fn body_norm_squared(&self, speeds: &Speeds) -> f64 {
@@ -171,8 +174,7 @@ mod tests {
         for wheel in [PerWheel::new(0.0, 0.0), PerWheel::new(10.0, 20.0), PerWheel::new(1000.0, 2.0)] {
             let speeds = Speeds { translation: 1.5, yaw: 2.0, wheel };
             let (least, most) = (norm.at_least(&speeds), norm.at_most(&speeds));
-            // The fixed point contracts by the share of the wheels in the rolling inertia, about a tenth.
-            assert!(least <= most * (1.0 + 1e-14) && most <= least * (1.0 + 1e-12), "{least} {most}");
+            assert!((least - most).abs() <= 1e-14 * most, "{least} {most}");
         }
     }
 

@@ -175,7 +175,7 @@ mod tests {
             robot.mass_matrix()[(2, 2)] - parameters.total_mass() * parameters.whole_center_of_mass().norm_squared();
         let turning = 2.0 * torque / radius * half_track / (yaw_inertia + 2.0 * rim * half_track * half_track).sqrt();
         let rate = rates(parameters, torque)[0].rate;
-        // Sweeps and fixed point converge to rounding.
+        // Sweeps converge to rounding.
         assert!((rate - lengthwise.max(turning)).abs() < 1e-9 * rate, "{rate} {lengthwise} {turning}");
     }
 
