@@ -196,6 +196,10 @@ fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyh
     let svg = match sweep::map(index, of) {
         Ok(svg) => svg,
         Err(unfit @ MapError::Unfit(_)) => return Ok(Some(refused(&unfit.to_string()))),
+        Err(unfit @ MapError::NoValue { .. }) => {
+            eprintln!("{unfit}");
+            return Ok(None);
+        }
         Err(error @ MapError::Results(_)) => return Err(error.into()),
     };
     write_beside(&folder.join(MAP_FILE), |output| Ok(output.write_all(svg.as_bytes())?))?;

@@ -1,11 +1,15 @@
 //! A map of two fields of a sweep: what a third value is over them.
 
-use std::collections::BTreeSet;
-use std::str::FromStr;
+mod choice;
 
+use std::collections::BTreeSet;
+
+pub use choice::MapOf;
+use choice::Named;
 use serde_json::Value;
 
 use super::Sweep;
+use super::axis::Axis;
 use super::definition::{Definition, Followed};
 use super::path::FieldPath;
 use super::results::{Index, ResultsError, StoredRow};
@@ -34,81 +38,54 @@ const UNITS: [(&str, &str); 16] = [
     ("_hz", "Hz"),
 ];
 
-/// What a map shows: `X,Y,VALUE`, and `FIELD=VALUE` for what else differs. Fields and value may be named by the ends of
-/// their paths.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MapOf {
-    across: String,
-    up: String,
-    value: String,
-    /// Rows of other values of these fields are left out.
-    only: Vec<(String, Value)>,
-}
-
-impl FromStr for MapOf {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts: Vec<_> = text.split(',').map(str::trim).collect();
-        let [across, up, value, only @ ..] = &parts[..] else {
-            return Err("it must be X,Y,VALUE, such as y_m,wheel_friction_coefficient,final_time_s".to_owned());
-        };
-        if FieldPath::parse(value).is_none() {
-            return Err(format!("`{value}` must be a path in the answer, such as report.rollouts"));
-        }
-        let pair = |text: &&str| {
-            let (field, value) = text.split_once('=').ok_or_else(|| format!("`{text}` must be FIELD=VALUE"))?;
-            let value = serde_json::from_str(value).unwrap_or_else(|_| Value::from(value));
-            Ok((field.to_owned(), value))
-        };
-        let only = only.iter().map(pair).collect::<Result<_, String>>()?;
-        let [across, up, value] = [across, up, value].map(|&text| text.to_owned());
-        Ok(Self { across, up, value, only })
-    }
-}
-
 /// A map, or why there is none.
 #[derive(Debug, thiserror::Error)]
 pub enum MapError {
     /// The results cannot be read.
     #[error(transparent)]
     Results(#[from] ResultsError),
-    /// The results have no such map.
+    /// The sweep has no such map.
     #[error("there is no such map: {0}")]
     Unfit(String),
-}
-
-/// The axes of a map and what else is chosen, by the full names of their fields.
-struct Named<'a> {
-    axes: [&'a str; 2],
-    only: Vec<(&'a str, Value)>,
-}
-
-impl MapOf {
-    fn named<'a>(&self, fields: &'a [String]) -> Result<Named<'a>, MapError> {
-        let named = |name: &str| full_name(name, fields);
-        let axes = [named(&self.across)?, named(&self.up)?];
-        if axes[0] == axes[1] {
-            return Err(MapError::Unfit(format!("both axes are `{}`, must differ", axes[0])));
-        }
-        let only = self.only.iter().map(|(name, value)| Ok((named(name)?, value.clone())));
-        Ok(Named { axes, only: only.collect::<Result<_, MapError>>()? })
-    }
+    /// There are answers, and none of them has the value: before the sweep has run, nobody knows.
+    #[error("no map: none of the {answers} answers has a number at `{value}`")]
+    NoValue {
+        /// The path in the answers.
+        value: String,
+        /// How many answers there are.
+        answers: u64,
+    },
 }
 
 impl Sweep {
-    /// Whether there are the fields of a map, before any row has run.
+    /// Whether there is such a map, before any row has run; whether answers have its value, they alone know.
     ///
     /// # Errors
-    /// Where a field does not differ, or may be each of several.
+    /// Where a field does not differ, may be each of several or has no numbers, no row has what is chosen, or two rows
+    /// have one place as something else differs too.
     pub fn check_map(&self, of: &MapOf) -> Result<(), MapError> {
-        let mut fields = self.rows.field_names();
-        if fields.is_empty() {
-            let rows = (0..self.row_count()).filter_map(|row| self.row(row).ok());
-            let names: BTreeSet<_> = rows.flat_map(|row| row.fields).map(|(name, _)| name).collect();
-            fields.extend(names);
+        if let Some(axes) = self.rows.axes().filter(|axes| !axes.is_empty()) {
+            return of.named(&self.rows.field_names())?.check_crossed(axes);
         }
-        of.named(&fields).map(drop)
+        let rows = || (0..self.row_count()).filter_map(|row| self.row(row).ok());
+        let names: BTreeSet<_> = rows().flat_map(|row| row.fields).map(|(name, _)| name).collect();
+        let fields: Vec<_> = names.into_iter().collect();
+        let named = of.named(&fields)?;
+        let mut entries = Vec::new();
+        for row in rows() {
+            let of = |name: &str| row.fields.iter().find(|(field, _)| field == name).map(|(_, value)| value);
+            if named.admits(of, true) {
+                entries.push(Entry { row: row.number, at: named.place(row.number, of)?, cell: MapCell::Missing });
+            }
+            // Either two of them have one place or there are too many cells: more need not be known.
+            if entries.len() > MOST_CELLS {
+                break;
+            }
+        }
+        if entries.is_empty() {
+            return Err(MapError::Unfit(named.nothing_chosen(|_| true)));
+        }
+        cells(&entries, &axes_of(&entries, |_| Vec::new())).map(drop)
     }
 }
 
@@ -122,22 +99,31 @@ struct Entry {
 /// The map as SVG.
 ///
 /// # Errors
-/// Where a field does not differ or has no numbers, two rows have one place, or the results cannot be read.
+/// Where there is no such map, no answer has its value, or the results cannot be read.
 pub fn map(index: &Index, of: &MapOf) -> Result<String, MapError> {
     let fields = index.fields()?;
-    let Named { axes: [across, up], only } = of.named(&fields)?;
+    let named = of.named(&fields)?;
+    let planned_axes = planned_axes(index);
+    named.check_crossed(&planned_axes)?;
     let value = FieldPath::parse(&of.value).ok_or_else(|| MapError::Unfit(format!("`{}` is no path", of.value)))?;
-    let mut entries = Vec::new();
+    let (mut entries, mut answers, mut has_value) = (Vec::new(), 0, false);
     for row in index.rows() {
         let row = row?;
-        if only.iter().all(|(name, value)| row.axes.get(*name).is_some_and(|of_row| is_same(of_row, value))) {
-            entries.push(entry(&row, [across, up], &value)?);
+        if named.admits(|name| row.axes.get(name), true) {
+            let at = named.place(row.row, |name| row.axes.get(name))?;
+            entries.push(Entry { row: row.row, at, cell: cell(&row, &value) });
         }
+        answers += u64::from(row.answer.is_some());
+        has_value |= row.answer.as_ref().is_some_and(|answer| number_at(&value, answer).is_some());
     }
-    let axes = [0, 1].map(|axis| {
-        let found = entries.iter().map(|entry| entry.at[axis]);
-        distinct(found.chain(planned(index, [across, up][axis])).collect())
-    });
+    if answers > 0 && !has_value {
+        return Err(MapError::NoValue { value: of.value.clone(), answers });
+    }
+    if entries.is_empty() && planned_axes.is_empty() {
+        return Err(MapError::Unfit(named.nothing_chosen(|_| true)));
+    }
+    let Named { axes: [across, up], only } = named;
+    let axes = axes_of(&entries, |axis| planned(&planned_axes, [across, up][axis]));
     let cells = cells(&entries, &axes)?;
     let [across_values, up_values] = axes;
     let (across_label, up_label, value_label) = (label(across), label(up), label(&of.value));
@@ -159,42 +145,17 @@ fn caption(index: &Index, only: &[(&str, Value)]) -> String {
     format!("{}{}; sweep {sweep}, slipdrive {}", index.progress, slice.concat(), index.header.solver_version)
 }
 
-/// The one field that is called so, or whose path ends so.
-fn full_name<'a>(name: &str, fields: &'a [String]) -> Result<&'a str, MapError> {
-    let ends = |field: &&String| field.strip_suffix(name).is_some_and(|rest| rest.is_empty() || rest.ends_with('.'));
-    let found: Vec<_> = match fields.iter().find(|field| *field == name) {
-        Some(field) => vec![field],
-        None => fields.iter().filter(ends).collect(),
-    };
-    match found[..] {
-        [only] => Ok(only),
-        [] => Err(MapError::Unfit(format!("`{name}` does not differ from row to row; {} do", fields.join(", ")))),
-        _ => Err(MapError::Unfit(format!("`{name}` may be each of {}", joined(&found)))),
-    }
-}
-
-fn joined(names: &[&String]) -> String {
-    names.iter().map(|name| name.as_str()).collect::<Vec<_>>().join(", ")
-}
-
-fn is_same(one: &Value, other: &Value) -> bool {
-    match (one.as_f64(), other.as_f64()) {
-        (Some(one), Some(other)) => one == other,
-        _ => one == other,
-    }
-}
-
-fn entry(row: &StoredRow, axes: [&str; 2], value: &FieldPath) -> Result<Entry, MapError> {
-    let number = |name: &str| {
-        let number = row.axes.get(name).and_then(Value::as_f64);
-        number.ok_or_else(|| MapError::Unfit(format!("`{name}` is no number in row {}", row.row)))
-    };
-    let cell = match &row.answer {
+/// What is shown of a row.
+fn cell(row: &StoredRow, value: &FieldPath) -> MapCell {
+    match &row.answer {
         None => MapCell::Failed,
         Some(answer) if is_without_plan(answer) => MapCell::None,
-        Some(answer) => value.of(answer).and_then(Value::as_f64).map_or(MapCell::None, MapCell::Value),
-    };
-    Ok(Entry { row: row.row, at: [number(axes[0])?, number(axes[1])?], cell })
+        Some(answer) => number_at(value, answer).map_or(MapCell::None, MapCell::Value),
+    }
+}
+
+fn number_at(path: &FieldPath, answer: &Value) -> Option<f64> {
+    path.of(answer).and_then(Value::as_f64)
 }
 
 /// Whether the numbers of an answer speak of a plan that misses its goal.
@@ -203,14 +164,23 @@ fn is_without_plan(answer: &Value) -> bool {
     matches!(status, Some("not_converged" | "infeasible"))
 }
 
-/// The values that a field takes in the end, where axes say it.
-fn planned(index: &Index, name: &str) -> Vec<f64> {
+/// The axes of the sweep; none where lines make its rows.
+fn planned_axes(index: &Index) -> Vec<Axis> {
     let text = json::write(&index.header.definition);
-    let axes = Definition::read(&text, Followed::ByNothing).map(|definition| definition.axes).unwrap_or_default();
+    Definition::read(&text, Followed::ByNothing).map(|definition| definition.axes).unwrap_or_default()
+}
+
+/// The values that a field takes in the end, where axes say it.
+fn planned(axes: &[Axis], name: &str) -> Vec<f64> {
     let Some(axis) = axes.iter().find(|axis| axis.fields().any(|(field, _)| field == name)) else { return Vec::new() };
     let at = |place| axis.at(place).find(|(field, ..)| *field == name).and_then(|(.., value)| value.as_f64());
     // Beyond this there is no map anyway.
     (0..axis.len().min(MOST_CELLS as u64)).filter_map(at).collect()
+}
+
+/// The values along both axes of a map: those of its rows, and those that are planned.
+fn axes_of(entries: &[Entry], planned: impl Fn(usize) -> Vec<f64>) -> [Vec<f64>; 2] {
+    [0, 1].map(|axis| distinct(entries.iter().map(|entry| entry.at[axis]).chain(planned(axis)).collect()))
 }
 
 fn distinct(mut values: Vec<f64>) -> Vec<f64> {
@@ -273,28 +243,10 @@ mod tests {
     }
 
     #[test]
-    fn fields_are_found_by_the_ends_of_their_paths() {
-        let fields = ["maneuver.goal.y_m", "maneuver.start.y_m", "robot.gravity_m_s2"].map(str::to_owned);
-        assert_eq!(full_name("gravity_m_s2", &fields).unwrap(), "robot.gravity_m_s2");
-        assert_eq!(full_name("goal.y_m", &fields).unwrap(), "maneuver.goal.y_m");
-        let fault = |name: &str| full_name(name, &fields).unwrap_err().to_string();
-        assert!(fault("y_m").contains("may be each of maneuver.goal.y_m, maneuver.start.y_m"), "{}", fault("y_m"));
-        assert!(fault("avity_m_s2").contains("does not differ"));
-    }
-
-    #[test]
     fn two_rows_of_one_place_are_refused() {
         let entry = |row| Entry { row, at: [1.0, 2.0], cell: MapCell::Value(1.0) };
         let axes = [vec![1.0], vec![2.0]];
         assert_eq!(cells(&[entry(0)], &axes).unwrap(), [MapCell::Value(1.0)]);
         assert!(cells(&[entry(0), entry(3)], &axes).unwrap_err().to_string().contains("rows 0 and 3"));
-    }
-
-    #[test]
-    fn maps_are_asked_for_by_three_names_and_more() {
-        let of: MapOf = "x_m,y_m,final_time_s,mass_kg=3".parse().unwrap();
-        assert_eq!(of.only, [("mass_kg".to_owned(), Value::from(3))]);
-        assert!("x_m,y_m".parse::<MapOf>().is_err() && "x,y,,z".parse::<MapOf>().is_err());
-        assert!("x,y,z,mass".parse::<MapOf>().unwrap_err().contains("FIELD=VALUE"));
     }
 }

@@ -92,6 +92,14 @@ impl Rows {
         }
     }
 
+    /// The axes that make them, if axes do.
+    pub(super) fn axes(&self) -> Option<&[Axis]> {
+        match self {
+            Self::Crossed(axes) => Some(axes),
+            Self::Lines(_) => None,
+        }
+    }
+
     /// The names of the fields that differ, where they are known before the rows.
     pub(super) fn field_names(&self) -> Vec<String> {
         match self {

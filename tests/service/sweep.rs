@@ -208,6 +208,59 @@ fn faults_of_rows_are_told_before_anything_runs() {
 }
 
 #[test]
+fn maps_with_two_rows_of_one_place_or_none_are_refused_before_anything_runs() {
+    let folder = Folder::new("sweep-maps");
+    let out = folder.file("out");
+    let payloads = json!([{"mass_kg": 1, "height_m": 0.2}, {"mass_kg": 4, "height_m": 0.2}]);
+    let axes = json!([
+        {"paired": [{"field": "solver.seed", "from": 1, "to": 2, "count": 2}, {"field": "solver.starts", "values": [1, 2]}]},
+        {"field": "solver.goal_tolerance", "values": [1e-7, 1e-6]},
+        {"field": "payload", "values": payloads},
+    ]);
+    let file = written(&folder, "axes.json", &drives(1, &json!({"axes": axes})));
+    let lines = "{\"job\": \"solve\", \"request\": {}}
+{\"solver\": {\"seed\": 1, \"starts\": 1}, \"view\": \"plan\"}
+{\"solver\": {\"seed\": 1, \"starts\": 1}, \"view\": \"full\"}\n";
+    folder.write("lines.jsonl", lines);
+    let lines = folder.file("lines.jsonl");
+    let (one, four) = (payloads[0].to_string(), payloads[1].to_string());
+    let of = "seed,goal_tolerance,final_time_s";
+    for (file, figure, fault) in [
+        (
+            &file,
+            of.to_owned(),
+            format!("as `payload` differs too; add payload=VALUE: `payload` is one of {one}, {four}"),
+        ),
+        (
+            &file,
+            format!("{of},payload={{\"mass_kg\": 5}}"),
+            "no row has `payload` = {\"mass_kg\":5}: `payload` is one of".to_owned(),
+        ),
+        (
+            &file,
+            format!("{of},payload={one},starts=2,seed=1"),
+            "no row has `solver.starts` = 2 and `solver.seed` = 1".to_owned(),
+        ),
+        (&file, "seed,payload,final_time_s,goal_tolerance=1e-6".to_owned(), "must be a number".to_owned()),
+        (&lines, "seed,starts,final_time_s".to_owned(), "rows 0 and 1 have one place".to_owned()),
+        (&lines, "seed,starts,final_time_s,view=fulll".to_owned(), "no row has `view` = \"fulll\"".to_owned()),
+        (&lines, "seed,view,final_time_s".to_owned(), "`view` is no number in row 0".to_owned()),
+    ] {
+        let unfit = refused(&[file, "--out", &out, "--figure", &figure]);
+        assert!(unfit.contains(&fault) && !folder.0.join("out").exists(), "{figure}: {unfit}");
+    }
+    done(&[&lines, "--count", "--figure", "seed,starts,final_time_s,view=plan"]);
+    // What answers have is known when they are there; the sweep is complete all the same.
+    let said = done(&[&file, "--out", &out, "--figure", &format!("{of}x,payload={one}")]);
+    assert!(said.contains("no map: none of the 8 answers has a number at `final_time_sx`"), "{said}");
+    assert!(!folder.0.join("out/map.svg").exists());
+    done(&[&file, "--out", &out, "--figure", &format!("{of},payload={{\"height_m\": 0.2, \"mass_kg\": 1.0}}")]);
+    assert!(folder.read("out/map.svg").contains("8 of 8 rows"));
+    let unfit = run(&["--status", "--out", &out, "--figure", of]);
+    assert_eq!(unfit.status.code(), Some(64), "the same is refused later");
+}
+
+#[test]
 fn tables_and_maps_are_made_of_whole_and_of_unfinished_sweeps() {
     let folder = Folder::new("sweep-tables");
     let axes = json!([
