@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use super::stop::StopCause;
 use super::watchdog::Signal;
 
-/// How long before a deadline an answer must be complete: time to send it.
+/// How long before a deadline an answer must be complete: time to send it. Of the time until a near deadline it is at most
+/// half: whoever needs an answer within 20 ms may get one.
 pub const ANSWER_MARGIN: Duration = Duration::from_millis(20);
 
 /// What a job does after it was signalled to stop.
@@ -37,9 +38,11 @@ impl Finishing {
 pub struct Clocks {
     /// How long the job may take, counted from its start on the worker.
     pub time_limit: Option<Duration>,
-    /// When its caller needs the answer, waiting included; the answer is to be complete [`ANSWER_MARGIN`] earlier: the job is
-    /// cut off then, and never started after that.
+    /// When its caller needs the answer, waiting included; the answer is to be complete [`ANSWER_MARGIN`] earlier, or less
+    /// where the deadline is near: the job is cut off then, and never started after that.
     pub deadline: Option<Instant>,
+    /// When the job was submitted: a deadline is near or far from here. Unknown, it is far.
+    pub submitted: Option<Instant>,
     /// What both clocks keep free for the time after the signal to stop.
     pub finishing: Finishing,
     /// How long it is expected to run: the part of the queue's capacity for work that it takes.
@@ -47,10 +50,16 @@ pub struct Clocks {
 }
 
 impl Clocks {
+    /// How long before its deadline the answer is to be complete.
+    pub fn answer_margin(&self) -> Duration {
+        let available = self.deadline.zip(self.submitted).map(|(end, start)| end.saturating_duration_since(start));
+        available.map_or(ANSWER_MARGIN, |available| ANSWER_MARGIN.min(available / 2))
+    }
+
     /// When a job under this deadline is not started any more.
     pub(super) fn last_start(&self) -> Option<Instant> {
         // A time that the clock cannot represent lies in the past: never start.
-        self.deadline.map(|deadline| deadline.checked_sub(ANSWER_MARGIN).unwrap_or_else(Instant::now))
+        self.deadline.map(|deadline| deadline.checked_sub(self.answer_margin()).unwrap_or_else(Instant::now))
     }
 
     /// When a job that starts at this time is signalled, how and why; its deadline cuts it off besides.
@@ -92,7 +101,7 @@ mod tests {
         let start = Instant::now();
         let finishing = Finishing { time: SECOND / 10, largest_share: 0.5, least_time: SECOND / 5 };
         let deadline = Some(start + ANSWER_MARGIN + SECOND);
-        let clocks = Clocks { time_limit: Some(SECOND / 10), deadline, finishing, estimate: SECOND };
+        let clocks = Clocks { time_limit: Some(SECOND / 10), deadline, finishing, estimate: SECOND, submitted: None };
         let signals = [
             (start + SECOND / 20, Signal::Stop, StopCause::TimeLimit),
             (start + SECOND / 5, Signal::CutOff, StopCause::TimeLimit),
@@ -101,6 +110,19 @@ mod tests {
         assert_eq!(clocks.signals(start), signals.map(Some));
         let endless = Clocks { time_limit: Some(Duration::MAX), ..Clocks::default() };
         assert_eq!(endless.signals(start), [None; 3]);
+    }
+
+    #[test]
+    fn near_deadlines_keep_half_of_their_time_free() {
+        let start = Instant::now();
+        let last_start = |deadline: Duration| {
+            let clocks = Clocks { deadline: Some(start + deadline), submitted: Some(start), ..Clocks::default() };
+            clocks.last_start().unwrap() - start
+        };
+        let times = [0, 2, 20, 40, 100].map(|ms| last_start(Duration::from_millis(ms)).as_millis());
+        assert_eq!(times, [0, 1, 10, 20, 80]);
+        let passed = Clocks { deadline: Some(start), submitted: Some(start + SECOND), ..Clocks::default() };
+        assert_eq!(passed.last_start(), Some(start));
     }
 
     #[test]

@@ -12,7 +12,7 @@ use super::pace::{Cost, Pace, TimeTaken};
 use super::running::{QueuedJob, Running};
 use super::share::Taken;
 use crate::metrics::Metrics;
-use crate::queue::{self, ANSWER_MARGIN, Clocks, StopHandle};
+use crate::queue::{self, Clocks, StopHandle};
 
 /// How much longer than estimated a wait may be. One job may need twice the work of another that looks alike; over several
 /// that follow each other this averages out to about a quarter.
@@ -43,7 +43,7 @@ impl Permit {
         let finishing = job.finishing(&input);
         // However short the time limit, what follows it takes its time.
         let estimate = self.pace.estimate(J::NAME, cost, time_limit).max(finishing.at_least_for(time_limit));
-        let clocks = Clocks { time_limit, deadline, finishing, estimate };
+        let clocks = Clocks { time_limit, deadline, submitted: Some(Instant::now()), finishing, estimate };
         self.check_reachable(&clocks)?;
         let position = self.reserved.position();
         let (report, progress) = watch::channel(None);
@@ -56,8 +56,9 @@ impl Permit {
         let Some(deadline) = clocks.deadline else { return Ok(()) };
         let remaining = deadline.saturating_duration_since(Instant::now());
         let estimated_wait = self.reserved.expected_wait().mul_f64(1.0 + ERROR_OF_WAITS);
-        let kept = ANSWER_MARGIN + clocks.finishing.kept_of(remaining);
-        if estimated_wait.is_zero() || remaining <= ANSWER_MARGIN || estimated_wait.saturating_add(kept) <= remaining {
+        let margin = clocks.answer_margin();
+        let kept = margin + clocks.finishing.kept_of(remaining);
+        if estimated_wait.is_zero() || remaining <= margin || estimated_wait.saturating_add(kept) <= remaining {
             return Ok(());
         }
         Err(ServiceError::DeadlineUnreachable { retry_after: self.pace.retry_after(), estimated_wait, remaining })
