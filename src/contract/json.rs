@@ -15,7 +15,7 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{self, ObjectBuilder, Schema, Type};
 
 use super::error_table::ErrorCode;
-use super::problem::Problem;
+use super::problem::{Problem, shortened};
 
 /// Reads a body that must be one JSON object of the form `T`.
 ///
@@ -109,9 +109,20 @@ fn problem_of(path: &Path, error: &serde_json::Error) -> Problem {
             if let Some(field) = field_named_in(&message, &["missing field `", "duplicate field `"]) {
                 push_segment(&mut pointer, field);
             }
-            let text = format!("`{}`: {message}", dotted(&pointer));
+            let text = format!("`{}`: {}", dotted(&pointer), with_short_words(message));
             Problem::at_field(ErrorCode::InvalidField, pointer, text)
         }
+    }
+}
+
+/// Longest word of the caller that a message repeats with what was expected in its place, characters.
+const MAX_WORD: usize = 200;
+
+/// A message in which the caller's words are cut, and what was expected is not.
+fn with_short_words(message: String) -> String {
+    match message.rfind(", expected ") {
+        Some(at) => shortened(message[..at].to_owned(), MAX_WORD) + &message[at..],
+        None => message,
     }
 }
 

@@ -13,6 +13,8 @@ use crate::rules::{Violation, ViolationCode, Violations};
 const MAX_LISTED_ERRORS: usize = 100;
 /// Longest text that may echo a caller's own words, characters.
 const MAX_ECHO: usize = 400;
+/// Longest text about one field, characters: names all fields that any object has, of which the longest list has 500.
+const MAX_OF_FIELD: usize = 2_000;
 
 /// A refusal or failure on its way to the caller.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,7 +42,7 @@ pub struct FieldError {
 impl Problem {
     /// A problem without field errors.
     pub fn new(code: ErrorCode, detail: impl Into<String>) -> Self {
-        Self { code, detail: shortened(detail.into()), retry_after: None, errors: Vec::new() }
+        Self { code, detail: shortened(detail.into(), MAX_ECHO), retry_after: None, errors: Vec::new() }
     }
 
     /// The refusal of a body above the limit.
@@ -69,7 +71,7 @@ impl Problem {
 
     /// A problem of the one field at `pointer`.
     pub(crate) fn at_field(code: ErrorCode, pointer: String, message: String) -> Self {
-        let message = shortened(message);
+        let message = shortened(message, MAX_OF_FIELD);
         let error = FieldError { pointer, code: code.entry().code, message: message.clone(), limit: None };
         Self { code, detail: message, retry_after: None, errors: vec![error] }
     }
@@ -138,7 +140,7 @@ impl From<&Violation> for FieldError {
         Self {
             pointer: pointer_of_path(field),
             code: code.as_str(),
-            message: shortened(message.clone()),
+            message: shortened(message.clone(), MAX_ECHO),
             limit: *limit,
         }
     }
@@ -150,8 +152,8 @@ fn pointer_of_path(path: &str) -> String {
 }
 
 /// Cuts a text that may hold the caller's own words.
-fn shortened(mut text: String) -> String {
-    if let Some((cut, _)) = text.char_indices().nth(MAX_ECHO) {
+pub(super) fn shortened(mut text: String, most: usize) -> String {
+    if let Some((cut, _)) = text.char_indices().nth(most) {
         text.truncate(cut);
         text.push_str("...");
     }

@@ -328,3 +328,20 @@ async fn long_words_of_the_caller_are_not_echoed_in_full() {
         assert!(answer.bytes.len() < 3000, "{} bytes", answer.bytes.len());
     }
 }
+
+#[tokio::test]
+async fn unknown_fields_are_answered_with_all_that_there_are() {
+    let server = server().await;
+    let word = "x".repeat(1_000);
+    let document = server.get("/openapi.json").await.json();
+    let fields = |object: &str| {
+        let schema = &document["components"]["schemas"][object]["properties"];
+        schema.as_object().unwrap().keys().map(|field| format!("`{field}`")).collect::<Vec<_>>()
+    };
+    for (path, object) in [("robot", "Robot"), ("solver", "Solver"), ("maneuver", "Maneuver")] {
+        let answer = server.post("/solve", format!(r#"{{"{path}": {{"{word}": 1}}}}"#)).await;
+        let detail = answer.problem()["detail"].as_str().unwrap().to_owned();
+        let missing: Vec<_> = fields(object).into_iter().filter(|field| !detail.contains(field)).collect();
+        assert!(missing.is_empty() && !detail.contains(&word), "{missing:?} in {detail}");
+    }
+}
