@@ -21,7 +21,7 @@ use serde_json::{Map, Value};
 use slipdrive::contract::{Problem, indented, json};
 use slipdrive::jobs::{Flag, InProcessSolver, Jobs, Kind, Limits, Visitor};
 use slipdrive::metrics::Metrics;
-use slipdrive::service::{Class, Done, Service, ServiceSettings};
+use slipdrive::service::{Class, Done, Service, ServiceError, ServiceSettings};
 
 pub(crate) use self::sweep::sweep;
 #[cfg(feature = "nats")]
@@ -184,7 +184,14 @@ fn run_job<K: Kind>(
     let service = Service::start(ServiceSettings { workers, queue_length: 0, ..ServiceSettings::default() })?;
     let made = |input: &K::Input, done: &Done<K::Output>| Made::<K>::of(input, done);
     let running = service.reserve(K::CLASS)?.submit(Arc::clone(kind), input, None, made)?;
-    let made = progress::watched::<K, _>(running)?;
+    let made = match progress::watched::<K, _>(running) {
+        Ok(made) => made,
+        Err(error) => match error.downcast() {
+            Ok(contradicted @ ServiceError::Contradicted { .. }) => return Ok(refuse(&contradicted.into())),
+            Ok(other) => return Err(other.into()),
+            Err(error) => return Err(error),
+        },
+    };
     write_answer(arguments.json.as_deref(), &json::write(&made.answer), &made.table)?;
     if let Some(folder) = &arguments.out {
         fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;

@@ -160,6 +160,10 @@ impl From<ServiceError> for Problem {
             ServiceError::Unavailable { .. } => ErrorCode::Unavailable,
             ServiceError::Cancelled => ErrorCode::Cancelled,
             ServiceError::SolverPanic => ErrorCode::SolverPanic,
+            ServiceError::Contradicted { field, .. } => {
+                let pointer = format!("#/{}", field.replace('.', "/"));
+                return Self::at_field(ErrorCode::InvalidValue, pointer, error.to_string());
+            }
         };
         Self::new(code, error.to_string()).worth_retrying_after(error.retry_after())
     }

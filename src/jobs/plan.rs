@@ -1,5 +1,8 @@
 //! A request with its answer as a motion that can be rolled out again: what kinds of jobs begin with that are about a plan.
 
+mod contradiction;
+
+pub(super) use contradiction::{claims_goal, largest_goal_error, other_end};
 use serde_json::Value;
 
 use super::simulate::Simulate;

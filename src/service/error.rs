@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-/// A refusal or a failure; none of them is the fault of the values asked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+/// A refusal or a failure; none but [`ServiceError::Contradicted`] is the fault of the values asked.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ServiceError {
     /// All places of the queue are taken.
     #[error("the queue is full: {capacity} jobs run or wait, try again in {} s", .retry_after.as_secs())]
@@ -52,6 +52,14 @@ pub enum ServiceError {
     /// The solver panicked or broke its promise; the log has the cause.
     #[error("the solver gave no answer; the log of the server has the cause")]
     SolverPanic,
+    /// What was asked contradicts itself, which only running it shows.
+    #[error("{fault}")]
+    Contradicted {
+        /// The path of the field that is at fault.
+        field: &'static str,
+        /// What speaks against it.
+        fault: String,
+    },
 }
 
 impl ServiceError {
@@ -62,7 +70,11 @@ impl ServiceError {
             | Self::ShareUsedUp { retry_after, .. }
             | Self::DeadlineUnreachable { retry_after, .. }
             | Self::Unavailable { retry_after } => Some(retry_after),
-            Self::DeadlineExceeded | Self::TimeLimitExceeded | Self::Cancelled | Self::SolverPanic => None,
+            Self::DeadlineExceeded
+            | Self::TimeLimitExceeded
+            | Self::Cancelled
+            | Self::SolverPanic
+            | Self::Contradicted { .. } => None,
         }
     }
 }

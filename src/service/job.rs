@@ -71,12 +71,19 @@ pub struct Done<T> {
 }
 
 /// Why a job has no answer, found while it ran.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub enum Stopped {
     /// It was stopped.
     By(StopCause),
     /// It says that it was stopped, but nobody stopped it.
     Unasked,
+    /// What it was to work on contradicts itself, which only running it shows.
+    Contradicted {
+        /// The path of the field that is at fault.
+        field: &'static str,
+        /// What speaks against it, for people.
+        fault: String,
+    },
 }
 
 /// The stop flags of a running job, the channel for its progress, and the workers that may help.

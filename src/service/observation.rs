@@ -86,7 +86,7 @@ impl Awaited {
     /// Passes the outcome on.
     pub(super) fn ended<T>(mut self, outcome: Result<T, ServiceError>) -> Result<T, ServiceError> {
         self.end = match outcome {
-            Ok(_) => JobEnd::Finished,
+            Ok(_) | Err(ServiceError::Contradicted { .. }) => JobEnd::Finished,
             Err(ServiceError::DeadlineExceeded) => JobEnd::Deadline,
             Err(ServiceError::TimeLimitExceeded) => JobEnd::TimeLimit,
             Err(ServiceError::Unavailable { .. }) => JobEnd::Shutdown,

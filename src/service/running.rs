@@ -133,6 +133,9 @@ fn answer_of<T>(job_id: u64, outcome: JobOutcome<Result<T, Stopped>>, pace: &Pac
             Ok(answer)
         }
         JobOutcome::Finished { value: Err(Stopped::Unasked), .. } => Err(ServiceError::SolverPanic),
+        JobOutcome::Finished { value: Err(Stopped::Contradicted { field, fault }), .. } => {
+            Err(ServiceError::Contradicted { field, fault })
+        }
         JobOutcome::Finished { value: Err(Stopped::By(cause)), .. } | JobOutcome::NeverStarted { cause } => {
             Err(error_of(cause, pace))
         }

@@ -77,6 +77,21 @@ async fn heading_of_a_straight_drive_decides_by_its_sine() {
 }
 
 #[tokio::test]
+async fn answer_to_another_request_is_refused() {
+    let server = TestServer::start(4, real_solver()).await;
+    let mut plan = straight();
+    let simulated = server.post("/simulate", plan["simulate"]["request"].to_string()).await.json();
+    plan["simulate"]["answer"] = json!({"end_state": simulated["end_state"]});
+    let uncertain = json!([{"parameter": "friction", "low": -0.1, "high": 0.1}]);
+    let further = json!({"uncertain": uncertain, "tolerances": {"across_m": 0.03}, "samples": 10});
+    assert_eq!(assessed(&server, &body(&plan, &further)).await["samples"], 10);
+    plan["simulate"]["request"]["robot"]["wheel_radius_m"] = json!(0.08);
+    let refused = server.post("/assess", body(&plan, &further).to_string()).await;
+    assert_eq!((refused.status, &refused.problem()["errors"][0]["pointer"]), (422, &json!("#/simulate/answer")));
+    assert!(refused.text().contains("request and answer do not belong together"), "{}", refused.text());
+}
+
+#[tokio::test]
 async fn worst_sample_is_a_simulation_that_ends_as_told() {
     let server = TestServer::start(4, real_solver()).await;
     let normal = |name: &str, size: f64| json!({"parameter": name, "mean": 0, "standard_deviation": size});

@@ -224,6 +224,18 @@ fn saved_plans_are_presented_together_in_a_page_that_needs_nothing() {
     assert_eq!(rows, vec![2 + 10 + 2 + 15; 1 + 2 * 41]);
 }
 
+#[test]
+fn plan_of_another_robot_is_not_exported() {
+    let folder = Folder::new("cli-another");
+    let plan = saved_plan(&folder);
+    let mut saved: Value = serde_json::from_str(&folder.read("plan.json")).unwrap();
+    saved["solve"]["request"]["robot"]["wheel_radius_m"] = json!(0.08);
+    folder.write("plan.json", &saved.to_string());
+    let out = folder.file("out");
+    let said = refused(&["export", &plan, "--format", "csv", "--rate-hz", "100", "--out", &out], b"");
+    assert!(said.contains("away from the goal of the request") && !folder.0.join("out").exists(), "{said}");
+}
+
 /// The file of a short plan.
 fn saved_plan(folder: &Folder) -> String {
     let body = br#"{"maneuver": {"goal": {"y_m": 1}}, "grid": {"steps": 40, "control_intervals": 8}, "solver": {"starts": 1}}"#;

@@ -79,6 +79,39 @@ async fn left_turn_has_the_signs_of_rep_103() {
 }
 
 #[tokio::test]
+async fn answer_to_another_request_is_refused() {
+    let server = TestServer::start(4, real_solver()).await;
+    let request = json!({"maneuver": {"goal": {"y_m": 1}}, "grid": {"steps": 40, "control_intervals": 8},
+                         "solver": {"starts": 1}, "view": "plan"});
+    let answer = server.post("/solve", request.to_string()).await.json();
+    let export = json!({"solve": {"request": request, "answer": answer}, "format": "csv", "rate_hz": 100});
+    assert_eq!(server.post("/export", export.to_string()).await.status, 200);
+    let changed = |pointer: &str, value: Value| {
+        let mut export = export.clone();
+        *export.pointer_mut(pointer).unwrap() = value;
+        export
+    };
+    let mut wider = export.clone();
+    wider["solve"]["request"]["robot"]["wheel_radius_m"] = json!(0.08);
+    let far = changed("/solve/answer/end_state/y_m", json!(2));
+    for (body, fault) in
+        [(wider, "away from the goal of the request in "), (far, "away from the end_state of the answer")]
+    {
+        let refused = server.post("/export", body.to_string()).await;
+        let problem = refused.problem();
+        assert_eq!((refused.status, &problem["code"]), (422, &json!("invalid_value")), "{problem}");
+        assert_eq!(problem["errors"][0]["pointer"], "#/solve/answer");
+        assert!(problem["detail"].as_str().unwrap().contains(fault), "{problem}");
+        let message: pb::ExportRequest = serde_json::from_value(body).unwrap();
+        let status = server.grpc().await.export(message).await.unwrap_err();
+        assert_eq!((code_of(&status).as_str(), fields_of(&status)), ("invalid_value", vec!["solve.answer".to_owned()]));
+    }
+    // What states no end is not contradicted by that.
+    let endless = changed("/solve/answer/end_state", Value::Null);
+    assert_eq!(server.post("/export", endless.to_string()).await.status, 200);
+}
+
+#[tokio::test]
 async fn points_are_at_the_rate_and_the_last_at_the_final_time() {
     let server = TestServer::start(4, real_solver()).await;
     let request = left_turn();

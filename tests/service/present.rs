@@ -162,6 +162,7 @@ async fn certificate_needs_the_end_that_the_answer_states() {
     let other = presented(&server, &presentation(&other, &answer)).await["plans"][0].clone();
     assert_eq!(other["certificate"], json!([]));
     assert!(texts(&other["details"]).contains("away from the goal of the request in y_m"), "{other}");
+    assert_eq!(other["headline"], "The answer does not belong to its request.");
     let mut late = answer.clone();
     late["final_time_s"] = json!(99);
     let late = presented(&server, &presentation(&request, &late)).await["plans"][0].clone();

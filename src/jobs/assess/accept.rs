@@ -36,11 +36,18 @@ const LONGEST_DELAY_FITS: &str =
 /// A plan and what is not known of it.
 #[derive(Debug)]
 pub struct AcceptedAssess {
+    /// The plan as it was answered.
+    pub(super) plan: Box<AcceptedPlan>,
     pub(super) input: AssessInput,
     /// How long it may run; none where no clock ends it.
     pub(super) time_limit: Option<Duration>,
+}
+
+impl AcceptedAssess {
     /// Whether limits are at the root of the request, as a simulation has them.
-    pub(super) is_simulation: bool,
+    pub(super) fn is_simulation(&self) -> bool {
+        matches!(self.plan.said, Said::Simulate(_))
+    }
 }
 
 pub(super) fn rules() -> RuleSet {
@@ -99,18 +106,15 @@ pub(super) fn accept(request: AssessRequest, limits: &Limits) -> Result<Accepted
     let plan = AcceptedPlan::of(solve.map(|plan| *plan), simulate.map(|plan| *plan), limits);
     let input = match plan {
         Ok(plan) => {
-            let is_simulation = matches!(plan.said, Said::Simulate(_));
-            let input = assessed(plan, (robot, payload), &mut checks)?;
+            let input = assessed(&plan, (robot, payload), &mut checks)?;
             let input = AssessInput { uncertain, tolerances, sample_count: samples as usize, seed, ..input };
             check_together(&input, &mut checks);
-            Ok((input, is_simulation))
+            Ok((input, Box::new(plan)))
         }
         Err(problem) => Err(problem),
     };
     match (input, checks.finish().map_err(Problem::from)) {
-        (Ok((input, is_simulation)), Ok(())) => {
-            Ok(AcceptedAssess { input, time_limit: limits.time_limit(), is_simulation })
-        }
+        (Ok((input, plan)), Ok(())) => Ok(AcceptedAssess { plan, input, time_limit: limits.time_limit() }),
         (Err(problem), Ok(())) | (Ok(_), Err(problem)) => Err(problem),
         (Err(of_plan), Err(problem)) => Err(problem.and(of_plan)),
     }
@@ -181,7 +185,7 @@ fn checked_uncertain(
 
 /// The plan as the robot drives it that is asked about; nothing is uncertain yet.
 fn assessed(
-    plan: AcceptedPlan,
+    plan: &AcceptedPlan,
     (given_robot, given_payload): (Option<message::Robot>, Option<message::Payload>),
     checks: &mut Checks,
 ) -> Result<AssessInput, Problem> {
@@ -194,22 +198,23 @@ fn assessed(
     );
     let (field, goal, limited, aisle) = match said {
         Said::Solve(asked, _) => {
-            let SolveInput { maneuver, aisle, .. } = *asked;
-            ("solve.answer.torque_schedule", Some(maneuver.goal), Limited::Maneuver(Box::new(maneuver)), aisle)
+            let SolveInput { maneuver, aisle, .. } = &**asked;
+            let limited = Limited::Maneuver(Box::new(*maneuver));
+            ("solve.answer.torque_schedule", Some(maneuver.goal), limited, aisle)
         }
         Said::Simulate(_) => {
             let limited = Limited::Motion(motion.reference_point, motion.limits);
-            ("simulate.request.torque_schedule", None, limited, motion.aisle)
+            ("simulate.request.torque_schedule", None, limited, &motion.aisle)
         }
     };
     checks.require(field, format!("{} s long", motion.schedule.final_time), moves, "of a plan that moves", None);
     let mut driven = planned.clone();
-    let mut aisle = aisle;
+    let mut aisle = aisle.clone();
     if let Some(given) = &given_robot {
         driven.bare_robot = robot(given, checks);
         if !given.footprint.is_empty() {
             let footprint = aisle_corners(&[], &given.footprint).footprint;
-            aisle = AisleCorners { footprint, ..corners }.check("keep_in", checks);
+            aisle = AisleCorners { footprint, ..corners.clone() }.check("keep_in", checks);
         }
     }
     if let Some(given) = given_payload {

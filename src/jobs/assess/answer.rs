@@ -55,7 +55,7 @@ pub(super) fn answer(accepted: &AcceptedAssess, assessment: &Assessment) -> Asse
 
 /// What a solve has below its maneuver a simulation has at its root.
 fn limit_name(accepted: &AcceptedAssess, limit: &'static str) -> &'static str {
-    if accepted.is_simulation { limit.strip_prefix("maneuver.").unwrap_or(limit) } else { limit }
+    if accepted.is_simulation() { limit.strip_prefix("maneuver.").unwrap_or(limit) } else { limit }
 }
 
 fn end_errors(error: &EndError) -> EndErrors {

@@ -70,6 +70,8 @@ impl Job for Assess {
     }
 
     fn run(&self, accepted: &AcceptedAssess, control: &JobControl<'_, ()>) -> Result<Assessment, Stopped> {
+        let motion = accepted.plan.trajectory(&*self.solver, control.stop().cut_flag().into());
+        accepted.plan.check_belongs(&motion.map_err(|_| control.cut_off())?)?;
         let workers = IdleWorkers(control);
         let run = RunControl::new(control.stop().cut_flag(), &NoProgress).helped_by(&workers);
         self.solver.assess(&accepted.input, &run).map_err(|_| control.cut_off())

@@ -73,6 +73,7 @@ impl Job for Export {
     fn run(&self, export: &AcceptedExport, control: &JobControl<'_, ()>) -> Result<Exported, Stopped> {
         let AcceptedExport { plan, format, rate, labels, time_limit: _ } = export;
         let trajectory = plan.trajectory(&*self.0, control.stop().cut_flag().into()).map_err(|_| control.cut_off())?;
+        plan.check_belongs(&trajectory)?;
         let motion = Motion::new(plan, &trajectory);
         let points = motion.points(*rate);
         let files = files::files(*format, labels, &motion, &points);

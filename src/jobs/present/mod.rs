@@ -21,6 +21,7 @@ use crate::plot;
 pub use crate::plot::STYLE;
 use crate::rules::{Checks, Rule, RuleSet};
 use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
+pub(super) use words::short;
 
 /// How many plans one figure tells apart.
 const PLANS_RULE: Rule = Rule::between(1.0, 4.0, Rule::ITEMS);

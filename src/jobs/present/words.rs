@@ -3,17 +3,15 @@
 use super::replay_words::replay;
 use crate::contact::{ContactMode, ContactName};
 use crate::contract::message::{
-    ChangedParameter, ContactName as NamedContact, EndState, LimitUse, LowerBoundAssumption, PlanInWords, Refinement,
-    Report, Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
+    ChangedParameter, ContactName as NamedContact, LimitUse, LowerBoundAssumption, PlanInWords, Refinement, Report,
+    Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
 };
-use crate::jobs::plan::{AcceptedPlan, Said};
-use crate::robot::State;
-use crate::shooting::StateComponent;
+use crate::jobs::plan::{AcceptedPlan, Said, claims_goal, largest_goal_error, other_end};
 use crate::simulation::Trajectory;
 use crate::solver::{LIMIT_EXCEEDED, Refinement as Grid, SolveInput, SolverSettings};
 
-/// Largest difference of the end from what the answer says, in any component: rounding of an interval's length, no more.
-const END_TOLERANCE: f64 = 1e-9;
+/// The headline where request and answer contradict each other.
+const OF_NO_PLAN: &str = "The answer does not belong to its request.";
 /// A contact residual up to this is rounding: what `converged` asks for.
 const RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// How many other optima are named.
@@ -21,95 +19,25 @@ const NAMED_OPTIMA: usize = 5;
 
 /// What is said of a plan with this motion.
 pub(super) fn of_plan(label: &str, plan: &AcceptedPlan, motion: &Trajectory) -> PlanInWords {
-    let (headline, mut details, mut certificate, end_state) = match &plan.said {
+    let mut contradictions = plan.contradictions(motion);
+    let (headline, mut details, mut certificate) = match &plan.said {
         Said::Solve(asked, answer) => {
             let error = largest_goal_error(asked, &motion.end_state);
-            let mut details = details(asked, answer, motion);
-            let mut certificate = certificate(asked, answer, error);
-            let contradictions = [other_goal(asked, error), other_time(answer, plan.motion.schedule.final_time)];
-            for contradiction in contradictions.into_iter().flatten().filter(|_| claims_goal(answer)) {
-                certificate.clear();
-                details.push(contradiction);
-            }
-            (headline(answer), details, certificate, answer.end_state)
+            let headline = if contradictions.is_empty() { headline(answer) } else { OF_NO_PLAN.to_owned() };
+            (headline, details(asked, answer, motion), certificate(asked, answer, error))
         }
-        Said::Simulate(answer) => {
-            (duration(motion), motion_in_words(motion), certificate_of_motion(answer), answer.end_state)
-        }
+        Said::Simulate(answer) => (duration(motion), motion_in_words(motion), certificate_of_motion(answer)),
     };
-    let end_difference = end_state.map_or(f64::NAN, |end| difference(&motion.end_state, end));
-    // What is no number is not near.
-    if end_difference.is_nan() || end_difference > END_TOLERANCE {
-        certificate.clear();
-        details.push(mismatch(end_difference));
+    let end_difference = plan.end_difference(motion);
+    // An answer that states no end contradicts nothing, and nothing speaks for it.
+    if end_difference.is_nan() && contradictions.is_empty() {
+        contradictions.push(other_end(end_difference));
     }
+    if !contradictions.is_empty() {
+        certificate.clear();
+    }
+    details.extend(contradictions.iter().map(|contradiction| format!("{contradiction} Nothing is claimed for it.")));
     PlanInWords { label: label.to_owned(), headline, details, certificate, end_difference }
-}
-
-/// Whether the answer says that the goal is met.
-fn claims_goal(answer: &Solution) -> bool {
-    matches!(answer.status(), Status::Converged | Status::Feasible)
-}
-
-/// The field of the goal with the largest error at the end, and that error.
-fn largest_goal_error(asked: &SolveInput, end: &State) -> (&'static str, f64) {
-    let errors = asked.maneuver.goal_error(end);
-    let error = |(component, _): (StateComponent, f64)| (component.field(), errors[component.index()].abs());
-    let largest = asked.maneuver.goal.constrained().map(error).max_by(|a, b| a.1.total_cmp(&b.1));
-    largest.unwrap_or(("goal", 0.0))
-}
-
-/// What to say of a motion that misses the goal.
-fn other_goal(asked: &SolveInput, (field, error): (&str, f64)) -> Option<String> {
-    let text = format!(
-        "The motion, rolled out again, ends {} away from the goal of the request in {field}: request and answer do not belong \
-         together. Nothing is claimed for it.",
-        short(error)
-    );
-    (error > asked.settings.goal_tolerance + END_TOLERANCE).then_some(text)
-}
-
-/// What to say of torques that last for another time.
-fn other_time(answer: &Solution, time: f64) -> Option<String> {
-    let said = answer.final_time_s;
-    let text = format!(
-        "The torques of the answer last {time} s, its final_time_s is {said}: they do not belong together. Nothing is claimed \
-         for it."
-    );
-    let agrees = (said - time).abs() <= END_TOLERANCE * time.max(1.0);
-    (!agrees).then_some(text)
-}
-
-/// Largest difference in any component; two values that are no numbers are alike.
-fn difference(end: &State, said: EndState) -> f64 {
-    let (end, said) = (EndState::from(end), said);
-    let pairs = [
-        (end.x_m, said.x_m),
-        (end.y_m, said.y_m),
-        (end.heading_rad, said.heading_rad),
-        (end.wheel_angle_left_rad, said.wheel_angle_left_rad),
-        (end.wheel_angle_right_rad, said.wheel_angle_right_rad),
-        (end.velocity_x_m_s, said.velocity_x_m_s),
-        (end.velocity_y_m_s, said.velocity_y_m_s),
-        (end.yaw_rate_rad_s, said.yaw_rate_rad_s),
-        (end.wheel_rate_left_rad_s, said.wheel_rate_left_rad_s),
-        (end.wheel_rate_right_rad_s, said.wheel_rate_right_rad_s),
-    ];
-    let of = |(end, said): (f64, f64)| if end.is_finite() || said.is_finite() { (end - said).abs() } else { 0.0 };
-    // NaN, which `max` would drop, is the largest.
-    pairs.map(of).into_iter().fold(0.0, |largest, of| if of.is_nan() { f64::NAN } else { of.max(largest) })
-}
-
-fn mismatch(end_difference: f64) -> String {
-    let found = if end_difference.is_finite() {
-        format!("ends {} away from the end_state of the answer", short(end_difference))
-    } else {
-        "cannot be compared with the end_state of the answer".to_owned()
-    };
-    format!(
-        "The motion, rolled out again from the request and its torques, {found}: request and answer do not belong \
-         together, or another version made the answer. Nothing is claimed for it."
-    )
 }
 
 /// The outcome, for legends too: the final time, or what is missing.
@@ -389,7 +317,7 @@ fn other_optima(final_time: f64, report: &Report) -> Option<String> {
 }
 
 /// Three digits, as short as they can be read.
-pub(super) fn short(value: f64) -> String {
+pub(in crate::jobs) fn short(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 { "0".to_owned() } else { "an unknown number".to_owned() };
     }
