@@ -106,8 +106,10 @@ impl Visitor for Commands {
             format!("File with the JSON body of `POST /{}`; `-` is standard input{}", K::NAME, examples.concat())
         };
         let command = JobArguments::augment_args(Command::new(K::NAME)).about(sentence(K::SUMMARY));
+        // Of kinds that take several files more are refused by the command, which says how many.
+        let most = if K::SAVED_FILES > 1 { usize::MAX } else { 1 };
         let command = command.mut_arg("input", |argument| {
-            let argument = argument.help(input).action(ArgAction::Set).num_args(1..=K::SAVED_FILES.max(1));
+            let argument = argument.help(input).action(ArgAction::Set).num_args(1..=most);
             match K::EXAMPLES.first() {
                 Some(example) => argument.required(false).default_value(example.name),
                 None => argument,
@@ -171,6 +173,10 @@ fn run_job<K: Kind>(
     }
     if arguments.out.is_some() && !K::HAS_FILES {
         return Ok(refused(&format!("there are no files of `{}`", K::NAME)));
+    }
+    let (given, most) = (arguments.input.len(), K::SAVED_FILES.max(1));
+    if given > most {
+        return Ok(refused(&format!("there are {given} files, must be at most {most}")));
     }
     // The two seconds of light jobs are for servers.
     let limits = if K::CLASS == Class::Light { jobs.limits().without_clock() } else { *jobs.limits() };

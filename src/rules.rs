@@ -84,7 +84,7 @@ impl Rule {
     }
 
     /// The bound that a refused value passed; none where it is no number, or there is no bound on its side.
-    fn passed_by(&self, value: f64) -> Option<f64> {
+    pub(crate) fn passed_by(&self, value: f64) -> Option<f64> {
         let bound = if value > self.minimum { self.maximum } else { self.minimum };
         (bound.is_finite() && !value.is_nan()).then_some(bound)
     }
@@ -210,6 +210,16 @@ impl Violations {
     /// The violations, in the order of the checks.
     pub fn list(&self) -> &[Violation] {
         &self.0
+    }
+
+    /// The same, where the value of this field was not given.
+    #[cfg(any(feature = "server", test))]
+    #[must_use]
+    pub(crate) fn of_default(mut self, field: &str) -> Self {
+        for violation in self.0.iter_mut().filter(|violation| violation.field == field) {
+            violation.message.push_str("; it was not given, this is its default");
+        }
+        self
     }
 }
 

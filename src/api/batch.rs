@@ -22,7 +22,7 @@ use crate::rules::{Checks, Rule};
 use crate::service::ServiceError;
 
 /// Length of the id of an item, bytes.
-const REQUEST_ID_RULE: Rule = Rule::between(1.0, 128.0, "bytes long");
+const REQUEST_ID_RULE: Rule = Rule::between(1.0, 128.0, "bytes");
 const TIMEOUT_RULE: Rule = Rule::at_least(1.0, "ms");
 
 /// How long a batch may last without an item or an answer.
@@ -219,7 +219,9 @@ impl<F: Format> Batch<F> {
 
     fn check(&self, request_id: &str, timeout_ms: Option<u32>) -> Result<(), Problem> {
         let mut checks = Checks::new();
-        checks.bounds("request_id", request_id.len() as f64, &REQUEST_ID_RULE);
+        let length = request_id.len() as f64;
+        let (holds, passed) = (REQUEST_ID_RULE.admits(length), REQUEST_ID_RULE.passed_by(length));
+        checks.require("request_id", format!("{length} bytes long"), holds, REQUEST_ID_RULE, passed);
         let is_new = !self.unanswered.contains(request_id);
         checks.require("request_id", format!("\"{request_id}\""), is_new, "unique among the unanswered items", None);
         if let Some(timeout) = timeout_ms {

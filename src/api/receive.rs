@@ -59,18 +59,18 @@ fn unreadable(error: &axum::Error) -> Problem {
     }
 }
 
-/// A whole body, and the memory that is reserved for it.
+/// A whole body, and the memory that is reserved for it; `head_bytes` of it come beside what `limit` counts.
 ///
 /// # Errors
 /// `body_too_large`, `body_timeout`, `memory_full`, `malformed_body`, or `cancelled` when it ends too early.
 pub(super) async fn receive(
     body: &mut Body,
-    limit: usize,
+    (limit, head_bytes): (usize, usize),
     body_timeout: Duration,
     connection: &Arc<Connection>,
 ) -> Result<(Vec<u8>, Lease), Problem> {
     let _wait = connection.wait(body_timeout).begun();
-    let received = timeout(body_timeout, read_within(body, limit, connection)).await;
+    let received = timeout(body_timeout, read_within(body, (limit, head_bytes), connection)).await;
     received.unwrap_or_else(|_| Err(body_timed_out(body_timeout)))
 }
 
@@ -94,16 +94,21 @@ pub(super) async fn discard(body: &mut Body) {
     let _ = timeout(DISCARD_TIMEOUT, discarded).await;
 }
 
-async fn read_within(body: &mut Body, limit: usize, connection: &Arc<Connection>) -> Result<(Vec<u8>, Lease), Problem> {
+async fn read_within(
+    body: &mut Body,
+    (limit, head_bytes): (usize, usize),
+    connection: &Arc<Connection>,
+) -> Result<(Vec<u8>, Lease), Problem> {
+    let most = limit + head_bytes;
     let lease = Lease::empty(connection, Purpose::Requests);
     let mut bytes = Vec::with_capacity(FIRST_BYTES);
     while let Some(chunk) = next_chunk(body).await {
         let chunk = chunk.map_err(|error| unreadable(&error))?;
         let length = bytes.len() + chunk.len();
-        if length > limit {
+        if length > most {
             return Err(Problem::body_too_large(limit));
         }
-        let more = length.max(2 * bytes.len()).min(limit).saturating_sub(bytes.capacity());
+        let more = length.max(2 * bytes.len()).min(most).saturating_sub(bytes.capacity());
         if length > bytes.capacity() {
             if !lease.grow_soon(more).await {
                 return Err(memory_full());

@@ -299,6 +299,7 @@ fn exit_codes_are_those_of_the_help() {
     assert_eq!(run_with_input(&["solve", "/no/such/file"], b"").status.code(), Some(1));
     assert_eq!(run_with_input(&["present"], b"").status.code(), Some(64));
     assert!(refused(&["present", "-"], br#"{"plans": []}"#).contains("between 1 and 4 items"));
+    assert!(refused(&["present", "a", "b", "c", "d", "e"], b"").contains("there are 5 files, must be at most 4"));
     assert!(refused(&["example", "no-such-example"], b"").contains("forward-drive"));
 }
 

@@ -307,6 +307,8 @@ async fn first_check_that_fails_speaks() {
     assert_eq!(grpc(&[plain], "/nowhere", malformed.clone()).await, "unauthenticated");
     assert_eq!(grpc(&[authorization, plain], SOLVE, malformed.clone()).await, "unsupported_media");
     assert_eq!(grpc(&[authorization, GRPC], SOLVE, framed(0, &vec![0; 300_000])).await, "body_too_large");
+    let large = raw_call(&case.server, SOLVE, &[authorization, GRPC], framed(0, &vec![0; 300_000])).await;
+    assert!(large.message().contains("larger than 262144 bytes"), "{large}");
     assert_eq!(grpc(&[authorization, GRPC], SOLVE, malformed.clone()).await, "queue_full");
     case.gate.open();
     while case.server.service.jobs_in_flight() > 0 {

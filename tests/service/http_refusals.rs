@@ -319,6 +319,20 @@ async fn simulate_refuses_as_solve_does() {
 }
 
 #[tokio::test]
+async fn defaults_that_break_rules_are_told_to_be_such() {
+    let server = server().await;
+    let message = async |grid: &str| {
+        let problem = server.post("/solve", format!(r#"{{"grid": {grid}}}"#)).await.problem();
+        problem["detail"].as_str().unwrap().to_owned()
+    };
+    let of_default = message(r#"{"steps": 10}"#).await;
+    assert!(of_default.contains("is 40, must be at most grid.steps (10)"), "{of_default}");
+    assert!(of_default.ends_with("; it was not given, this is its default"), "{of_default}");
+    let given = message(r#"{"steps": 10, "control_intervals": 40}"#).await;
+    assert!(!given.contains("default"), "{given}");
+}
+
+#[tokio::test]
 async fn long_words_of_the_caller_are_not_echoed_in_full() {
     let server = server().await;
     let word = "x".repeat(100_000);

@@ -123,6 +123,7 @@ def test_figures_are_drawn_or_the_server_is_too_old(client: Client, tmp_path: Pa
         return
     assert figures["path"].svg.startswith("<svg") and len(figures.plans) == 2
     assert figures["path"].svg.strip() in figures.report_html and plan.figures().report_html == ""
+    assert list(figures) == figures.figures and len(figures) == len(figures.figures)
     assert [path.name for path in plan.figures().save(tmp_path)][0] == f"{figures.figures[0].name}.svg"
 
 

@@ -149,7 +149,7 @@ pub(super) async fn admit(
     let connection = connection_of(request.extensions());
     if path.starts_with(HEALTH_SERVICE) {
         let (head, mut body) = request.into_parts();
-        let limit = HEALTH_MESSAGE_BYTES + FRAME_HEAD_BYTES;
+        let limit = (HEALTH_MESSAGE_BYTES, FRAME_HEAD_BYTES);
         let (message, _) = receive(&mut body, limit, state.settings.body_timeout, &connection).await?;
         return Ok(Request::from_parts(head, Body::from(message)));
     }
@@ -180,8 +180,8 @@ pub(super) async fn admit(
             Body::new(FramedBody { messages, request_id: context.request_id.clone() })
         }
         Needs::MessageAndPermit(_) | Needs::Message | Needs::MessageAtAnyTime => {
-            let received = receive(&mut body, limit + FRAME_HEAD_BYTES, state.settings.body_timeout, &connection).await;
-            let (message, lease) = received?;
+            let limit = (limit, FRAME_HEAD_BYTES);
+            let (message, lease) = receive(&mut body, limit, state.settings.body_timeout, &connection).await?;
             Body::from(Arc::new(lease).holding(message.into()))
         }
     };

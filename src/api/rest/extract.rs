@@ -44,7 +44,7 @@ pub(super) async fn json_body(
 ) -> Result<(Vec<u8>, Lease), Problem> {
     let body_timeout = state.settings.body_timeout;
     let received = match admit(state, &head.headers, limit) {
-        Ok(()) => receive(&mut body, limit, body_timeout, &connection_of(&head.extensions)).await,
+        Ok(()) => receive(&mut body, (limit, 0), body_timeout, &connection_of(&head.extensions)).await,
         Err(problem) => Err(problem),
     };
     if received.is_err() {

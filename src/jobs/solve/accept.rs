@@ -9,7 +9,7 @@ use crate::contract::convert::{aisle_corners, count, maneuver, named, payload, r
 use crate::contract::message::{InitialGuess, SolveGrid, SolveRequest, Solver, ValidateResponse, View};
 use crate::contract::{Problem, hexadecimal, json, message};
 use crate::jobs::limits::{Clock, DEFAULT_TIME_LIMIT_S, Limits};
-use crate::rules::{Checks, Number, Rule, RuleSet};
+use crate::rules::{Checks, Number, Rule, RuleSet, Violations};
 use crate::simulation::TorqueSchedule;
 use crate::solver::{Choice, Refinement, SolveInput, SolveParameters, SolverSettings};
 
@@ -78,7 +78,11 @@ pub(super) fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedS
         initial_guess: initial_guess.clone().map(guess).transpose()?,
     };
     let parameters = within_limits(parameters, time_limit_s, limits, &mut checks);
-    let input = checks.and(SolveInput::new(parameters))?;
+    let of_default = |violations: Violations| match grid.control_intervals {
+        Some(_) => violations,
+        None => violations.of_default("grid.control_intervals"),
+    };
+    let input = checks.and(SolveInput::new(parameters)).map_err(of_default)?;
     let completed = SolveRequest {
         robot: Some(message::Robot { footprint, ..(&robot).into() }),
         payload: input.payload.as_ref().map(Into::into),

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from .solutions import Simulation, Solution
 
 # What the server does not need: the motion is rolled out again.
@@ -60,6 +62,14 @@ class Figures:
     """What is said of each plan."""
     report_html: str
     """All of it as one page that needs nothing beside it; empty where no report was asked for."""
+
+    def __iter__(self) -> Iterator[Figure]:
+        """The figures in their order."""
+        return iter(self.figures)
+
+    def __len__(self) -> int:
+        """How many figures there are."""
+        return len(self.figures)
 
     def __getitem__(self, name: str) -> Figure:
         """The figure of this name."""
