@@ -11,6 +11,8 @@ use crate::solver::SolveInput;
 
 /// Largest difference of the end from what the answer says, in any component: rounding of an interval's length, no more.
 const END_TOLERANCE: f64 = 1e-9;
+/// The same of plans that are worked on: another processor, C library or version may round otherwise, and no controller keeps more.
+const TOLERATED_DIFFERENCE: f64 = 1e-3;
 
 impl AcceptedPlan {
     /// The largest difference of the motion's end from that of the answer, in any component, in their units; not a number
@@ -22,27 +24,32 @@ impl AcceptedPlan {
     /// What speaks against the answer, in whole sentences: where it claims the goal, that the motion misses it or takes another
     /// time, and an end that is not the one it states. One that states no end is not contradicted by that.
     pub(in crate::jobs) fn contradictions(&self, motion: &Trajectory) -> Vec<String> {
+        self.contradictions_beyond(END_TOLERANCE, motion)
+    }
+
+    fn contradictions_beyond(&self, tolerance: f64, motion: &Trajectory) -> Vec<String> {
         let mut found = Vec::new();
         if let Said::Solve(asked, answer) = &self.said
             && claims_goal(answer)
         {
-            found.extend(other_goal(largest_goal_error(asked, &motion.end_state), asked.settings.goal_tolerance));
+            let goal_tolerance = asked.settings.goal_tolerance + tolerance;
+            found.extend(other_goal(largest_goal_error(asked, &motion.end_state), goal_tolerance));
             found.extend(other_time(answer, self.motion.schedule.final_time));
         }
         let end_difference = self.end_difference(motion);
         // What is no number is not near.
-        let is_another = end_difference.is_nan() || end_difference > END_TOLERANCE;
+        let is_another = end_difference.is_nan() || end_difference > tolerance;
         found.extend((is_another && self.said_end().is_some()).then(|| other_end(end_difference)));
         found
     }
 
-    /// Refuses an answer that does not belong to its request.
+    /// Refuses an answer that does not belong to its request by more than rounding explains.
     pub(in crate::jobs) fn check_belongs(&self, motion: &Trajectory) -> Result<(), Stopped> {
         let field = match &self.said {
             Said::Solve(..) => "solve.answer",
             Said::Simulate(_) => "simulate.answer",
         };
-        let found = self.contradictions(motion).into_iter().next();
+        let found = self.contradictions_beyond(TOLERATED_DIFFERENCE, motion).into_iter().next();
         found.map_or(Ok(()), |found| Err(Stopped::Contradicted { field, fault: format!("`{field}`: {found}") }))
     }
 
@@ -74,7 +81,7 @@ fn other_goal((field, error): (&str, f64), tolerance: f64) -> Option<String> {
          together.",
         short(error)
     );
-    (error > tolerance + END_TOLERANCE).then_some(text)
+    (error > tolerance).then_some(text)
 }
 
 /// What to say of torques that last for another time.
