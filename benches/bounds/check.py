@@ -26,7 +26,7 @@ LAW_ERROR = iv.mpf("1e-10")
 WEIGHTS = ((1, 0), (4, 1), (2, 1), (1.5, 1), (1, 1), (1, 1.5), (1, 2), (1, 4), (0, 1))
 BALANCES = TURNS = 16
 LEVELS = 32
-ERROR_SPANS = 4
+ERROR_SPANS = 16
 # The largest value of sin^3 x cos x is sqrt(27) / 16.
 YAW_BESIDE_TRANSLATION = iv.sqrt(27) / 16
 Interval = Any

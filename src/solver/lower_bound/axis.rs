@@ -15,7 +15,7 @@ use super::first_time::{Cover, Floor, first_time};
 use super::grid_error::GridError;
 
 /// Spans on which the grid's errors are bounded by their largest value.
-const ERROR_SPANS: u32 = 4;
+const ERROR_SPANS: u32 = 16;
 
 /// Largest accelerations by time, where they are smaller near one end of the motion.
 #[derive(Debug, Clone)]
