@@ -313,7 +313,7 @@ fn compare_cases(all: impl Iterator<Item = Case>) -> (usize, [usize; 5]) {
         let together = largest_lower_bound(&case.input, Grid::Steps(case.step_count)).time;
         // The search for a bound that begins at another one ends elsewhere, by about its resolution; with limits the steps in which
         // curves are bounded lie elsewhere at other durations.
-        let least = if case.input.path_limits().is_empty() { 1.0 - 3.0 * WIDTH } else { 0.98 };
+        let least = if case.input.path_limits().is_empty() { 1.0 - 10.0 * WIDTH } else { 0.98 };
         assert!(together >= least * largest(&bounds).time, "seed {seed}: {together} {bounds:?}");
         assert!(together <= case.schedule.final_time, "seed {seed}: {together} exceeds {} s", case.schedule.final_time);
         for bound in bounds {
