@@ -6,6 +6,7 @@ const INFINITE_TIME: f64 = 1e15;
 const SHORTEST: f64 = 1e-4;
 /// Least growth of the time until it is long enough.
 const GROWTH: f64 = 4.0;
+/// Most looks: ten are usual.
 const LOOKS: usize = 100;
 /// Relative width at which the search ends.
 pub(super) const WIDTH: f64 = 1e-5;
@@ -112,6 +113,7 @@ impl Look {
     }
 }
 
+/// The geometric mean, with the start no nearer to zero than the resolution.
 fn middle(from: f64, to: f64) -> f64 {
     (from.max(SHORTEST) * to).sqrt()
 }
