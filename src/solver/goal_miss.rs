@@ -49,16 +49,13 @@ pub(super) fn goal_missed(
     }
 }
 
-/// The code of a plan that meets the goal and exceeds a limit.
-pub(crate) const LIMIT_EXCEEDED: &str = "limit_exceeded";
-
 /// The limit that a plan exceeds most, as a share of it.
 pub(super) fn limit_missed(limits: &[LimitUse]) -> Reason {
     // An excess that is not a number is larger than all.
     let most = limits.iter().reduce(|a, b| if b.excess > a.excess || b.excess.is_nan() { b } else { a });
     let &LimitUse { limit, value, largest, time, .. } = most.expect("some limit is exceeded");
     Reason {
-        code: LIMIT_EXCEEDED,
+        code: Reason::LIMIT_EXCEEDED,
         message: format!(
             "`{limit}` allows {value}, the best plan that meets the goal takes {largest}; more `solver.starts`, more \
              `grid.control_intervals` or a wider limit would help"

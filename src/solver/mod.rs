@@ -42,7 +42,6 @@ pub use solution::{
 };
 
 pub(crate) use certificate::{REPLAY_EXCESS, REPLAY_REFINEMENT};
-pub(crate) use goal_miss::LIMIT_EXCEEDED;
 pub(crate) use helpers::CancelOnPanic;
 
 use candidate::Candidate;

@@ -60,6 +60,11 @@ pub struct Reason {
     pub message: String,
 }
 
+impl Reason {
+    /// The code of a plan that meets its goal and exceeds a limit.
+    pub const LIMIT_EXCEEDED: &'static str = "limit_exceeded";
+}
+
 /// A local optimum and how many starts led to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DistinctOptimum {

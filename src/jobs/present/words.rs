@@ -8,7 +8,7 @@ use crate::contract::message::{
 };
 use crate::jobs::plan::{AcceptedPlan, Said, claims_goal, largest_goal_error, other_end};
 use crate::simulation::Trajectory;
-use crate::solver::{LIMIT_EXCEEDED, Refinement as Grid, SolveInput, SolverSettings};
+use crate::solver::{Reason, Refinement as Grid, SolveInput, SolverSettings};
 
 /// The headline where request and answer contradict each other.
 const OF_NO_PLAN: &str = "The answer does not belong to its request.";
@@ -81,7 +81,7 @@ fn headline(answer: &Solution) -> String {
 
 /// Whether the requirement that is not met is a limit on the way.
 fn exceeds_limit(answer: &Solution) -> bool {
-    answer.reason.as_ref().is_some_and(|reason| reason.code == LIMIT_EXCEEDED)
+    answer.reason.as_ref().is_some_and(|reason| reason.code == Reason::LIMIT_EXCEEDED)
 }
 
 /// The requirement that is not met.
