@@ -97,7 +97,7 @@ impl ExactSolver {
         }
         let (solution, steps) = search.by_interior_point();
         let path = SolvePath::InteriorPoint { steps };
-        if solution.residual <= search.tolerance {
+        if search.accepts(solution.residual) {
             return (solution, path);
         }
         (search.in_other_patterns(guess, |pattern| !is_quick(pattern)).unwrap_or(solution), path)
@@ -128,7 +128,6 @@ impl ExactSolver {
 struct Search<'a, const N: usize> {
     operator: &'a DelassusOperator<N>,
     problem: &'a OneStepProblem<N>,
-    tolerance: f64,
     /// Newton steps per pattern and start.
     iteration_limit: usize,
 }
@@ -136,13 +135,25 @@ struct Search<'a, const N: usize> {
 impl<'a, const N: usize> Search<'a, N> {
     #[inline]
     fn new(operator: &'a DelassusOperator<N>, problem: &'a OneStepProblem<N>) -> Self {
-        let [left, right, _] = operator.prox_step();
-        let rounding = SLIP_ROUNDING * problem.free_slip.amax() * left.max(right);
-        let tolerance = ACCEPTED_RESIDUAL + rounding / problem.weight_impulse();
-        Self { operator, problem, tolerance, iteration_limit: NEWTON_LIMIT }
+        Self { operator, problem, iteration_limit: NEWTON_LIMIT }
     }
 
+    /// Whether a residual is the rounding of a solved pattern.
     #[inline]
+    fn accepts(&self, residual: f64) -> bool {
+        residual <= ACCEPTED_RESIDUAL || residual <= self.tolerance()
+    }
+
+    /// The accepted residual with the rounding of the slip, which matters in very short steps alone.
+    #[cold]
+    fn tolerance(&self) -> f64 {
+        let [left, right, _] = self.operator.prox_step();
+        let rounding = SLIP_ROUNDING * self.problem.free_slip.amax() * left.max(right);
+        ACCEPTED_RESIDUAL + rounding / self.problem.weight_impulse()
+    }
+
+    #[expect(clippy::inline_always, reason = "a call would copy the solution through memory")]
+    #[inline(always)]
     fn in_pattern(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
         match DelassusOperator::<N>::linear_index(pattern) {
             Some(index) => self.in_linear_pattern(pattern, index),
@@ -249,7 +260,7 @@ impl<'a, const N: usize> Search<'a, N> {
 
     #[inline]
     fn accepted(&self, candidate: ContactSolution<N>) -> Option<ContactSolution<N>> {
-        if candidate.residual <= self.tolerance {
+        if self.accepts(candidate.residual) {
             return Some(candidate);
         }
         if candidate.pattern.wheels == WheelPattern::BothSlip {
@@ -262,7 +273,7 @@ impl<'a, const N: usize> Search<'a, N> {
     #[cold]
     fn accepted_with_undetermined_directions(&self, candidate: ContactSolution<N>) -> Option<ContactSolution<N>> {
         let candidate = self.with_undetermined_directions(candidate);
-        (candidate.residual <= self.tolerance).then_some(candidate)
+        self.accepts(candidate.residual).then_some(candidate)
     }
 
     /// With the residual that allows for undetermined slip directions ([`contact_impulses`]). Computing it for every
