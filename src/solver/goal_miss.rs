@@ -3,6 +3,7 @@
 use nalgebra::SVector;
 
 use super::excluded_ends::slip_at_goal;
+use super::limit_uses::most_exceeded;
 use super::settings::{Method, SolveInput};
 use super::solution::{LimitUse, Reason, StopReason};
 use crate::robot::State;
@@ -49,11 +50,9 @@ pub(super) fn goal_missed(
     }
 }
 
-/// The limit that a plan exceeds most, as a share of it.
+/// The limit that a plan exceeds most.
 pub(super) fn limit_missed(limits: &[LimitUse]) -> Reason {
-    // An excess that is not a number is larger than all.
-    let most = limits.iter().reduce(|a, b| if b.excess > a.excess || b.excess.is_nan() { b } else { a });
-    let &LimitUse { limit, value, largest, time, .. } = most.expect("some limit is exceeded");
+    let &LimitUse { limit, value, largest, time, .. } = most_exceeded(limits).expect("some limit is exceeded");
     Reason {
         code: Reason::LIMIT_EXCEEDED,
         message: format!(

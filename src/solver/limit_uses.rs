@@ -67,10 +67,20 @@ pub(super) fn motion_with_limits(
     Ok((motion, uses))
 }
 
-/// Keeps the largest use of each field; one that is not a number is larger than all.
+/// The use that exceeds its limit most, as a share of it.
+pub(super) fn most_exceeded(uses: &[LimitUse]) -> Option<&LimitUse> {
+    uses.iter().reduce(|most, next| if exceeds_more(next, most) { next } else { most })
+}
+
+/// An excess that is not a number is larger than all.
+fn exceeds_more(next: &LimitUse, known: &LimitUse) -> bool {
+    next.excess > known.excess || next.excess.is_nan()
+}
+
+/// Keeps the largest use of each field.
 fn note(uses: &mut Vec<LimitUse>, next: LimitUse) {
     match uses.iter_mut().find(|known| known.limit == next.limit) {
-        Some(known) if next.excess > known.excess || next.excess.is_nan() => *known = next,
+        Some(known) if exceeds_more(&next, known) => *known = next,
         Some(_) => {}
         None => uses.push(next),
     }
@@ -94,5 +104,5 @@ fn torque_rate_use(rate: f64, rollout: &Rollout) -> LimitUse {
 
 /// The largest excess; at most 0 where all limits are kept, NaN if any is.
 pub(super) fn largest_excess(uses: &[LimitUse]) -> f64 {
-    uses.iter().map(|used| used.excess).fold(0.0, larger)
+    most_exceeded(uses).map_or(0.0, |used| larger(0.0, used.excess))
 }
