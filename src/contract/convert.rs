@@ -55,7 +55,7 @@ same_numbers!(
         gravity_m_s2: gravity,
     }
     apart from { motor_stall_torque_n_m, motor_free_speed_rad_s, wheel_viscous_friction_n_m_s, footprint }
-    and { motor, wheel_viscous_friction, bare_center_of_mass }
+    and { motor, wheel_viscous_friction, bare_center_of_mass, product_of_inertia }
 );
 
 /// The robot that is meant, without its footprint; a motor that is half given goes to `checks`.

@@ -52,19 +52,21 @@ impl NormalForceProjection {
             wheel_weight * wheels_right,
         );
 
-        // Pitch: H_x = -tilt du_f - lever wheels_right domega - J (dpsi_L + dpsi_R) + 2 lever wheel_forward omega^2 dt.
-        // Roll:  H_y = tilt du_r - 2 lever wheel_forward domega - lever wheels_right omega^2 dt
-        //              - J (psidot_L + psidot_R) omega dt, and it enters with a minus sign.
+        // Pitch: H_x = -tilt du_f - product_right domega - J (dpsi_L + dpsi_R) + product_forward omega^2 dt.
+        // Roll:  H_y = tilt du_r - product_forward domega - product_right omega^2 dt - J (psidot_L + psidot_R) omega dt,
+        //              and it enters with a minus sign.
         let lever = parameters.wheel_mass * parameters.wheel_radius;
         let tilt = parameters.chassis_mass * parameters.center_of_mass_height + 2.0 * lever;
+        let product_right = lever * wheels_right + parameters.product_of_inertia.x;
+        let product_forward = 2.0 * lever * wheel_forward + parameters.product_of_inertia.y;
         let spin = parameters.wheel_spin_inertia;
         #[rustfmt::skip]
         let moment_from_change = SMatrix::<f64, 3, 5>::from_row_slice(&[
             0.0, 0.0, 0.0, 0.0, 0.0,
-            0.0, -tilt, -lever * wheels_right, -spin, -spin,
-            -tilt, 0.0, 2.0 * lever * wheel_forward, 0.0, 0.0,
+            0.0, -tilt, -product_right, -spin, -spin,
+            -tilt, 0.0, product_forward, 0.0, 0.0,
         ]);
-        let moment_from_centrifugal = Vector3::new(0.0, 2.0 * lever * wheel_forward, lever * wheels_right);
+        let moment_from_centrifugal = Vector3::new(0.0, product_forward, product_right);
         let moment_from_gyroscopic = Vector3::new(0.0, 0.0, spin);
 
         Self {

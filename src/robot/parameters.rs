@@ -73,6 +73,9 @@ pub struct RobotParameters {
     /// Centre of mass of the bare chassis relative to that of the chassis, in the body frame (right, forward), m: zero
     /// unless a [payload](super::Payload) has been joined.
     pub bare_center_of_mass: Vector2<f64>,
+    /// Sum of mass times height times place over bare chassis and payload, about the centre of mass of both, in the body frame
+    /// (right, forward), kg m2: zero unless a payload has been joined.
+    pub product_of_inertia: Vector2<f64>,
 }
 
 impl Default for RobotParameters {
@@ -97,6 +100,7 @@ impl Default for RobotParameters {
             motor: None,
             wheel_viscous_friction: 0.0,
             bare_center_of_mass: Vector2::zeros(),
+            product_of_inertia: Vector2::zeros(),
         }
     }
 }

@@ -4,9 +4,10 @@
 //! m  = m_c + m_p
 //! c' = c + m_p / m (p - c)
 //! I' = I_c + I_p + m_c m_p / m |p - c|^2
+//! P  = m_c m_p / m (h_p - h_c) (p - c)
 //! ```
 //!
-//! `c`, `p`: centres of mass of bare chassis and payload; the heights are weighted in the same way as `c`.
+//! `c`, `p`: centres of mass of bare chassis and payload; the heights `h_c`, `h_p` are weighted in the same way as `c`.
 
 use nalgebra::Vector2;
 
@@ -102,6 +103,7 @@ impl RobotParameters {
         let share = payload.mass / chassis_mass;
         let lever = payload.position() + self.axle_midpoint();
         let shift = share * lever;
+        let rise = payload.height - self.center_of_mass_height;
         Self {
             chassis_mass,
             chassis_yaw_inertia: self.chassis_yaw_inertia
@@ -109,8 +111,9 @@ impl RobotParameters {
                 + self.chassis_mass * share * lever.norm_squared(),
             center_of_mass_right: self.center_of_mass_right + shift.x,
             center_of_mass_forward: self.center_of_mass_forward + shift.y,
-            center_of_mass_height: self.center_of_mass_height + share * (payload.height - self.center_of_mass_height),
+            center_of_mass_height: self.center_of_mass_height + share * rise,
             bare_center_of_mass: self.bare_center_of_mass - shift,
+            product_of_inertia: self.product_of_inertia + self.chassis_mass * rise * shift,
             ..*self
         }
     }
@@ -168,6 +171,37 @@ mod tests {
             + second(payload.yaw_inertia, payload.mass, payload.position());
         assert!((second(joined.chassis_yaw_inertia, joined.chassis_mass, at(&joined)) - of_parts).abs() < 1e-14);
         assert!((at(&joined) + joined.bare_center_of_mass - at(&bare)).norm() < 1e-15);
+    }
+
+    #[test]
+    fn loads_balance_the_moments_of_chassis_payloads_and_wheels() {
+        let bare = RobotParameters::default();
+        let loads = [
+            Payload { mass: 4.0, right: 0.05, forward: 0.02, height: 0.15, yaw_inertia: 0.0 },
+            Payload { mass: 2.0, right: -0.06, forward: 0.12, height: 0.02, yaw_inertia: 0.03 },
+        ];
+        let joined = loads.iter().fold(bare, |robot, load| robot.with_payload(load));
+        let robot = crate::robot::Robot::new(joined).unwrap();
+        let projection = robot.normal_force_projection();
+        let (acceleration, yaw_acceleration, yaw_rate) = (Vector2::new(0.7, -0.4), 2.5, 1.3);
+        let change = [acceleration.x, acceleration.y, yaw_acceleration, 0.0, 0.0];
+        let forces = projection.static_force
+            + projection.centrifugal * yaw_rate * yaw_rate
+            + projection.velocity_change_map * nalgebra::Vector5::from(change);
+
+        // Mass, place from the joined centre of mass, height.
+        let points = joined.contact_points();
+        let chassis = Vector2::new(bare.center_of_mass_right, bare.center_of_mass_forward) + joined.axle_midpoint();
+        let wheels = [0, 1].map(|wheel| (bare.wheel_mass, points[wheel], bare.wheel_radius));
+        let others = loads.map(|load| (load.mass, load.position() + joined.axle_midpoint(), load.height));
+        let bodies = wheels.into_iter().chain(others).chain([(bare.chassis_mass, chassis, bare.center_of_mass_height)]);
+        let moment = bodies.fold(Vector2::zeros(), |sum, (mass, place, height)| {
+            let turning = yaw_acceleration * Vector2::new(-place.y, place.x) - yaw_rate * yaw_rate * place;
+            sum + mass * (bare.gravity * place - height * (acceleration + turning))
+        });
+        let of_forces: Vector2<f64> = points.iter().zip(&forces).map(|(point, force)| *point * *force).sum();
+        // Rounding of a dozen products near 10.
+        assert!((of_forces - moment).norm() < 1e-13, "{of_forces} {moment}");
     }
 
     #[test]

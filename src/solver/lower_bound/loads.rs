@@ -244,7 +244,7 @@ mod tests {
     use rand_xoshiro::Xoshiro256PlusPlus;
 
     use super::*;
-    use crate::robot::RobotParameters;
+    use crate::robot::{Payload, RobotParameters};
 
     fn loads(parameters: RobotParameters, torque: f64) -> Loads {
         let limits = ManeuverLimits { normal_load_share: 0.0, ..ManeuverLimits::default() };
@@ -301,7 +301,9 @@ mod tests {
         let reference = RobotParameters::default();
         let tall = RobotParameters { center_of_mass_height: 0.2, wheel_friction_coefficient: 0.6, ..reference };
         let rubbing = RobotParameters { front_friction_coefficient: 0.3, ..reference };
-        for (seed, parameters) in [reference, tall, rubbing].into_iter().enumerate() {
+        let payload = Payload { mass: 4.0, right: 0.05, forward: 0.1, height: 0.2, yaw_inertia: 0.0 };
+        let loaded = reference.with_payload(&payload);
+        for (seed, parameters) in [reference, tall, rubbing, loaded].into_iter().enumerate() {
             let loads = loads(parameters, 3.0);
             let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed as u64);
             let (mut count, mut nearest) = (0, 0.0_f64);
