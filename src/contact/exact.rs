@@ -28,8 +28,8 @@ const NEWTON_UPDATE: f64 = 1e-8;
 /// take 9, and 99 of 100 take 30.
 const INTERIOR_LIMIT: usize = 60;
 const INTERIOR_PERIOD: usize = 3;
-/// Newton steps of the check for further solutions, from each of its starts: where a solution exists, 4 are usual.
-const CHECK_LIMIT: usize = 8;
+/// Newton steps from the impulse of the interior point: close to a solution, 4 are usual.
+const NEAR_LIMIT: usize = 8;
 /// Solutions that differ by more than this, relative to m g dt, are different motions.
 const DISTINCT_IMPULSE: f64 = 1e-6;
 
@@ -112,7 +112,7 @@ impl ExactSolver {
         problem: &OneStepProblem<N>,
         solution: &ContactSolution<N>,
     ) -> bool {
-        let search = Search { iteration_limit: CHECK_LIMIT, ..Search::new(operator, problem) };
+        let search = Search::new(operator, problem);
         let differs = |other: &ContactSolution<N>| {
             (other.impulse - solution.impulse).amax() > DISTINCT_IMPULSE * problem.weight_impulse()
         };
@@ -231,7 +231,7 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// In a pattern that the interior point comes to, from its impulse, or the impulse itself.
     fn near(&self, pattern: ContactPattern, impulse: &SVector<f64, N>) -> Option<ContactSolution<N>> {
-        let few_steps = Self { iteration_limit: CHECK_LIMIT, ..*self };
+        let few_steps = Self { iteration_limit: NEAR_LIMIT, ..*self };
         few_steps.in_pattern(pattern, impulse).or_else(|| self.accepted(self.candidate(pattern, *impulse)))
     }
 

@@ -245,6 +245,31 @@ fn indeterminate_problem_is_flagged() {
     assert!(ExactSolver.is_indeterminate(&operator, &problem, &solution));
 }
 
+/// Met with wheels of 14 kg on a chassis of 10 kg: one wheel slips, or both do, which takes Newton more than 8 steps to find.
+#[test]
+fn second_motion_that_is_hard_to_find_is_flagged() {
+    #[rustfmt::skip]
+    let delassus = SMatrix::<f64, 3, 3>::new(
+        61.08844, 0.01251613, -0.004182695,
+        0.01251613, 61.0838, 0.003565749,
+        -0.004182695, 0.003565749, 0.02801691,
+    );
+    #[rustfmt::skip]
+    let response = SMatrix::<f64, 3, 3>::new(
+        -0.1814954, 0.0936092, 1.301179,
+        0.06505258, -0.2430214, -1.305565,
+        0.1164428, 0.1494122, 0.004385636,
+    );
+    let operator = DelassusOperator::new(delassus, response, [0.7045891, 0.7045891, 0.0]);
+    let problem = OneStepProblem {
+        free_slip: SVector::from([65.08995, -75.83655, 0.006175145]),
+        free_normal: SVector::from([1.542387, 1.725168, 0.01214771]),
+    };
+    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+    assert!(solution.residual <= RESIDUAL_TOLERANCE && solution.normal_impulse.min() > 0.0);
+    assert!(ExactSolver.is_indeterminate(&operator, &problem, &solution));
+}
+
 /// Derivatives at a solution whose sticking contacts are said to slip, without any slip: against differences of solutions.
 ///
 /// Gives how many wheels stick, or none where a difference meets another pattern.
