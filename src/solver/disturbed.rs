@@ -288,17 +288,21 @@ fn check_delay(delay: &PerWheel<f64>, schedule: &TorqueSchedule, checks: &mut Ch
     checks.require(name.as_str(), Number(longest), fits, "a delay of at most 1000 intervals in all", None);
 }
 
-/// The torques that each wheel begins after its delay, in equal parts of whole steps. A part within which a torque changes holds the
-/// mean of it; the end of the slower wheel is rounded up to that of a part.
+/// The torques that each wheel begins after its delay, in equal parts: the steps, or several of them where these are too many. A part
+/// within which a torque changes holds the mean of it; the end of the slower wheel is rounded up to that of a part.
 fn delayed(schedule: &TorqueSchedule, step_count: usize, delay: &PerWheel<f64>) -> (TorqueSchedule, usize) {
     let (count, final_time) = (schedule.control_count(), schedule.final_time);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked: 0 to 1,000")]
     let whole = |parts: f64| parts as usize;
     let longest = delay.left.max(delay.right);
-    let most = MOST_INTERVALS / (count + whole((longest / schedule.interval()).ceil()));
-    // The same steps as without delay: of equal parts of each interval, or each step by itself where they cross the ends of intervals.
-    let within_interval = (1..=most).rev().find(|parts| step_count.is_multiple_of(count * parts));
-    let part_count = within_interval.map_or(step_count.min(count * most), |parts| count * parts);
+    let intervals = count + whole((longest / schedule.interval()).ceil());
+    let part_count = if step_count * intervals <= count * MOST_INTERVALS {
+        step_count
+    } else {
+        // Equal parts of each interval, each of as few whole steps as leave few enough of them.
+        let per_interval = step_count.div_ceil(count);
+        count * per_interval.div_ceil(per_interval.div_ceil(MOST_INTERVALS / intervals))
+    };
     let part = final_time / part_count as f64;
     let shift = |delay: f64| {
         let parts = delay / part;
@@ -367,11 +371,15 @@ mod tests {
 
     #[test]
     fn delays_keep_the_steps_and_the_impulse() {
-        for (step_count, delay) in [(4, 1e-4), (5, 0.05), (7, 0.33), (1001, 0.01), (10_000, 0.02), (1999, 0.7)] {
+        for (step_count, delay) in
+            [(4, 1e-4), (5, 0.05), (7, 0.33), (674, 1e-6), (1001, 0.01), (10_000, 0.02), (1999, 0.7)]
+        {
             let (planned, change) = (planned(step_count), [(ChangedParameter::DelayLeft, delay)]);
             let Disturbed { schedule, step_count: steps, .. } = planned.under(&change).unwrap();
             assert!(schedule.control_count() <= MOST_INTERVALS && steps <= SolverSettings::STEP_LIMIT);
             assert!(steps.is_multiple_of(schedule.control_count()));
+            // Of whole steps there may be half of the parts that there might be.
+            assert!(schedule.control_count() >= step_count.min(MOST_INTERVALS) / 2, "{step_count}: {schedule:?}");
             let step = 0.4 / step_count as f64;
             assert!(schedule.final_time / steps as f64 <= 1.1 * step, "{step_count} become {steps}");
             let with_part = 0.4 + delay + schedule.interval();
