@@ -320,7 +320,7 @@ pub(super) fn replay(
     let parameters = input.robot.parameters();
     let start = input.maneuver.start_at_center_of_mass(parameters);
     let fine = Rollout { start: &start, schedule, step_count: REPLAY_REFINEMENT * step_count };
-    let (motion, limits) = motion_with_limits(simulator, &input.path_limits(), &fine, stop)?;
+    let (motion, limits) = motion_with_limits(simulator, &input.path_limits(), (&fine, schedule), stop)?;
     let end = simulator.end_frame(&fine, input.maneuver.reference_point.offset(parameters)).state(&motion.end);
     let miss = input.maneuver.goal_error(&end).map(finite_or_largest);
     let excess = finite_or_largest(largest_excess(&limits));

@@ -148,6 +148,8 @@ pub struct Disturbed {
     pub schedule: TorqueSchedule,
     /// Number of time steps.
     pub step_count: usize,
+    /// The torques before any delay, which changes nothing of how fast they change.
+    commanded: TorqueSchedule,
 }
 
 impl Undisturbed {
@@ -217,11 +219,12 @@ impl Undisturbed {
         }
         check_robot(&bare_robot, payload.as_ref(), &mut checks);
         checks.finish()?;
+        let commanded = schedule.clone();
         if delay != PerWheel::default() {
             (schedule, step_count) = delayed(&schedule, step_count, &delay);
         }
         let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
-        Ok(Disturbed { bare_robot, payload, robot, start, schedule, step_count })
+        Ok(Disturbed { bare_robot, payload, robot, start, schedule, step_count, commanded })
     }
 
     /// Adds to `checks` what robot and payload violate.
@@ -251,7 +254,7 @@ impl Disturbed {
         let (simulator, offset) = (Simulator::new(&self.robot), self.robot.parameters().axle_midpoint());
         let start = self.start.moved_by(-offset);
         let rollout = Rollout { start: &start, schedule: &self.schedule, step_count: self.step_count };
-        let (motion, uses) = motion_with_limits(&simulator, limits, &rollout, stop)?;
+        let (motion, uses) = motion_with_limits(&simulator, limits, (&rollout, &self.commanded), stop)?;
         Ok((simulator.end_frame(&rollout, offset).state(&motion.end), motion.separations, uses))
     }
 
@@ -389,6 +392,16 @@ mod tests {
             let slack = if step_count.is_multiple_of(2) { 1e-12 } else { step };
             assert!((impulse(&schedule.left) - 0.6).abs() < slack && (impulse(&schedule.right) - 1.4).abs() < slack);
         }
+    }
+
+    #[test]
+    fn delay_leaves_the_torque_rate() {
+        let limits = PathLimits { torque_rate: Some(6.0), ..PathLimits::default() };
+        let changes = [(ChangedParameter::DelayLeft, 1e-3), (ChangedParameter::DelayRight, 0.05)];
+        let uses = |changes| planned(40).under(changes).unwrap().end_with_limits(&limits, Stop::never()).unwrap().2;
+        let delayed = uses(&changes);
+        // By 1 N m in 0.2 s.
+        assert!((delayed[0].largest - 5.0).abs() < 1e-12 && delayed == uses(&[]), "{delayed:?}");
     }
 
     #[test]

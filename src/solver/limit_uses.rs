@@ -3,7 +3,7 @@
 use super::solution::LimitUse;
 use crate::optimizer::larger;
 use crate::shooting::{PathLimit, PathLimits};
-use crate::simulation::{FrictionLaw, PathMaxima, PathMaximum, PathQuantity, Rollout, Simulator};
+use crate::simulation::{FrictionLaw, PathMaxima, PathMaximum, PathQuantity, Rollout, Simulator, TorqueSchedule};
 use crate::stop::{Stop, Stopped};
 
 /// The largest use of each limited field by a rollout, in the order of the limits; see [`motion_with_limits`].
@@ -16,20 +16,24 @@ pub(super) fn limit_uses(
     rollout: &Rollout,
     stop: Stop,
 ) -> Result<Vec<LimitUse>, Stopped> {
-    if limits.is_empty() { Ok(Vec::new()) } else { Ok(motion_with_limits(simulator, limits, rollout, stop)?.1) }
+    if limits.is_empty() {
+        Ok(Vec::new())
+    } else {
+        Ok(motion_with_limits(simulator, limits, (rollout, rollout.schedule), stop)?.1)
+    }
 }
 
 /// Integrates a motion: what it comes to, and the largest use of each limited field.
 ///
 /// Where no wheel may slip but one does, its grip is judged by another rollout whose wheels are held: so the friction is known that
-/// would hold them. All else is that of the motion as it is.
+/// would hold them. All else is that of the motion as it is, but for the rate of its torques, which is that of the commanded ones.
 ///
 /// # Errors
 /// When it was stopped before the end.
 pub(super) fn motion_with_limits(
     simulator: &Simulator,
     limits: &PathLimits,
-    rollout: &Rollout,
+    (rollout, commanded): (&Rollout, &TorqueSchedule),
     stop: Stop,
 ) -> Result<(PathMaxima, Vec<LimitUse>), Stopped> {
     let judged: Vec<&PathLimit> = limits.path.iter().filter(|limit| !limit.is_face()).collect();
@@ -62,7 +66,7 @@ pub(super) fn motion_with_limits(
         note(&mut uses, used);
     }
     if let Some(rate) = limits.torque_rate {
-        note(&mut uses, torque_rate_use(rate, rollout));
+        note(&mut uses, torque_rate_use(rate, commanded));
     }
     Ok((motion, uses))
 }
@@ -86,8 +90,8 @@ fn note(uses: &mut Vec<LimitUse>, next: LimitUse) {
     }
 }
 
-fn torque_rate_use(rate: f64, rollout: &Rollout) -> LimitUse {
-    let (schedule, interval) = (rollout.schedule, rollout.schedule.interval());
+fn torque_rate_use(rate: f64, schedule: &TorqueSchedule) -> LimitUse {
+    let interval = schedule.interval();
     let changes = [&schedule.left, &schedule.right].into_iter().flat_map(|torques| {
         torques.windows(2).enumerate().map(|(boundary, pair)| (boundary, (pair[1] - pair[0]).abs() / interval))
     });
