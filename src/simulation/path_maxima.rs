@@ -29,8 +29,8 @@ pub struct PathMaxima {
 pub struct PathMaximum {
     /// In the unit of its quantity; not a number if any value is none.
     pub value: f64,
-    /// The first step that has it.
-    pub step: usize,
+    /// The first node that has it, from 0: of what a whole step has, the end of that.
+    pub node: usize,
 }
 
 impl Simulator {
@@ -58,7 +58,7 @@ fn watch<const N: usize>(
     quantities: &[PathQuantity],
     stop: Stop,
 ) -> Result<PathMaxima, Stopped> {
-    let mut maxima = vec![PathMaximum { value: f64::NEG_INFINITY, step: 0 }; quantities.len()];
+    let mut maxima = vec![PathMaximum { value: f64::NEG_INFINITY, node: 0 }; quantities.len()];
     let (mut separations, mut slips) = (0, false);
     let (control_count, dt) = (rollout.schedule.control_count(), rollout.step_length());
     let note = |index: usize, step: &Step<N>| {
@@ -71,11 +71,11 @@ fn watch<const N: usize>(
         }
         let torque = rollout.schedule.torque(control_interval(index, rollout.step_count, control_count));
         let (entry, sample) = (TapeEntry::new(step), PathSample::new(step, torque, dt));
-        PathQuantity::each_of_step(quantities, &entry, &sample, |quantity, value| {
-            let largest = &mut maxima[quantity];
+        PathQuantity::each_of_step(quantities, &entry, &sample, |place, value| {
+            let largest = &mut maxima[place];
             // What is not a number stays.
             if value > largest.value || value.is_nan() {
-                *largest = PathMaximum { value, step: index };
+                *largest = PathMaximum { value, node: index + quantities[place].node(&entry, &sample) };
             }
         });
     };

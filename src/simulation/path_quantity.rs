@@ -218,8 +218,7 @@ impl PathQuantity {
         match self {
             Self::Unloading { contact } => -entry.normal_impulse[contact],
             Self::MotorTorque { wheel, stall_torque, free_speed } => {
-                let torque = of_wheel(sample.torque, wheel) / stall_torque;
-                MotorLoad::worst(torque, [start, end].map(|velocity| velocity[3 + wheel] / free_speed)).excess
+                MotorLoad::of_step((wheel, stall_torque, free_speed), entry, sample.torque).excess
             }
             Self::WheelRate { wheel } => end[3 + wheel].abs(),
             Self::Speed { point } => velocity_at(point, end).norm(),
@@ -239,6 +238,15 @@ impl PathQuantity {
             Self::Outside { point, normal, distance, radius } => {
                 Corner::new(point, radius, sample).outside(normal, distance)
             }
+        }
+    }
+
+    /// The node of a step that has its value: 0 is its start, 1 its end, also for what is of the whole step.
+    pub(super) fn node(self, entry: &TapeEntry, sample: &PathSample) -> usize {
+        if let Self::MotorTorque { wheel, stall_torque, free_speed } = self {
+            MotorLoad::of_step((wheel, stall_torque, free_speed), entry, sample.torque).node
+        } else {
+            1
         }
     }
 
@@ -271,8 +279,7 @@ impl PathQuantity {
         match self {
             Self::Unloading { contact } => gradient.by_normal_impulse[contact] = -1.0,
             Self::MotorTorque { wheel, stall_torque, free_speed } => {
-                let torque = of_wheel(sample.torque, wheel) / stall_torque;
-                let load = MotorLoad::worst(torque, [start, end].map(|velocity| velocity[3 + wheel] / free_speed));
+                let load = MotorLoad::of_step((wheel, stall_torque, free_speed), entry, sample.torque);
                 let [by_start, by_end] = load.by_rate.map(|by_rate| by_rate / free_speed);
                 gradient.by_start_velocity[3 + wheel] = by_start;
                 gradient.by_end_velocity[3 + wheel] = by_end;
@@ -380,10 +387,6 @@ impl Corner {
     fn outside(&self, normal: Vector2<f64>, distance: f64) -> f64 {
         normal.x * self.position.x + normal.y * self.position.y - distance + self.bulge
     }
-}
-
-fn of_wheel(torque: PerWheel<f64>, wheel: usize) -> f64 {
-    if wheel == 0 { torque.left } else { torque.right }
 }
 
 /// Velocity of a point of the chassis, (right, forward), m/s.

@@ -53,13 +53,13 @@ pub(super) fn motion_with_limits(
         return Ok((motion, uses));
     }
     let step_length = rollout.schedule.final_time / rollout.step_count as f64;
-    for (limit, &PathMaximum { value, step }) in judged.into_iter().zip(&motion.maxima) {
+    for (limit, &PathMaximum { value, node }) in judged.into_iter().zip(&motion.maxima) {
         let value = limit.counted(value);
         let used = LimitUse {
             limit: limit.field,
             value: limit.allowed(),
             largest: limit.used(value),
-            time: (step + 1) as f64 * step_length,
+            time: node as f64 * step_length,
             excess: limit.excess(value),
             replay_excess: None,
         };
@@ -109,4 +109,30 @@ fn torque_rate_use(rate: f64, schedule: &TorqueSchedule) -> LimitUse {
 /// The largest excess; at most 0 where all limits are kept, NaN if any is.
 pub(super) fn largest_excess(uses: &[LimitUse]) -> f64 {
     most_exceeded(uses).map_or(0.0, |used| larger(0.0, used.excess))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::{Motor, PerWheel, RobotParameters, State};
+    use crate::shooting::ManeuverLimits;
+    use crate::solver::{SimulateInput, SimulateParameters, simulate};
+
+    fn uses(robot: RobotParameters, start: State, limits: ManeuverLimits) -> Vec<LimitUse> {
+        let schedule = TorqueSchedule { final_time: 0.3, left: vec![1.0], right: vec![1.0] };
+        let parameters = SimulateParameters { robot, start, limits, schedule, step_count: 3, ..Default::default() };
+        simulate(&SimulateInput::new(parameters).unwrap(), Stop::never()).unwrap().limits
+    }
+
+    #[test]
+    fn motor_that_slows_is_worst_at_the_start() {
+        let motor = Motor { stall_torque: 2.0, free_speed: 15.0 };
+        let robot = RobotParameters { motor: Some(motor), wheel_viscous_friction: 0.5, ..RobotParameters::default() };
+        let mut start = State::default();
+        start.velocity.y = 15.0 * robot.wheel_radius;
+        start.velocity.wheel_rate = PerWheel::new(15.0, 15.0);
+        let uses = uses(robot, start, ManeuverLimits::default());
+        // At the free speed nothing is left of it.
+        assert!(uses[0].time == 0.0 && (uses[0].largest - 3.0).abs() < 1e-12, "{uses:?}");
+    }
 }
