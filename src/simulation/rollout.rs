@@ -295,7 +295,11 @@ fn record_with<const N: usize>(
         trajectory.state.push(step.end);
         trajectory.contact.push(contact_samples(model, jacobian, step, dt));
         trajectory.degrees_of_freedom.push(step.contact.pattern.degrees_of_freedom());
-        trajectory.worst_contact_residual = trajectory.worst_contact_residual.max(step.contact.residual);
+        let (worst, residual) = (&mut trajectory.worst_contact_residual, step.contact.residual);
+        // What is not a number stays.
+        if residual > *worst || residual.is_nan() {
+            *worst = residual;
+        }
     })?;
     trajectory.indeterminate_steps = solver.indeterminate_steps;
     Ok(trajectory)

@@ -94,3 +94,13 @@ fn backward_sweeps_ask_at_each_step() {
         }
     });
 }
+
+#[test]
+fn motion_that_diverges_has_no_residual() {
+    with_rollout(RobotParameters::default(), |simulator, rollout| {
+        let schedule = TorqueSchedule { final_time: 1.0, left: vec![1e200], right: vec![-1e200] };
+        let rollout = Rollout { schedule: &schedule, step_count: 10, ..*rollout };
+        let trajectory = simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap();
+        assert!(trajectory.worst_contact_residual.is_nan(), "{}", trajectory.worst_contact_residual);
+    });
+}
