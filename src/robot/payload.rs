@@ -49,6 +49,11 @@ impl Payload {
         )
     }
 
+    /// Whether it is there: without mass it is not, whatever its place and its yaw inertia.
+    pub(crate) fn is_load(&self) -> bool {
+        self.mass > 0.0
+    }
+
     /// Its centre of mass relative to the axle midpoint, in the body frame (right, forward), m.
     pub fn position(&self) -> Vector2<f64> {
         Vector2::new(self.right, self.forward)
@@ -100,6 +105,9 @@ impl RobotParameters {
     /// The robot with a load fixed to its chassis; the reference point of the chassis stays where it is.
     #[must_use]
     pub fn with_payload(&self, payload: &Payload) -> Self {
+        if !payload.is_load() {
+            return *self;
+        }
         let chassis_mass = self.chassis_mass + payload.mass;
         let share = payload.mass / chassis_mass;
         let lever = payload.position() + self.axle_midpoint();
@@ -207,7 +215,7 @@ mod tests {
 
     #[test]
     fn no_mass_is_the_bare_robot() {
-        let payload = Payload { mass: 0.0, yaw_inertia: 0.0, ..box_on_the_deck() };
+        let payload = Payload { mass: 0.0, ..box_on_the_deck() };
         assert_eq!(RobotParameters::default().with_payload(&payload), RobotParameters::default());
     }
 

@@ -118,7 +118,7 @@ pub(crate) fn limited_point(
     reference_point: ReferencePoint,
     payload: Option<&Payload>,
 ) -> Vector2<f64> {
-    match payload {
+    match payload.filter(|payload| payload.is_load()) {
         Some(payload) => robot.axle_midpoint() + payload.position(),
         None => reference_point.offset(robot),
     }
@@ -179,4 +179,20 @@ fn aisle_limits(aisle: &Aisle, axle_midpoint: Vector2<f64>) -> Vec<PathLimit> {
         })
     };
     points.into_iter().flat_map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn load_without_mass_leaves_the_limited_point() {
+        let robot = RobotParameters::default();
+        let point = |mass| {
+            let payload = Payload { mass, right: 0.1, forward: 0.2, height: 0.1, yaw_inertia: 0.0 };
+            limited_point(&robot, ReferencePoint::AxleMidpoint, Some(&payload)) - robot.axle_midpoint()
+        };
+        // Sums of a few numbers below 1.
+        assert!(point(0.0).norm() < 1e-15 && (point(1.0) - Vector2::new(0.1, 0.2)).norm() < 1e-15);
+    }
 }

@@ -6,7 +6,7 @@ use super::accept::AcceptedSolve;
 use super::{Progressed, Solved, StopReason};
 use crate::contract::convert::{contacts, count, same_values};
 use crate::contract::message;
-use crate::robot::State;
+use crate::robot::{Payload, State};
 use crate::service::Done;
 use crate::shooting::{Goal, StateComponent};
 use crate::solver::{
@@ -47,7 +47,7 @@ pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message
         goal_error: Some(goal_error(error, &accepted.input.maneuver.goal)),
         trajectory: is_full.then(|| trajectory.into()),
         contacts: is_full.then(|| contacts(&trajectory.contact)),
-        robot: accepted.input.payload.is_some().then(|| joined_robot(accepted)),
+        robot: accepted.input.payload.filter(Payload::is_load).map(|_| joined_robot(accepted)),
         report: Some(report(given_report, done.duration.as_secs_f64())),
         applied_limits: accepted.time_limit.map(|limit| message::AppliedLimits { time_limit_s: limit.as_secs_f64() }),
         solver_version: env!("CARGO_PKG_VERSION").to_owned(),

@@ -29,10 +29,15 @@ impl Case {
         let trajectory = simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap();
         let sticks = [ContactName::Left, ContactName::Right].iter().all(|wheel| trajectory.slip_time(*wheel) == 0.0);
         if rng.random_bool(0.5) {
-            // Without mass it only says which point is limited.
+            // A mass that rounds away only says which point is limited.
             let mut within = || rng.random_range(-0.2..0.2);
-            self.input.payload =
-                Some(Payload { mass: 0.0, right: within(), forward: within(), height: 0.1, yaw_inertia: 0.0 });
+            self.input.payload = Some(Payload {
+                mass: f64::MIN_POSITIVE,
+                right: within(),
+                forward: within(),
+                height: 0.1,
+                yaw_inertia: 0.0,
+            });
         }
         let maneuver = &mut self.input.maneuver;
         maneuver.slip = if sticks && rng.random_bool(0.8) { SlipPolicy::Forbidden } else { SlipPolicy::Allowed };
