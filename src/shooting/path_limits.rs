@@ -11,6 +11,9 @@ use crate::simulation::PathQuantity;
 /// force no share of the friction is needed or left.
 pub(crate) const LEAST_LOAD_FOR_GRIP: f64 = 1e-3;
 
+/// What a floor without friction is judged by: so the share is none of a wheel that needs no friction, and far beyond 1 of any other.
+const LEAST_FRICTION_COEFFICIENT: f64 = 1e-6;
+
 /// A quantity and what a field of the request allows of it, beside the normal forces.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathLimit {
@@ -137,7 +140,10 @@ fn motor_limits(robot: &Robot) -> Vec<PathLimit> {
 
 /// What both wheels together may use of their friction, and what each may use lengthwise, which is no more.
 fn grip_limits(robot: &Robot, field: &'static str, share: f64) -> [PathLimit; 5] {
-    let friction_coefficient = robot.parameters().wheel_friction_coefficient;
+    let friction_coefficient = match robot.parameters().wheel_friction_coefficient {
+        0.0 => LEAST_FRICTION_COEFFICIENT,
+        known => known,
+    };
     let weight = robot.parameters().total_mass() * robot.parameters().gravity;
     let least_normal_force = LEAST_LOAD_FOR_GRIP * weight;
     let of = |quantity| PathLimit { field, quantity, largest: share, unit: share };

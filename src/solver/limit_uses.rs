@@ -26,7 +26,8 @@ pub(super) fn limit_uses(
 /// Integrates a motion: what it comes to, and the largest use of each limited field.
 ///
 /// Where no wheel may slip but one does, its grip is judged by another rollout whose wheels are held: so the friction is known that
-/// would hold them. All else is that of the motion as it is, but for the rate of its torques, which is that of the commanded ones.
+/// would hold them. Else wheels that slide use all of their friction, also where there is none. All else is that of the motion as it
+/// is, but for the rate of its torques, which is that of the commanded ones.
 ///
 /// # Errors
 /// When it was stopped before the end.
@@ -40,12 +41,17 @@ pub(super) fn motion_with_limits(
     let quantities: Vec<PathQuantity> = judged.iter().map(|limit| limit.quantity).collect();
     let maxima = |law, quantities: &[PathQuantity]| simulator.path_maxima(rollout, law, quantities, stop);
     let mut motion = maxima(FrictionLaw::Exact, &quantities)?;
+    let is_grip = |quantity: &PathQuantity| matches!(quantity, PathQuantity::GripUtilization { .. });
     if limits.forbids_slip && motion.slips {
         let held = maxima(FrictionLaw::Held(0.0), &quantities)?;
-        for ((limit, maximum), held) in judged.iter().zip(&mut motion.maxima).zip(held.maxima) {
-            if matches!(limit.quantity, PathQuantity::GripUtilization { .. }) {
+        for ((quantity, maximum), held) in quantities.iter().zip(&mut motion.maxima).zip(held.maxima) {
+            if is_grip(quantity) {
                 *maximum = held;
             }
+        }
+    } else if simulator.robot().parameters().wheel_friction_coefficient == 0.0 {
+        for (_, maximum) in quantities.iter().zip(&mut motion.maxima).filter(|(quantity, _)| is_grip(quantity)) {
+            maximum.value = larger(1.0, maximum.value);
         }
     }
     let mut uses: Vec<LimitUse> = Vec::new();
@@ -134,5 +140,13 @@ mod tests {
         let uses = uses(robot, start, ManeuverLimits::default());
         // At the free speed nothing is left of it.
         assert!(uses[0].time == 0.0 && (uses[0].largest - 3.0).abs() < 1e-12, "{uses:?}");
+    }
+
+    #[test]
+    fn wheels_that_slide_without_friction_use_all_of_it() {
+        let robot = RobotParameters { wheel_friction_coefficient: 0.0, ..RobotParameters::default() };
+        let limits = ManeuverLimits { grip_utilization: Some(0.8), ..ManeuverLimits::default() };
+        let uses = uses(robot, State::default(), limits);
+        assert!(uses[0].largest == 1.0 && (uses[0].excess - 0.25).abs() < 1e-12, "{uses:?}");
     }
 }

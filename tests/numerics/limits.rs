@@ -215,6 +215,31 @@ fn shift_in_aisle(right: f64) -> SolveParameters {
 }
 
 #[test]
+fn held_wheels_roll_on_without_friction_and_stop_nowhere() {
+    let to_speed = |speed: f64| {
+        let mut parameters = SolveParameters::forward_drive();
+        parameters.robot.wheel_friction_coefficient = 0.0;
+        let maneuver = &mut parameters.maneuver;
+        maneuver.slip = SlipPolicy::Forbidden;
+        let rate = 1.0 / parameters.robot.wheel_radius;
+        maneuver.start.velocity.y = 1.0;
+        maneuver.start.velocity.wheel_rate = PerWheel::new(rate, rate);
+        maneuver.goal = Goal::at_rest(0.0, 2.0, 0.0);
+        maneuver.goal.set(StateComponent::VelocityY, Some(speed));
+        for wheel in [StateComponent::WheelRateLeft, StateComponent::WheelRateRight] {
+            maneuver.goal.set(wheel, None);
+        }
+        solved(parameters)
+    };
+    let rolled = to_speed(1.0);
+    // Nothing is left to be faster with, which makes it hard to show that it is the fastest.
+    assert!(matches!(rolled.status, Status::Converged | Status::Feasible), "{:?}", rolled.reason);
+    assert!((rolled.schedule.final_time - 2.0).abs() < 1e-5, "{}", rolled.schedule.final_time);
+    assert!(rolled.report.limits[0].largest < 1e-6, "{:?}", rolled.report.limits);
+    assert_eq!(to_speed(0.0).status, Status::Infeasible);
+}
+
+#[test]
 fn narrow_aisles_are_kept() {
     let wide = converged(shift_in_aisle(5.0));
     let narrow = converged(shift_in_aisle(0.73));
