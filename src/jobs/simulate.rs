@@ -7,15 +7,15 @@ use super::table::{line, row, separations, write_limits, write_timeline};
 use super::{ARRAYS_OF_STEPS, Kind, Limits, ManeuverSolver};
 use crate::contract::convert::{aisle_corners, contacts, count, named, payload, required, robot, schedule};
 use crate::contract::message::{
-    ContactSolver, LimitUse, PresentRequest, PresentedPlan, ReferencePoint, SimulateGrid, SimulateRequest,
-    SimulateResponse, SimulatedPlan,
+    ContactSolver, PresentRequest, PresentedPlan, ReferencePoint, SimulateGrid, SimulateRequest, SimulateResponse,
+    SimulatedPlan,
 };
 use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::rules::{Checks, RuleSet};
 use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
 use crate::shooting::StateComponent;
-use crate::solver::{SimulateInput, SimulateParameters, Simulation, SolverSettings};
+use crate::solver::{LimitUse, SimulateInput, SimulateParameters, Simulation, SolverSettings};
 
 const ARRAYS: [&str; 2] = ["torque_schedule.left_n_m", "torque_schedule.right_n_m"];
 
@@ -134,7 +134,7 @@ impl Kind for Simulate {
             worst_contact_residual: trajectory.worst_contact_residual,
             indeterminate_steps: count(trajectory.indeterminate_steps),
             slip_reversals: count(*slip_reversals),
-            limits: limits.iter().map(limit_use).collect(),
+            limits: limits.iter().map(at_root).map(|used| (&used).into()).collect(),
         }
     }
 
@@ -159,24 +159,43 @@ impl Kind for Simulate {
         for component in StateComponent::ALL {
             line(&mut table, &format!("  {:<22} {:>12.6}", component.field(), values[component.index()]));
         }
-        write_limits(&mut table, &simulation.limits);
+        let limits: Vec<_> = simulation.limits.iter().map(at_root).collect();
+        write_limits(&mut table, &limits);
         write_timeline(&mut table, &simulation.contact_modes);
         table
     }
 }
 
 /// What a solve has below its maneuver a simulation has at its root.
-fn limit_use(used: &crate::solver::LimitUse) -> LimitUse {
-    let mut message = LimitUse::from(used);
-    if let Some(field) = message.limit.strip_prefix("maneuver.") {
-        message.limit = field.to_owned();
-    }
-    message
+fn at_root(used: &LimitUse) -> LimitUse {
+    LimitUse { limit: used.limit.strip_prefix("maneuver.").unwrap_or(used.limit), ..*used }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solver::simulate;
+    use crate::stop::Stop;
+
+    #[test]
+    fn table_names_limits_as_the_answer_does() {
+        let body = br#"{"torque_schedule": {"interval_s": 0.1, "left_n_m": [0.1, 0], "right_n_m": [0.1, 0]},
+                        "limits": {"speed_m_s": 1, "torque_rate_n_m_s": 1}}"#;
+        let accepted = Simulate::read(body, &Limits::default()).unwrap();
+        let output = simulate(&accepted.input, Stop::never()).unwrap();
+        let done = Done { output, queue_wait: Duration::ZERO, duration: Duration::ZERO };
+        let (table, uses) = (Simulate::table(&accepted, &done), Simulate::answer(&accepted, &done).limits);
+        let names: Vec<_> = uses.iter().map(|used| used.limit.as_str()).collect();
+        assert_eq!(names, ["limits.speed_m_s", "limits.torque_rate_n_m_s"]);
+        assert!(names.iter().all(|name| table.contains(&format!("\n  {name} "))), "{table}");
+    }
+
+    #[test]
+    fn interval_in_which_nothing_moves_is_refused() {
+        let body = br#"{"torque_schedule": {"interval_s": 1e-300, "left_n_m": [1], "right_n_m": [1]}}"#;
+        let problem = Simulate::read(body, &Limits::default()).unwrap_err();
+        assert_eq!(problem.errors()[0].pointer, "#/torque_schedule/interval_s");
+    }
 
     #[test]
     fn long_schedule_is_refused_before_its_numbers_are_judged() {

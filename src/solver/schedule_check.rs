@@ -5,7 +5,8 @@ use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
 
 /// The length of a schedule or of one of its intervals.
-pub(super) const TIME_RULE: Rule = Rule::positive("s");
+/// Shorter ones move nothing, and the impulses within them come near the smallest numbers there are.
+pub(super) const TIME_RULE: Rule = Rule::at_least(1e-9, "s");
 const LENGTH_RULE: Rule = Rule::at_least(1.0, Rule::ITEMS);
 /// Rounding that a schedule may carry above a limit when it is sent back: a few units in the last place.
 const LIMIT_SLACK: f64 = 1e-12;

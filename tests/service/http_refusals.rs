@@ -296,7 +296,7 @@ async fn simulate_refuses_as_solve_does() {
         r#"{"grid": {"steps": 1}, "torque_schedule": {"interval_s": 1, "left_n_m": [0, 0], "right_n_m": [0, 0]}}"#;
     let faults = [
         fault("{}", FIELD, "#/torque_schedule", &["missing field"]),
-        fault(schedule(json!(-1), json!([1]), json!([1])), VALUE, "#/torque_schedule/interval_s", &["-1", "> 0 s"]),
+        fault(schedule(json!(-1), json!([1]), json!([1])), VALUE, "#/torque_schedule/interval_s", &["-1", ">= 1e-9 s"]),
         fault(schedule(json!(1), json!([1]), json!([1, 2])), VALUE, "#/torque_schedule/right_n_m", &["2 items long"]),
         fault(with_steps, VALUE, "#/grid/steps", &["is 1, must be at least"]),
         fault(
