@@ -145,8 +145,8 @@ class AssessResponse:
     steps: int
     """Steps of a sample without delay: on the first grid of 1, 2, 4, 8 and 16 times the plan's on which the motion
     without changes is a success. Where there is none, and where finer ones would take more than 10,000 steps a
-    sample or 20,000,000 in all: the finest. A delay adds steps as long; where these would be more than 10,000, they
-    are a little longer.
+    sample or 20,000,000 in all: the finest. A delay adds steps as long. Where they would be more than 1,000 they may
+    be a little shorter, where more than 10,000 they are a little longer.
     """
     success_rate: float
     """Their share."""
@@ -567,7 +567,7 @@ class Payload:
     height_m: float
     """Height of its centre of mass above the ground, m; required."""
     mass_kg: float
-    """Mass, kg; required, 0 is no load."""
+    """Mass, kg; required, 0 is no load, whose other fields have no effect."""
     right_m: float | None = None
     """Its centre of mass to the right of the axle midpoint, m; default 0."""
     yaw_inertia_kg_m2: float | None = None
@@ -867,7 +867,8 @@ class SimulateRequest:
     """
     limits: ManeuverLimits | None = None
     """What the motion is compared with: the answer says how far it uses each limit that is given, and never changes
-    by it. `normal_load_share` has no effect here.
+    by it. They are always compared with the motion of the exact contact solver. `normal_load_share` has no effect
+    here.
     """
     payload: Payload | None = None
     """What the robot carries; absent: nothing."""
@@ -902,7 +903,9 @@ class SimulateResponse:
     trajectory: Trajectory
     """The motion of the reference point."""
     worst_contact_residual: float | None
-    """Largest residual of the contact law, relative to m g dt."""
+    """Largest residual of the contact law, relative to m g dt; null (in protobuf not a number) where the motion
+    diverges.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -978,7 +981,7 @@ class TorqueSchedule:
     """Piecewise constant torques."""
 
     interval_s: float
-    """Length of one interval, s; required in requests."""
+    """Length of one interval, s, at least 1e-9; required in requests."""
     left_n_m: Array
     """Torques of the left wheel, N m."""
     right_n_m: Array

@@ -172,7 +172,7 @@ class InitialGuess(TypedDict):
     """A start of the search, tried first. All fields are required."""
 
     final_time_s: float
-    """Final time, s. [> 0]"""
+    """Final time, s, at least 1e-9. [>= 1e-09]"""
     torque_left_n_m: Numbers
     """Torques of the left wheel in equal intervals, N m."""
     torque_right_n_m: Numbers
@@ -239,7 +239,7 @@ class _PayloadRequired(TypedDict):
     height_m: float
     """Height of its centre of mass above the ground, m; required. [>= 0, <= 100]"""
     mass_kg: float
-    """Mass, kg; required, 0 is no load. [>= 0, <= 50000]"""
+    """Mass, kg; required, 0 is no load, whose other fields have no effect. [>= 0, <= 50000]"""
 
 
 class Payload(_PayloadRequired, total=False):
@@ -351,7 +351,8 @@ class SimulateRequest(_SimulateRequestRequired, total=False):
     """
     limits: ManeuverLimits
     """What the motion is compared with: the answer says how far it uses each limit that is given, and never changes
-    by it. `normal_load_share` has no effect here.
+    by it. They are always compared with the motion of the exact contact solver. `normal_load_share` has no effect
+    here.
     """
     payload: Payload
     """What the robot carries; absent: nothing."""
@@ -493,7 +494,7 @@ class TorqueSchedule(TypedDict):
     """Piecewise constant torques."""
 
     interval_s: float
-    """Length of one interval, s; required in requests."""
+    """Length of one interval, s, at least 1e-9; required in requests."""
     left_n_m: Numbers
     """Torques of the left wheel, N m."""
     right_n_m: Numbers
