@@ -26,8 +26,8 @@ use slipdrive::service::{Class, Done, Service, ServiceError, ServiceSettings};
 pub(crate) use self::sweep::sweep;
 #[cfg(feature = "nats")]
 pub(crate) use self::worker::worker;
-use crate::EXIT_BAD_INPUT;
 use crate::config::{JobArguments, cores};
+use crate::{EXIT_BAD_INPUT, tell};
 
 /// For an answer that is not what was asked for: a plan that misses the goal.
 const EXIT_NO_SUCCESS: u8 = 2;
@@ -265,14 +265,14 @@ fn read_file(input: &PathBuf, limit: usize) -> anyhow::Result<Vec<u8>> {
 
 /// Says what cannot be used.
 pub(crate) fn refused(fault: &str) -> ExitCode {
-    eprintln!("error: {fault}");
+    tell(&format_args!("error: {fault}"));
     ExitCode::from(EXIT_BAD_INPUT)
 }
 
 fn refuse(problem: &Problem) -> ExitCode {
-    eprintln!("error: {problem}");
+    tell(&format_args!("error: {problem}"));
     for error in problem.errors() {
-        eprintln!("  {}: {}", error.pointer, error.message);
+        tell(&format_args!("  {}: {}", error.pointer, error.message));
     }
     ExitCode::from(EXIT_BAD_INPUT)
 }

@@ -8,6 +8,8 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
 use std::process::ExitCode;
 use std::time::Duration;
 
+use crate::tell;
+
 /// How long each step may take, connecting, writing or reading: a healthy server needs milliseconds, and container
 /// probes allow seconds.
 const STEP_TIMEOUT: Duration = Duration::from_secs(2);
@@ -40,11 +42,11 @@ pub(crate) fn ask(target: Target, is_live_enough: bool) -> ExitCode {
             ExitCode::SUCCESS
         }
         Ok(status) => {
-            eprintln!("{path} of {address} answers {status}");
+            tell(&format_args!("{path} of {address} answers {status}"));
             ExitCode::FAILURE
         }
         Err(error) => {
-            eprintln!("{path} of {address} does not answer: {error}");
+            tell(&format_args!("{path} of {address} does not answer: {error}"));
             ExitCode::FAILURE
         }
     }

@@ -1,5 +1,8 @@
 //! The slipdrive program: serve over REST and gRPC, or run one job in process.
 
+// Both panic where nobody reads them or no space is left, which must not end what is under way.
+#![deny(clippy::print_stderr, clippy::print_stdout)]
+
 mod cli;
 mod config;
 mod health;
@@ -8,6 +11,7 @@ mod reload;
 mod shutdown;
 mod telemetry;
 
+use std::fmt::Display;
 use std::io::{self, Write as _};
 use std::process::ExitCode;
 
@@ -25,7 +29,7 @@ fn main() -> ExitCode {
 
 fn failure(error: &anyhow::Error) -> ExitCode {
     let Some(usage) = error.downcast_ref::<clap::Error>() else {
-        eprintln!("error: {error:#}");
+        tell(&format_args!("error: {error:#}"));
         return ExitCode::FAILURE;
     };
     // Nothing is left to do when the terminal is gone.
@@ -37,6 +41,11 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
     if let Some((name, job)) = matches.subcommand()
         && !Command::has_subcommand(name)
     {
+/// Writes a line to standard error; where that fails, nobody is to be told.
+fn tell(line: &dyn Display) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
         return logged(matches, || cli::run(name, job));
     }
     let arguments = Arguments::from_arg_matches(matches)?;

@@ -16,9 +16,9 @@ use slipdrive::sweep::{self, Ended, Index, MapError, Progress, Results, ResultsE
 
 use super::progress_of_rows::ProgressOfRows;
 use super::refused;
-use crate::EXIT_BAD_INPUT;
 use crate::config::{SweepArguments, cores};
 use crate::shutdown::Signals;
+use crate::{EXIT_BAD_INPUT, tell};
 
 /// For a sweep that ended before its end and can be run again (`EX_TEMPFAIL` of sysexits).
 const EXIT_TO_BE_CONTINUED: u8 = 75;
@@ -81,7 +81,7 @@ fn counted(sweep: &Sweep, arguments: &SweepArguments) -> anyhow::Result<ExitCode
 }
 
 /// Writes to standard output; where its reader has left, nobody is to be told.
-fn say(words: &str) -> anyhow::Result<()> {
+pub(super) fn say(words: &str) -> anyhow::Result<()> {
     let mut output = io::stdout().lock();
     let written = output.write_all(words.as_bytes()).and_then(|()| output.flush());
     let has_left = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;
@@ -92,14 +92,14 @@ fn say(words: &str) -> anyhow::Result<()> {
 
 pub(super) fn refused_rows(faults: &RowFaults) -> ExitCode {
     for (row, problem) in &faults.first {
-        eprintln!("error: row {row}: {problem}");
+        tell(&format_args!("error: row {row}: {problem}"));
         for error in problem.errors() {
-            eprintln!("  {}: {}", error.pointer, error.message);
+            tell(&format_args!("  {}: {}", error.pointer, error.message));
         }
     }
     let others = faults.count - faults.first.len() as u64;
     if others > 0 {
-        eprintln!("error: {others} more rows break rules");
+        tell(&format_args!("error: {others} more rows break rules"));
     }
     ExitCode::from(EXIT_BAD_INPUT)
 }
@@ -127,7 +127,7 @@ fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::R
     shown.finish();
     let progress = results.progress().clone();
     drop(results);
-    eprintln!("{}: {progress}", folder.display());
+    tell(&format_args!("{}: {progress}", folder.display()));
     match ended {
         Ok(Ended::Complete) => {}
         Ok(Ended::Stopped) => return Ok(to_be_continued("stopped")),
@@ -155,7 +155,7 @@ pub(super) fn workers(arguments: &SweepArguments) -> NonZeroUsize {
 }
 
 pub(super) fn to_be_continued(why: &str) -> ExitCode {
-    eprintln!("{why}; the same command goes on from here");
+    tell(&format_args!("{why}; the same command goes on from here"));
     ExitCode::from(EXIT_TO_BE_CONTINUED)
 }
 
@@ -197,7 +197,7 @@ fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyh
         Ok(svg) => svg,
         Err(unfit @ MapError::Unfit(_)) => return Ok(Some(refused(&unfit.to_string()))),
         Err(unfit @ MapError::NoValue { .. }) => {
-            eprintln!("{unfit}");
+            tell(&unfit);
             return Ok(None);
         }
         Err(error @ MapError::Results(_)) => return Err(error.into()),

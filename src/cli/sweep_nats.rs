@@ -10,9 +10,10 @@ use tokio::time::sleep;
 
 use super::progress_of_rows::{ProgressLine, ProgressOfRows};
 use super::refused;
-use super::sweep::{complete, refused_folder, refused_rows, to_be_continued, workers};
+use super::sweep::{complete, refused_folder, refused_rows, say, to_be_continued, workers};
 use crate::config::{NatsArguments, SweepArguments};
 use crate::shutdown::Signals;
+use crate::tell;
 
 /// How long to wait until something is tried again.
 const RETRY_PAUSE: Duration = Duration::from_secs(2);
@@ -55,7 +56,7 @@ async fn publish(sweep: &Sweep, sending: Sending, broker: &Broker) -> anyhow::Re
     let show = |published: &nats::Published| line.show(published.published, || published.to_string());
     let published = nats::publish(sweep, broker, sending, show, signals.next()).await?;
     line.finish();
-    eprintln!("{published}");
+    tell(&published);
     Ok(if published.is_complete() { None } else { Some(to_be_continued("stopped")) })
 }
 
@@ -64,7 +65,7 @@ async fn publish_again(sweep: &Sweep, broker: &Broker) -> anyhow::Result<Option<
     loop {
         match publish(sweep, Sending::Again, broker).await {
             Ok(published) => return Ok(published),
-            Err(error) => eprintln!("{error}; trying again"),
+            Err(error) => tell(&format_args!("{error}; trying again")),
         }
         let mut signals = Signals::listen()?;
         tokio::select! {
@@ -89,7 +90,7 @@ async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> any
         }
         let ended = collect(sweep, &mut results, &broker).await?;
         let progress = results.progress().clone();
-        eprintln!("{}: {progress}", Path::display(folder));
+        tell(&format_args!("{}: {progress}", Path::display(folder)));
         match ended {
             Collected::Complete => {
                 drop(results);
@@ -98,7 +99,7 @@ async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> any
             Collected::Stopped => return Ok(to_be_continued("stopped")),
             Collected::Cancelled => return Ok(to_be_continued("the sweep is cancelled; without `--collect`")),
             Collected::Unpublished if is_publisher => {
-                eprintln!("rows without results have no chunks; these are published again");
+                tell(&"rows without results have no chunks; these are published again");
                 unfinished = publish_again(sweep, &broker).await?;
             }
             Collected::Unpublished => {
@@ -118,6 +119,6 @@ async fn collect(sweep: &Sweep, results: &mut Results, broker: &Broker) -> anyho
 
 async fn cancel(sweep: &Sweep, arguments: &NatsArguments) -> anyhow::Result<ExitCode> {
     let taken = nats::cancel(sweep.hash(), &connected(arguments).await?).await?;
-    println!("{taken} chunks are taken back; the results stay");
+    say(&format!("{taken} chunks are taken back; the results stay\n"))?;
     Ok(ExitCode::SUCCESS)
 }

@@ -98,6 +98,17 @@ fn killed_sweeps_and_shards_come_to_the_rows_of_an_undisturbed_one() {
     assert!(overlapping.contains("are for the same rows"), "{overlapping}");
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn nobody_to_be_told_is_no_reason_to_end() {
+    let folder = Folder::new("sweep-untold");
+    let file = written(&folder, "drives.json", &drives(2, &json!({"columns": ["status"]})));
+    let full = OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let status = slipdrive().args(["sweep", &file, "--out", &folder.file("out")]).stderr(full).status().unwrap();
+    assert_eq!(status.code(), Some(0));
+    assert_eq!(folder.read("out/rows.csv").lines().count(), 3);
+}
+
 #[test]
 fn warm_chains_do_not_depend_on_threads_or_on_where_they_were_cut() {
     let folder = Folder::new("sweep-warm");
