@@ -15,7 +15,7 @@ mod value;
 use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::thread::available_parallelism;
 use std::{env, fs};
 
@@ -76,10 +76,18 @@ pub(crate) enum Command {
 #[derive(Debug, Args)]
 pub(crate) struct ServerArguments {
     /// File with settings, in TOML; its keys are the names of the flags with underscores.
+    // A text, since clap refuses an empty path before anything else is read.
     #[arg(long = "config", env = "SLIPDRIVE_CONFIG", value_name = "FILE")]
-    file: Option<PathBuf>,
+    file: Option<OsString>,
     #[command(flatten)]
     given: Given<ServeSettings>,
+}
+
+impl ServerArguments {
+    /// The file, and with it the other sources; an empty name is none.
+    fn sources(&self, faults: &mut Faults) -> Sources {
+        Sources::new(self.file.as_deref().filter(|file| !file.is_empty()).map(Path::new), faults)
+    }
 }
 
 /// A server to run.
@@ -207,7 +215,7 @@ impl ServeArguments {
     /// All faults: values that cannot be read, unknown keys of the file, settings that contradict each other.
     pub(crate) fn config(&self, log: &Given<LogSettings>) -> Result<ServerConfig, Faults> {
         let mut faults = Faults::default();
-        let sources = Sources::new(self.server.file.as_deref(), &mut faults);
+        let sources = self.server.sources(&mut faults);
         sources.check_keys(&[ServeSettings::TABLE, LogSettings::TABLE], &mut faults);
         let settings: Option<ServeSettings> = sources.read(&self.server.given, &mut faults);
         let log_settings = sources.read(log, &mut faults);
@@ -236,7 +244,7 @@ impl HealthArguments {
     /// All faults of the settings.
     pub(crate) fn target(&self) -> Result<Target, Faults> {
         let mut faults = Faults::default();
-        let sources = Sources::new(self.server.file.as_deref(), &mut faults);
+        let sources = self.server.sources(&mut faults);
         let settings: Option<ServeSettings> = sources.read(&self.server.given, &mut faults);
         faults.into_result(settings.map(|settings| match (settings.admin, &settings.tls_certificate) {
             (Some(bound), _) => Target { bound, protocol: Protocol::Plain },

@@ -152,12 +152,16 @@ impl Sources {
         })
     }
 
+    /// The value of a setting as its first source gives it; an empty one is the default, such as that of a variable which a
+    /// template leaves empty.
     fn text(&self, setting: &Setting, given: &BTreeMap<&'static str, Text>, faults: &mut Faults) -> Text {
-        if let Some(text) = given.get(setting.key) {
-            return text.clone();
-        }
+        let text = given.get(setting.key).cloned().or_else(|| self.text_in_file(setting, faults));
         let default = || Text { text: setting.default.to_owned(), source: Source::Default };
-        let Some(value) = self.file.get(setting.key) else { return default() };
+        text.filter(|given| !given.text.is_empty()).unwrap_or_else(default)
+    }
+
+    fn text_in_file(&self, setting: &Setting, faults: &mut Faults) -> Option<Text> {
+        let value = self.file.get(setting.key)?;
         let text = match value {
             toml::Value::String(text) => text.clone(),
             toml::Value::Integer(number) => number.to_string(),
@@ -165,10 +169,10 @@ impl Sources {
             toml::Value::Boolean(value) => value.to_string(),
             toml::Value::Datetime(_) | toml::Value::Array(_) | toml::Value::Table(_) => {
                 faults.add(format!("`{}` in the file must be a string, a number or a boolean", setting.key));
-                return default();
+                return None;
             }
         };
-        Text { text, source: Source::File }
+        Some(Text { text, source: Source::File })
     }
 }
 

@@ -76,6 +76,13 @@ fn flag_goes_before_file_and_file_before_default() {
 }
 
 #[test]
+fn empty_values_are_the_defaults() {
+    let config = config(&["--config", "", "--log", "", "--max-streams", ""]).unwrap();
+    assert_eq!((config.log.log.as_str(), config.settings.max_streams), ("info", 128));
+    assert!(config.to_toml().contains("log = \"info\" # the default\n"), "{}", config.to_toml());
+}
+
+#[test]
 fn all_faults_are_found_at_once() {
     let file =
         TemporaryFile::new("faults", "queue_size = 7\nmax_streams = 0\nlog_format = [\"json\"]\ngrpc = \"here\"");
