@@ -54,7 +54,7 @@ pub(crate) trait Settings: Sized {
     /// One entry per setting.
     const TABLE: &'static [Setting];
 
-    /// Reads them all; none when one cannot be read, which is added to the faults.
+    /// Reads them all; one that cannot be read is added to the faults.
     fn read(reader: &mut Reader<'_>) -> Option<Self>;
 }
 
@@ -184,16 +184,17 @@ pub(crate) struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// The value of a setting; none and a fault when its text breaks the rule.
+    /// The value of a setting. Where its text breaks the rule that is a fault, and the value its default, so that the checks
+    /// that follow find what else is wrong.
     pub(crate) fn read<T: Value>(&mut self, key: &'static str) -> Option<T> {
         let Text { text, source } = self.texts.get(key)?;
-        let value = T::parse(text);
-        if value.is_none() {
-            let setting = self.table.iter().find(|setting| setting.key == key)?;
-            let place = place(setting, *source);
-            self.faults.add(format!("`{key}` is \"{text}\" ({place}), must be {}", T::RULE));
+        if let Some(value) = T::parse(text) {
+            return Some(value);
         }
-        value
+        let setting = self.table.iter().find(|setting| setting.key == key)?;
+        let place = place(setting, *source);
+        self.faults.add(format!("`{key}` is \"{text}\" ({place}), must be {}", T::RULE));
+        T::parse(setting.default)
     }
 }
 

@@ -99,6 +99,8 @@ fn all_faults_are_found_at_once() {
         assert!(found.iter().any(|fault| fault.starts_with(expected)), "{expected} in {found:#?}");
     }
     assert_eq!(found.len(), 7, "{found:#?}");
+    let found = faults(&["--workers", "0", "--http", "0.0.0.0:0", "--tls-key", "b"]);
+    assert_eq!(found.len(), 3, "a value that cannot be read hides no other fault: {found:#?}");
 }
 
 #[test]
