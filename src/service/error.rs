@@ -6,7 +6,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ServiceError {
     /// All places of the queue are taken.
-    #[error("the queue is full: {capacity} jobs run or wait, try again in {} s", .retry_after.as_secs())]
+    #[error("the queue is full: {capacity} jobs run or wait, try again in {} s", seconds(.retry_after))]
     QueueFull {
         /// When it is worth trying again.
         retry_after: Duration,
@@ -41,7 +41,7 @@ pub enum ServiceError {
     #[error("the time limit of the server passed before there was an answer")]
     TimeLimitExceeded,
     /// The service starts or drains.
-    #[error("the server takes no work at present, try again in {} s", .retry_after.as_secs())]
+    #[error("the server takes no work at present, try again in {} s", seconds(.retry_after))]
     Unavailable {
         /// When it is worth trying again, at another replica or after the restart.
         retry_after: Duration,
@@ -60,6 +60,11 @@ pub enum ServiceError {
         /// What speaks against it.
         fault: String,
     },
+}
+
+/// Whole seconds: who waits as long as the text says is not too early.
+fn seconds(wait: &Duration) -> u64 {
+    wait.as_secs() + u64::from(wait.subsec_nanos() > 0)
 }
 
 impl ServiceError {

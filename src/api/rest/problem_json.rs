@@ -80,8 +80,11 @@ mod tests {
 
     #[test]
     fn retry_after_is_whole_seconds_of_at_least_one() {
-        let error = ServiceError::Unavailable { retry_after: Duration::from_millis(1) };
-        let response = Problem::from(error).into_response();
-        assert_eq!(response.headers()[header::RETRY_AFTER], "1");
+        for (milliseconds, seconds) in [(1, "1"), (2000, "2"), (2851, "3")] {
+            let error = ServiceError::Unavailable { retry_after: Duration::from_millis(milliseconds) };
+            assert!(error.to_string().ends_with(&format!("try again in {seconds} s")), "{error}");
+            let response = Problem::from(error).into_response();
+            assert_eq!(response.headers()[header::RETRY_AFTER], seconds);
+        }
     }
 }
