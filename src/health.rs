@@ -64,6 +64,13 @@ fn reachable(bound: SocketAddr) -> SocketAddr {
 
 /// The status of `GET path`.
 fn status_of(address: SocketAddr, protocol: Protocol, path: &str) -> io::Result<u16> {
+    // The first is what a socket says when its timeout passes.
+    let is_late = |error: &io::Error| matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut);
+    let silence = || io::Error::other(format!("no answer within {} s", STEP_TIMEOUT.as_secs()));
+    asked(address, protocol, path).map_err(|error| if is_late(&error) { silence() } else { error })
+}
+
+fn asked(address: SocketAddr, protocol: Protocol, path: &str) -> io::Result<u16> {
     let stream = TcpStream::connect_timeout(&address, STEP_TIMEOUT)?;
     stream.set_read_timeout(Some(STEP_TIMEOUT))?;
     stream.set_write_timeout(Some(STEP_TIMEOUT))?;
@@ -112,6 +119,13 @@ mod tests {
     fn status_is_read_from_the_first_line() {
         assert_eq!(status(answering("HTTP/1.1 503 Service Unavailable\r\n\r\n")).unwrap(), 503);
         assert!(status(answering("SSH-2.0")).is_err());
+    }
+
+    #[test]
+    fn silence_is_told_as_such() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let error = status(listener.local_addr().unwrap()).unwrap_err();
+        assert_eq!(error.to_string(), "no answer within 2 s");
     }
 
     #[test]

@@ -52,7 +52,8 @@ async fn serve(config: &ServerConfig, dropped_lines: ErrorCounter) -> anyhow::Re
     let (mut signals, hangups) = (Signals::listen()?, Hangups::listen()?);
     let listeners = Listeners::bind(config)?;
     let settings = config.service_settings();
-    let service = Arc::new(Service::start(settings)?);
+    let threads = || format!("the threads of {} workers cannot be started", settings.workers);
+    let service = Arc::new(Service::start(settings).with_context(threads)?);
     service.metrics().follow_dropped_lines(move || dropped_lines.dropped_lines() as u64);
     listeners.report(&settings)?;
     tokio::spawn(heap::give_back_regularly());
