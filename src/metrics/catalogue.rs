@@ -75,8 +75,12 @@ pub(super) const QUEUE_CAPACITY: Family =
     gauge("slipdrive_queue_capacity", &[], "Jobs that may wait for a worker; beyond, requests are refused.");
 pub(super) const QUEUE_COST: Family =
     gauge("slipdrive_queue_cost_seconds", &[], "Worker time that the jobs in flight are still expected to take.");
-pub(super) const QUEUE_WAIT: Family =
-    histogram("slipdrive_queue_wait_seconds", &[], JOB_BUCKETS, "How long jobs waited for a worker.");
+pub(super) const QUEUE_WAIT: Family = histogram(
+    "slipdrive_queue_wait_seconds",
+    &[],
+    JOB_BUCKETS,
+    "How long jobs waited for a worker; without light jobs.",
+);
 pub(super) const LIGHT_JOBS: Family =
     gauge("slipdrive_light_jobs", &[], "Light jobs that wait or run, beside the workers.");
 pub(super) const JOBS: Family = counter(

@@ -211,7 +211,7 @@ impl Metrics {
         }
     }
 
-    /// Counts the wait of a job that starts.
+    /// Counts the wait of a job that starts on a worker.
     pub fn waited(&self, wait: Duration) {
         self.queue_wait.observe(wait.as_secs_f64());
     }

@@ -303,7 +303,7 @@ impl Service {
         match reserved {
             Ok(reserved) => {
                 let (pace, metrics) = (Arc::clone(&self.pace), Arc::clone(&self.metrics));
-                Ok(Permit { reserved, taken, pace, metrics })
+                Ok(Permit { reserved, class, taken, pace, metrics })
             }
             Err(Refusal::Full) => Err(ServiceError::QueueFull {
                 retry_after: self.pace.retry_after(),

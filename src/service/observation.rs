@@ -10,13 +10,14 @@ use std::time::{Duration, Instant};
 use tracing::Span;
 use tracing::span::EnteredSpan;
 
-use super::ServiceError;
+use super::{Class, ServiceError};
 use crate::metrics::{JobEnd, Metrics};
 
 /// A job in the queue.
 pub(super) struct Queued {
     metrics: Arc<Metrics>,
     job_id: u64,
+    class: Class,
     since: Instant,
     /// The span of the request.
     request: Span,
@@ -25,17 +26,21 @@ pub(super) struct Queued {
 }
 
 impl Queued {
-    pub(super) fn new(metrics: &Arc<Metrics>, job_id: u64) -> Self {
+    pub(super) fn new(metrics: &Arc<Metrics>, job_id: u64, class: Class) -> Self {
         let request = Span::current();
         let waiting = tracing::info_span!(parent: &request, "queue_wait", job.id = job_id);
-        Self { metrics: Arc::clone(metrics), job_id, since: Instant::now(), request, waiting }
+        Self { metrics: Arc::clone(metrics), job_id, class, since: Instant::now(), request, waiting }
     }
 
     /// The job starts on the calling thread.
     pub(super) fn started(self, kind: &'static str) -> Started {
-        let Self { metrics, job_id, since, request, waiting } = self;
+        let Self { metrics, job_id, class, since, request, waiting } = self;
         let queue_wait = since.elapsed();
-        metrics.waited(queue_wait);
+        match class {
+            Class::Heavy => metrics.waited(queue_wait),
+            // No worker is what they wait for: among the others, they would hide how long these wait.
+            Class::Light => {}
+        }
         drop(waiting);
         // The name of a span is fixed when it is compiled; exporters take that of `otel.name`.
         let span = tracing::info_span!(parent: &request, "job", otel.name = kind, job.kind = kind, job.id = job_id);

@@ -6,7 +6,7 @@ use std::time::Instant;
 use tokio::sync::watch;
 
 use super::ServiceError;
-use super::job::{Done, Job, JobControl, Stopped};
+use super::job::{Class, Done, Job, JobControl, Stopped};
 use super::observation::{Awaited, Queued};
 use super::pace::{Cost, Pace, TimeTaken};
 use super::running::{QueuedJob, Running};
@@ -21,6 +21,7 @@ const ERROR_OF_WAITS: f64 = 0.25;
 /// Leave to queue one job; given back on drop.
 pub struct Permit {
     pub(super) reserved: queue::Permit,
+    pub(super) class: Class,
     /// Its place in the share of its caller.
     pub(super) taken: Option<Taken>,
     pub(super) pace: Arc<Pace>,
@@ -72,12 +73,12 @@ impl Permit {
         answer: impl FnOnce(&J::Input, &Done<J::Output>) -> T + Send + 'static,
         progress: watch::Sender<Option<J::Progress>>,
     ) -> QueuedJob<T> {
-        let Self { reserved, mut taken, pace, metrics } = self;
+        let Self { reserved, class, mut taken, pace, metrics } = self;
         if let Some(taken) = &mut taken {
             taken.expect(clocks.estimate);
         }
         let job_id = reserved.job_id();
-        let queued = Queued::new(&metrics, job_id);
+        let queued = Queued::new(&metrics, job_id, class);
         let (workers, recorded) = (reserved.idle_workers(), Arc::clone(&pace));
         let work = move |stop: &StopHandle| -> Result<T, Stopped> {
             // Given back with the work, also when it is taken out of the queue.

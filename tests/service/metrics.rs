@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use serde_json::json;
 use slipdrive::api::grpc::pb;
 use slipdrive::api::server::{self, ServerSettings};
 use slipdrive::api::{ApiSettings, Probes, rest};
@@ -40,6 +41,10 @@ async fn solves_are_counted_by_their_outcome() {
     for _ in 0..3 {
         assert_eq!(server.post("/solve", BODY).await.status, 200);
     }
+    let torques = json!({"interval_s": 0.1, "left_n_m": [0.1], "right_n_m": [0.1]});
+    let plan = json!({"request": {"torque_schedule": torques}, "answer": {}});
+    let light = json!({"simulate": plan, "format": "csv", "rate_hz": 10}).to_string();
+    assert_eq!(server.post("/export", light).await.status, 200);
     let outcome = "method=\"sequential_linear\",status=\"converged\"";
     until(&server, "slipdrive_http_request_duration_seconds_count{code=\"200\",route=\"/solve\"}", 3.0).await;
     let text = metrics(&server).await;
@@ -47,7 +52,7 @@ async fn solves_are_counted_by_their_outcome() {
     let solves = "slipdrive_solves_total{method=\"sequential_linear\",status=\"converged\",stop_reason=\"finished\"}";
     assert_eq!(sample(solves), 3.0);
     assert_eq!(sample(&format!("slipdrive_solve_duration_seconds_count{{{outcome}}}")), 3.0);
-    assert_eq!(sample("slipdrive_queue_wait_seconds_count"), 3.0);
+    assert_eq!(sample("slipdrive_queue_wait_seconds_count"), 3.0, "light jobs wait for no worker");
     assert_eq!(sample("slipdrive_rollouts_total"), 6.0, "two each");
     assert_eq!((sample("slipdrive_workers{state=\"idle\"}"), sample("slipdrive_workers{state=\"busy\"}")), (1.0, 0.0));
     assert!(sample("process_resident_memory_bytes") > 1e6 && sample("process_open_fds") > 3.0);
