@@ -7,7 +7,7 @@ use std::time::Duration;
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits};
 use slipdrive::service::Service;
 use slipdrive::sweep;
-use slipdrive::sweep::nats::{Access, Broker, NatsError, StreamLimits, Worker, WorkerSettings};
+use slipdrive::sweep::nats::{Access, Broker, NatsError, StreamLimits, Worker, WorkerMetrics, WorkerSettings};
 use tokio::time::sleep;
 
 use super::refused;
@@ -31,6 +31,7 @@ pub(crate) fn worker(arguments: &WorkerArguments) -> anyhow::Result<ExitCode> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let mut signals = Signals::listen()?;
+        let metrics = WorkerMetrics::new(service.metrics());
         // Dropped, it closes its listener.
         let _probes = match arguments.admin {
             Some(address) => Some(serve_probes(address, &service, jobs.clone())?),
@@ -41,7 +42,7 @@ pub(crate) fn worker(arguments: &WorkerArguments) -> anyhow::Result<ExitCode> {
             () = signals.next() => return Ok(()),
         };
         let lease = Duration::from_secs(arguments.lease_s.get().into());
-        let worker = Worker::start(broker, Arc::clone(&service), jobs, WorkerSettings { lease }).await?;
+        let worker = Worker::start(broker, Arc::clone(&service), jobs, metrics, WorkerSettings { lease }).await?;
         tracing::info!(queue.workers = threads, "taking chunks");
         worker.run(signals.next()).await;
         anyhow::Ok(())

@@ -262,3 +262,22 @@ async fn what_cannot_be_used_is_said_without_secrets() {
     let worker = slipdrive().arg("worker").output().unwrap();
     assert_eq!(worker.status.code(), Some(64));
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn worker_that_never_reached_a_server_says_that_it_is_not_connected() {
+    let free = || TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let (nowhere, admin) = (format!("nats://{}", free()), free().to_string());
+    let command = &mut slipdrive();
+    command.args(["worker", "--threads", "1", "--nats", &nowhere, "--admin", &admin]).stderr(Stdio::null());
+    let _worker = Running(command.spawn().unwrap());
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    let patience_ends = Instant::now() + PATIENCE;
+    let text = loop {
+        match client.get(format!("http://{admin}/metrics")).send().await {
+            Ok(answer) => break answer.text().await.unwrap(),
+            Err(error) => assert!(Instant::now() < patience_ends, "{error}"),
+        }
+        sleep(Duration::from_millis(20)).await;
+    };
+    assert!(text.lines().any(|line| line == "slipdrive_sweep_connected 0"), "{text}");
+}

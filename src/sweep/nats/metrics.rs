@@ -7,8 +7,8 @@ use crate::metrics::catalogue::sweep_workers::{
     CHUNKS, CONNECTED, IN_FLIGHT, LEASES_EXTENDED, PUBLISH_RETRIES, QUEUES_RESTORED, REDELIVERIES, ROWS, STALLS,
 };
 
-/// The counters of a worker.
-pub(super) struct WorkerMetrics {
+/// The counters of a worker, which are there as soon as it waits for a connection.
+pub struct WorkerMetrics {
     pub(super) chunks: IntCounterVec,
     pub(super) rows: IntCounterVec,
     pub(super) leases_extended: IntCounter,
@@ -21,8 +21,11 @@ pub(super) struct WorkerMetrics {
 }
 
 impl WorkerMetrics {
-    /// Counters at zero, among those of a service.
-    pub(super) fn new(metrics: &Metrics) -> Self {
+    /// Counters at zero, among those of a service, of which it has one set.
+    ///
+    /// # Panics
+    /// When the service has them already.
+    pub fn new(metrics: &Metrics) -> Self {
         let registration = metrics.registration();
         let (chunks, rows) = (registration.counters(&CHUNKS), registration.counters(&ROWS));
         for outcome in ["complete", "given_back", "cancelled", "refused"] {

@@ -30,5 +30,6 @@ mod worker;
 pub use broker::{Access, Broker, NatsError, StreamLimits};
 pub use cancel::cancel;
 pub use collect::{Collected, collect};
+pub use metrics::WorkerMetrics;
 pub use publish::{Published, Sending, publish};
 pub use worker::{Worker, WorkerSettings};

@@ -65,7 +65,7 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// A worker of this version on a connection; its counters are those of the service.
+    /// A worker of this version on a connection.
     ///
     /// # Errors
     /// When the servers do not give it a place to take chunks from.
@@ -73,10 +73,10 @@ impl Worker {
         broker: Broker,
         service: Arc<Service>,
         jobs: Jobs,
+        metrics: WorkerMetrics,
         settings: WorkerSettings,
     ) -> Result<Self, NatsError> {
         let consumer = Mutex::new(broker.consumer(Some(settings.lease)).await?);
-        let metrics = WorkerMetrics::new(service.metrics());
         Ok(Self {
             broker,
             service,
