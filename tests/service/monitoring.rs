@@ -146,4 +146,12 @@ fn scrape_without_the_operator_has_the_job_of_the_alerts() {
     assert_eq!(job["job_name"].as_str(), Some("slipdrive"));
     let targets = job["relabel_configs"].as_vec().unwrap().iter().filter_map(|rule| rule["target_label"].as_str());
     assert_eq!(targets.collect::<BTreeSet<_>>(), BTreeSet::from(["namespace", "pod"]), "the rules keep both apart");
+    let of_workers = &configuration["scrape_configs"][1];
+    assert_eq!(of_workers["job_name"].as_str(), Some("slipdrive-worker"));
+    assert_eq!(of_workers["relabel_configs"][0]["regex"].as_str(), Some("slipdrive-worker"));
+    assert_eq!(
+        of_workers["relabel_configs"].as_vec().unwrap()[1..],
+        job["relabel_configs"].as_vec().unwrap()[1..],
+        "in the same way"
+    );
 }

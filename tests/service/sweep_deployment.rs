@@ -66,6 +66,16 @@ fn scaler_has_the_fields_of_keda_and_the_names_of_the_program() {
 }
 
 #[test]
+fn workers_are_scraped_once() {
+    let monitor = &documents("monitoring/podmonitor.yaml")[0]["spec"];
+    let pod = &documents("workers/deployment.yaml")[0]["spec"]["template"];
+    assert_eq!(monitor["selector"]["matchLabels"], pod["metadata"]["labels"]);
+    let endpoint = &monitor["podMetricsEndpoints"][0];
+    assert_eq!(endpoint["port"], pod["spec"]["containers"][0]["ports"][0]["name"]);
+    assert!(pod["metadata"]["annotations"].is_badvalue(), "a scrape over annotations would come beside this one");
+}
+
+#[test]
 fn leases_and_grace_fit_each_other() {
     let worker = &documents("workers/deployment.yaml")[0]["spec"]["template"]["spec"];
     let variables = worker["containers"][0]["env"].as_vec().unwrap();
