@@ -28,6 +28,10 @@ fn main() -> ExitCode {
 }
 
 fn failure(error: &anyhow::Error) -> ExitCode {
+    #[cfg(feature = "otel")]
+    if let Some(unusable) = error.downcast_ref::<telemetry::NoUrl>() {
+        return cli::refused(&unusable.to_string());
+    }
     let Some(usage) = error.downcast_ref::<clap::Error>() else {
         tell(&format_args!("error: {error:#}"));
         return ExitCode::FAILURE;
@@ -37,15 +41,15 @@ fn failure(error: &anyhow::Error) -> ExitCode {
     if usage.use_stderr() { ExitCode::from(EXIT_BAD_INPUT) } else { ExitCode::SUCCESS }
 }
 
-fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
-    if let Some((name, job)) = matches.subcommand()
-        && !Command::has_subcommand(name)
-    {
 /// Writes a line to standard error; where that fails, nobody is to be told.
 fn tell(line: &dyn Display) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 
+fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
+    if let Some((name, job)) = matches.subcommand()
+        && !Command::has_subcommand(name)
+    {
         return logged(matches, || cli::run(name, job));
     }
     let arguments = Arguments::from_arg_matches(matches)?;

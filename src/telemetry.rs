@@ -21,6 +21,8 @@ use crate::config::{LogFormat, LogSettings};
 
 #[cfg(feature = "otel")]
 mod export;
+#[cfg(feature = "otel")]
+pub(crate) use export::NoUrl;
 
 /// Lines that wait to be written: those of a second under full load, less than a MB.
 const WAITING_LINES: usize = 1024;

@@ -10,7 +10,7 @@ use std::thread;
 use prost::Message;
 
 use crate::support::HANG_BOUND;
-use crate::support::process::ServerProcess;
+use crate::support::process::{ServerProcess, slipdrive};
 
 /// The parts of `opentelemetry.proto.collector.trace.v1.ExportTraceServiceRequest` that matter here.
 #[derive(Clone, PartialEq, Message)]
@@ -128,5 +128,39 @@ async fn spans_of_a_solve_hang_below_its_request_in_the_callers_trace() {
     for part in spans["start"].iter().chain(&spans["certificate"]) {
         assert_eq!(part.parent_span_id, solve.span_id);
         assert!(solve.start <= part.start && part.start <= part.end && part.end <= solve.end);
+    }
+}
+
+#[tokio::test]
+async fn collector_that_cannot_be_reached_is_told_in_the_log() {
+    let nowhere = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let endpoint = format!("http://{nowhere}");
+    let variables = [("OTEL_EXPORTER_OTLP_ENDPOINT", endpoint.as_str()), ("OTEL_BSP_SCHEDULE_DELAY", "100")];
+    let server = ServerProcess::start(&[], &variables);
+    let client = reqwest::Client::builder().no_proxy().build().unwrap();
+    assert_eq!(client.get(server.url("/limits")).send().await.unwrap().status(), 200);
+    server.log_line(&["ERROR", "opentelemetry"]);
+}
+
+#[test]
+fn endpoint_that_is_no_url_is_refused_unless_nothing_is_exported() {
+    let start = |variables: &[(&str, &str)]| {
+        // Ends with the address, if not before.
+        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = taken.local_addr().unwrap().to_string();
+        let arguments = ["serve", "--grpc", "127.0.0.1:0", "--http", address.as_str()];
+        let output = slipdrive().args(arguments).envs(variables.iter().copied()).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let wrong = ("OTEL_EXPORTER_OTLP_ENDPOINT", "collector:4318");
+    let (code, said) = start(&[wrong]);
+    assert!(
+        code == Some(64) && said.contains("`OTEL_EXPORTER_OTLP_ENDPOINT` is \"collector:4318\""),
+        "{code:?} {said}"
+    );
+    let off = [("OTEL_SDK_DISABLED", "true"), ("OTEL_TRACES_EXPORTER", "none"), ("OTEL_EXPORTER_OTLP_ENDPOINT", "")];
+    for variable in off {
+        let (code, said) = start(&[wrong, variable]);
+        assert!(code == Some(1) && said.contains("cannot be bound"), "{variable:?}: {code:?} {said}");
     }
 }
