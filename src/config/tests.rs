@@ -177,7 +177,11 @@ fn configured_keys_that_are_none_are_refused() {
 fn origins_are_whole_origins() {
     let given = config(&["--cors-origins", "https://a.example,http://b.example:8000"]).unwrap();
     assert_eq!(given.settings.cors_origins.0, ["https://a.example", "http://b.example:8000"]);
-    for invalid in ["*", "a.example", "https://", "https://a.example/", "https://a b"] {
+    let given =
+        config(&["--cors-origins", "HTTPS://Fleet.Example:443,http://b.example:80,http://b.example:443"]).unwrap();
+    let as_sent = ["https://fleet.example", "http://b.example", "http://b.example:443"];
+    assert_eq!(given.settings.cors_origins.0, as_sent, "as browsers write them");
+    for invalid in ["*", "a.example", "https://:443", "https://", "https://a.example/", "https://a b"] {
         assert!(faults(&["--cors-origins", invalid])[0].starts_with("`cors_origins`"), "{invalid}");
     }
 }

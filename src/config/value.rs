@@ -48,10 +48,17 @@ impl Value for Origins {
     const RULE: &'static str = "like https://host or http://host:port, without a path, separated by commas";
 
     fn parse(text: &str) -> Option<Self> {
+        // As browsers write them: in small letters, without the port that the scheme has anyway.
         let origin = |text: &str| {
-            let host = text.strip_prefix("https://").or_else(|| text.strip_prefix("http://"))?;
+            let text = text.to_ascii_lowercase();
+            let (scheme, host) = text.split_once("://")?;
+            let host = match scheme {
+                "https" => host.strip_suffix(":443").unwrap_or(host),
+                "http" => host.strip_suffix(":80").unwrap_or(host),
+                _ => return None,
+            };
             let is_host = !host.is_empty() && !host.contains(['/', '*', ' ']);
-            HeaderValue::from_str(text).ok().filter(|_| is_host)
+            HeaderValue::try_from(format!("{scheme}://{host}")).ok().filter(|_| is_host)
         };
         let origins = text.split(',').map(str::trim).filter(|origin| !origin.is_empty());
         origins.map(origin).collect::<Option<_>>().map(Self)
