@@ -24,14 +24,20 @@ const HEARTBEAT: Duration = Duration::from_secs(15);
 pub(super) const UNBUFFERED: [(HeaderName, HeaderValue); 1] =
     [(HeaderName::from_static("x-accel-buffering"), HeaderValue::from_static("no"))];
 
-/// Whether the caller asks for events.
+/// Whether the caller asks for events, and likes JSON no better where that is named too.
 pub(super) fn are_accepted(headers: &HeaderMap) -> bool {
     let values = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
-    values.flat_map(|value| value.split(',')).any(|item| {
+    let (mut events, mut json) = (0.0_f32, 0.0_f32);
+    for item in values.flat_map(|value| value.split(',')) {
         let mut parts = item.split(';');
         let media_type = parts.next().unwrap_or_default().trim();
-        media_type.eq_ignore_ascii_case("text/event-stream") && weight(parts) > 0.0
-    })
+        if media_type.eq_ignore_ascii_case("text/event-stream") {
+            events = events.max(weight(parts));
+        } else if media_type.eq_ignore_ascii_case("application/json") {
+            json = json.max(weight(parts));
+        }
+    }
+    events > 0.0 && events >= json
 }
 
 /// The events of a job whose result is JSON. A caller who leaves drops the stream, which stops the job.
@@ -117,6 +123,8 @@ mod tests {
             are_accepted(&HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_static(value))]))
         };
         assert!(accepts("text/event-stream") && accepts("application/json;q=0.5, Text/Event-Stream; q=1"));
+        assert!(accepts("application/json, text/event-stream") && accepts("*/*, text/event-stream;q=0.5"));
+        assert!(!accepts("application/json, text/event-stream;q=0.5") && !accepts("text/event-stream;q=0"));
         assert!(!accepts("application/json") && !accepts("*/*") && !are_accepted(&HeaderMap::new()));
     }
 }
