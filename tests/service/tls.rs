@@ -146,6 +146,9 @@ fn faults_of_both_files_are_told_at_once() {
     let other = files.write("other.pem", &self::certificate().signing_key.serialize_pem());
     let unlike = Identity::from_files(&certificate, &other).unwrap_err().to_string();
     assert!(unlike.contains("do not fit"), "{unlike}");
+    let encrypted = "-----BEGIN ENCRYPTED PRIVATE KEY-----\nAAAA\n-----END ENCRYPTED PRIVATE KEY-----\n";
+    let locked = Identity::from_files(&certificate, &files.write("locked.pem", encrypted)).unwrap_err().to_string();
+    assert!(locked.contains("locked.pem is encrypted; a key without a passphrase is needed"), "{locked}");
     let cut = files.write("cut.pem", &certified.cert.pem()[..200]);
     assert_eq!(Identity::from_files(&cut, &key).unwrap_err().faults.len(), 1);
 }

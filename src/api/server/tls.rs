@@ -125,8 +125,15 @@ fn certificates_in((path, content): ReadFile<'_>) -> Result<Vec<CertificateDer<'
 }
 
 fn key_in((path, content): ReadFile<'_>) -> Result<PrivateKeyDer<'static>, String> {
-    let key = content.map_err(pem::Error::Io).and_then(|content| PrivateKeyDer::from_pem_slice(&content));
-    key.map_err(|error| unreadable(path, "private key", &error))
+    let content = content.map_err(|error| unreadable(path, "private key", &pem::Error::Io(error)))?;
+    PrivateKeyDer::from_pem_slice(&content).map_err(|error| {
+        let has = |words: &[u8]| content.windows(words.len()).any(|part| part == words);
+        // The form of PKCS 8, and the older one of OpenSSL.
+        if has(b"-----BEGIN ENCRYPTED PRIVATE KEY-----") || has(b"Proc-Type: 4,ENCRYPTED") {
+            return format!("{} is encrypted; a key without a passphrase is needed", path.display());
+        }
+        unreadable(path, "private key", &error)
+    })
 }
 
 fn unreadable(path: &Path, content: &str, error: &pem::Error) -> String {
