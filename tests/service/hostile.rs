@@ -21,6 +21,7 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 
 use crate::support::http2::{Connection, GOAWAY, HEADERS};
+use crate::support::process::sample_in;
 use crate::support::protobuf::{GRPC, code_of, framed, raw_call};
 use crate::support::{FakeSolver, Gate, HANG_BOUND, TestServer, instant_solver, small_solution};
 
@@ -65,7 +66,8 @@ async fn silent_and_half_spoken_connections_are_closed() {
             assert!(answer.len() < 1000, "{}", String::from_utf8_lossy(&answer));
         }
     }
-    assert_eq!(server.get("/livez").await.status, 200);
+    let metrics = server.get("/metrics").await.text();
+    assert_eq!(sample_in(&metrics, "slipdrive_connections_ended_total{cause=\"slow\"}"), 10.0);
 }
 
 #[tokio::test]
