@@ -4,13 +4,12 @@ use nalgebra::Vector2;
 
 use crate::rules::{BoundedField, Checks, Number, Rule, RuleSet, Violations};
 
-/// Largest accepted product of friction coefficient and relative height of the centre of mass, of the chassis or with its wheels.
+/// Largest accepted product of friction coefficient and relative height of the centre of mass.
 ///
 /// Near 1 sliding friction can lift its own contact (Painleve's paradox) and the one-step problem may lose uniqueness.
 const PARADOX_LIMIT: f64 = 0.9;
-const PARADOX_RULE: &str = "friction coefficient times height of the centre of mass, of the chassis or with its wheels, is at \
-                            most 0.9 of half the track width and 0.9 of the distance from axle to front support: beyond, the \
-                            motion may not be unique";
+const PARADOX_RULE: &str = "friction coefficient times height is at most 0.9 of half the track width and 0.9 of the \
+                            distance from axle to front support: beyond, the motion may not be unique";
 
 /// A drive motor as a wheel sees it, gears included: its torque falls linearly with the speed.
 ///
@@ -199,15 +198,13 @@ impl RobotParameters {
     fn check_paradox_guard(&self, checks: &mut Checks) {
         for guard in self.paradox_guards() {
             let ParadoxGuard { field, friction, length_name, length } = guard;
-            let height = self.tilting_height();
-            let largest = PARADOX_LIMIT * length / height;
-            let name =
-                if height > self.center_of_mass_height { "height with the wheels" } else { "center_of_mass_height_m" };
+            let largest = PARADOX_LIMIT * length / self.center_of_mass_height;
             let rule = format_args!(
-                "at most {}: {field} * {name} / ({length_name}) above {PARADOX_LIMIT} may lose uniqueness",
+                "at most {}: {field} * center_of_mass_height_m / ({length_name}) above {PARADOX_LIMIT} may lose \
+                 uniqueness",
                 Number(largest)
             );
-            checks.require(field, Number(friction), guard.admits(height), rule, Some(largest));
+            checks.require(field, Number(friction), guard.admits(self.center_of_mass_height), rule, Some(largest));
         }
     }
 
@@ -260,12 +257,6 @@ impl RobotParameters {
         Vector2::new(-self.center_of_mass_right, -self.center_of_mass_forward)
     }
 
-    /// Height of the centre of mass of the chassis or, where that is higher, of the whole robot: at it, friction tilts, m.
-    pub(super) fn tilting_height(&self) -> f64 {
-        let wheels = 2.0 * self.wheel_mass / self.total_mass() * (self.wheel_radius - self.center_of_mass_height);
-        self.center_of_mass_height + wheels.max(0.0)
-    }
-
     /// Centre of mass of the whole robot relative to the chassis centre of mass, in the body frame, m.
     pub fn whole_center_of_mass(&self) -> Vector2<f64> {
         self.axle_midpoint() * (2.0 * self.wheel_mass / self.total_mass())
@@ -283,15 +274,13 @@ pub(super) struct ParadoxGuard {
 }
 
 impl ParadoxGuard {
-    /// Whether a [tilting height](RobotParameters::tilting_height) is low enough, m.
     pub(super) fn admits(&self, height: f64) -> bool {
         self.friction * height <= PARADOX_LIMIT * self.length
     }
 
-    /// The largest height of the chassis of a robot with its masses and wheels, m.
-    pub(super) fn largest_height(&self, robot: &RobotParameters) -> f64 {
-        let tilting = PARADOX_LIMIT * self.length / self.friction;
-        tilting - 2.0 * robot.wheel_mass / robot.chassis_mass * (robot.wheel_radius - tilting).max(0.0)
+    /// The largest height, m.
+    pub(super) fn largest_height(&self) -> f64 {
+        PARADOX_LIMIT * self.length / self.friction
     }
 }
 
@@ -312,33 +301,18 @@ mod tests {
         assert!((total - robot.total_mass() * robot.gravity).abs() < 1e-12);
     }
 
-    fn heavy_wheels_of_twice_the_track(robot: &mut RobotParameters) {
-        robot.wheel_mass = 20.0;
-        robot.wheel_radius = 0.6;
-    }
-
-    #[test]
-    fn wheels_raise_the_centre_of_mass() {
-        let mut robot = RobotParameters::default();
-        assert_eq!(robot.tilting_height().to_bits(), robot.center_of_mass_height.to_bits());
-        heavy_wheels_of_twice_the_track(&mut robot);
-        // Rounding of numbers below 1.
-        assert!((robot.tilting_height() - (10.33 * 0.1 + 40.0 * 0.6) / 50.33).abs() < 1e-15);
-    }
-
     #[test]
     fn each_spoiled_field_is_named() {
         type Spoil = fn(&mut RobotParameters);
         let motor = |stall_torque, free_speed| Some(Motor { stall_torque, free_speed });
         assert_eq!(RobotParameters { motor: motor(8.0, 15.0), ..RobotParameters::default() }.validate(), Ok(()));
-        let cases: [(Spoil, &str); 13] = [
+        let cases: [(Spoil, &str); 12] = [
             (|robot| robot.chassis_mass = -1.0, "robot.chassis_mass_kg"),
             (|robot| robot.wheel_radius = 0.0, "robot.wheel_radius_m"),
             (|robot| robot.gravity = f64::NAN, "robot.gravity_m_s2"),
             (|robot| robot.tangential_restitution = 1.5, "robot.tangential_restitution"),
             (|robot| robot.wheel_friction_coefficient = -0.1, "robot.wheel_friction_coefficient"),
             (|robot| robot.center_of_mass_height = 2.0, "robot.wheel_friction_coefficient"),
-            (heavy_wheels_of_twice_the_track, "robot.wheel_friction_coefficient"),
             (|robot| robot.center_of_mass_forward = -0.05, "robot.center_of_mass_forward_m"),
             (|robot| robot.center_of_mass_right = 0.4, "robot.center_of_mass_right_m"),
             (|robot| robot.wheel_viscous_friction = -1.0, "robot.wheel_viscous_friction_n_m_s"),
