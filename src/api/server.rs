@@ -181,8 +181,7 @@ async fn receive(stream: TcpStream, router: Router, place: Place) {
     #[cfg(feature = "tls")]
     if let Some(identity) = &connection.connections.settings.identity {
         let shaken = tokio::select! {
-            shaken = identity.shake_hands(stream) => shaken,
-            () = sleep(connection.connections.settings.head_timeout) => return slow(connection),
+            shaken = identity.shake_hands(stream, connection.connections.settings.head_timeout) => shaken,
             () = connection.connections.closing() => None,
             () = connection.ended() => None,
         };
@@ -223,11 +222,6 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
             ended = &mut served => {
                 if let Err(error) = ended {
                     tracing::debug!(error = %error, "a connection failed");
-                    // Once the protocol is known, hyper ends who does not finish a head; after a request it may be just idle.
-                    let is_late = error.downcast_ref().is_some_and(hyper::Error::is_timeout);
-                    if is_late && !connection.has_asked() {
-                        slow(connection);
-                    }
                 }
                 return;
             }

@@ -165,11 +165,6 @@ impl Connection {
         self.state().requests > 0 || self.bytes_read.load(Ordering::Relaxed) >= PREFACE_BYTES
     }
 
-    /// Whether a request came.
-    pub(super) fn has_asked(&self) -> bool {
-        self.state().requests > 0
-    }
-
     /// Counts a request as under way until the result is dropped; none when the connection has too many of its kind.
     pub(super) fn enter(self: &Arc<Self>, standing: Standing) -> Option<UnderWay> {
         let mut state = self.state();
