@@ -321,11 +321,6 @@ impl ServeSettings {
                 faults.add(format!("`{key}` is 0, must be > 0 s"));
             }
         }
-        let (budget, least) =
-            (self.memory_budget_mib.get(), ServerSettings::LEAST_MEMORY_BUDGET_BYTES.div_ceil(1 << 20));
-        if budget < least {
-            faults.add(format!("`memory_budget_mib` is {budget}, must be >= {least}, which the largest answer needs"));
-        }
         let places = self.max_connections.get();
         if admin.is_none() && places <= PROBE_PLACES {
             faults.add(format!(

@@ -97,15 +97,7 @@ const WORKER_BYTES: usize = 16 << 20;
 /// buffers and tables of h2 with the requests of guests; the records of TLS; and what the system's allocator loses.
 const CONNECTION_BYTES: usize = 128 * 1024;
 
-/// The largest answer that a caller may ask for, bytes as they are reserved: a plan of as many points and intervals as an
-/// export may have, as JSON.
-const LARGEST_ANSWER_BYTES: usize = 12_000_000;
-
 impl ServerSettings {
-    /// The least budget, bytes: one connection has three sixteenths of it for its answers. With less there would be requests
-    /// that are refused however often they come again.
-    pub const LEAST_MEMORY_BUDGET_BYTES: usize = LARGEST_ANSWER_BYTES / 3 * 16;
-
     /// What the process may hold at most under these settings, bytes.
     pub fn memory_bound_bytes(&self, workers: usize) -> usize {
         let of_connections = self.max_connections.saturating_mul(CONNECTION_BYTES);

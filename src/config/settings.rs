@@ -90,7 +90,7 @@ settings! {
         max_connections: NonZeroUsize = "512",
         /// Connections of one address that may be open at once, where no proxy stands before the server; empty: no limit.
         max_connections_per_address: Option<NonZeroUsize> = "",
-        /// MiB that bodies being received and answers not yet taken may hold, at least 62, one connection a quarter at most; more is refused with 429.
+        /// MiB that bodies being received and answers not yet taken may hold, one connection a quarter at most; more is refused with 429.
         memory_budget_mib: NonZeroUsize = "64",
         /// Requests of one HTTP/2 connection that may be open at once.
         max_streams: u32 = "128",

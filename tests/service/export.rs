@@ -3,9 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
-use slipdrive::api::ApiSettings;
 use slipdrive::api::grpc::pb;
-use slipdrive::api::server::ServerSettings;
 
 use crate::support::cdr::Cdr;
 use crate::support::protobuf::{code_of, fields_of};
@@ -295,10 +293,7 @@ async fn what_is_no_plan_and_what_has_too_many_points_is_refused_by_name() {
     slow["simulate"]["request"]["torque_schedule"]["interval_s"] = json!(24.9975);
     let (files, _) = exported(&server, &body(&slow, &csv)).await;
     assert_eq!(columns(&files["trajectory.csv"])["time_s"].len(), 10_000);
-    // The longest format with as many intervals as there may be, on the least memory.
-    let memory_budget_bytes = ServerSettings::LEAST_MEMORY_BUDGET_BYTES;
-    let settings = ServerSettings { memory_budget_bytes, ..ServerSettings::default() };
-    let server = TestServer::start_with(4, real_solver(), ApiSettings::default(), settings).await;
+    // The longest format with as many intervals as there may be.
     let torques = json!(vec![0.1; 1000]);
     slow["simulate"]["request"] =
         json!({"torque_schedule": {"interval_s": 0.009_999, "left_n_m": torques, "right_n_m": torques}});
