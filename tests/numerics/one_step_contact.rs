@@ -250,20 +250,20 @@ fn indeterminate_problem_is_flagged() {
 fn second_motion_that_is_hard_to_find_is_flagged() {
     #[rustfmt::skip]
     let delassus = SMatrix::<f64, 3, 3>::new(
-        61.08844, 0.01251613, -0.004182695,
-        0.01251613, 61.0838, 0.003565749,
-        -0.004182695, 0.003565749, 0.02801691,
+        61.088_44, 0.012_516_13, -0.004_182_695,
+        0.012_516_13, 61.0838, 0.003_565_749,
+        -0.004_182_695, 0.003_565_749, 0.028_016_91,
     );
     #[rustfmt::skip]
     let response = SMatrix::<f64, 3, 3>::new(
-        -0.1814954, 0.0936092, 1.301179,
-        0.06505258, -0.2430214, -1.305565,
-        0.1164428, 0.1494122, 0.004385636,
+        -0.181_495_4, 0.093_609_2, 1.301_179,
+        0.065_052_58, -0.243_021_4, -1.305_565,
+        0.116_442_8, 0.149_412_2, 0.004_385_636,
     );
-    let operator = DelassusOperator::new(delassus, response, [0.7045891, 0.7045891, 0.0]);
+    let operator = DelassusOperator::new(delassus, response, [0.704_589_1, 0.704_589_1, 0.0]);
     let problem = OneStepProblem {
-        free_slip: SVector::from([65.08995, -75.83655, 0.006175145]),
-        free_normal: SVector::from([1.542387, 1.725168, 0.01214771]),
+        free_slip: SVector::from([65.089_95, -75.836_55, 0.006_175_145]),
+        free_normal: SVector::from([1.542_387, 1.725_168, 0.012_147_71]),
     };
     let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
     assert!(solution.residual <= RESIDUAL_TOLERANCE && solution.normal_impulse.min() > 0.0);
