@@ -37,6 +37,10 @@ pub(super) fn drive_rates(norm: &DriveNorm, loads: &Loads) -> Vec<Level> {
     if last.is_finite() {
         levels.extend((1..=LEVELS).map(|index| level(last * f64::from(index) / f64::from(LEVELS))));
         levels.push(without_end(unloaded));
+        // What bounds the rate at a larger norm bounds it at smaller ones.
+        for index in (1..levels.len()).rev() {
+            levels[index - 1].rate = levels[index - 1].rate.min(levels[index].rate);
+        }
     } else {
         levels.push(Level { until: f64::INFINITY, ..level(0.0) });
     }
@@ -151,8 +155,12 @@ mod tests {
     }
 
     fn rates(parameters: RobotParameters, torque: f64) -> Vec<Level> {
+        rates_under(parameters, torque, 0.0)
+    }
+
+    fn rates_under(parameters: RobotParameters, torque: f64, normal_load_share: f64) -> Vec<Level> {
         let robot = Robot::new(parameters).unwrap();
-        let limits = ManeuverLimits { normal_load_share: 0.0, ..ManeuverLimits::default() };
+        let limits = ManeuverLimits { normal_load_share, ..ManeuverLimits::default() };
         let loads = Loads::new(&robot, PerWheel::new(torque, torque), limits, 0.0);
         drive_rates(&DriveNorm::new(bodies(&robot)), &loads)
     }
@@ -177,6 +185,12 @@ mod tests {
         let rate = rates(parameters, torque)[0].rate;
         // Sweeps converge to rounding.
         assert!((rate - lengthwise.max(turning)).abs() < 1e-9 * rate, "{rate} {lengthwise} {turning}");
+    }
+
+    #[test]
+    fn rates_do_not_fall_where_least_loads_matter() {
+        let levels = rates_under(RobotParameters::default(), 4.5, 0.231);
+        assert!(levels.windows(2).all(|pair| pair[0].rate <= pair[1].rate), "{levels:?}");
     }
 
     #[test]

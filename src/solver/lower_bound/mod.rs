@@ -275,9 +275,11 @@ impl<'a> Bounds<'a> {
             Demand::Displacement => StateComponent::Heading,
             Demand::Velocity => StateComponent::YawRate,
         };
-        // The goal's windings on both sides of the change that takes no time beyond that of the speed.
+        // The goal's windings on both sides of the change that takes no time beyond that of the speed. A moving start has passed both at
+        // some time, and reaches others: so earlier times count too, also those that another bound excludes.
         let changes = self.targets.heading_changes(axis.displacement_of_fastest_change());
-        let of_windings = |axis: &Axis, assumption, floor| {
+        let of_windings = |axis: &Axis, assumption, floor: Floor| {
+            let floor = Floor { is_proven: false, ..floor };
             let windings = changes.iter().map(|change| {
                 let axis = Axis { displacement: *change, ..axis.clone() };
                 let (time, demand) = self.least_time(&axis, GridLaw::Exact, floor);

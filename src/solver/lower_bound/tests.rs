@@ -5,7 +5,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::first_time::WIDTH;
 use super::*;
-use crate::robot::{RobotParameters, State};
+use crate::robot::{RobotParameters, State, Velocity};
 use crate::shooting::{Goal, LONGEST_FINAL_TIME, Maneuver, ReferencePoint};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule};
 use crate::solver::SolveParameters;
@@ -128,6 +128,34 @@ fn the_nearest_winding_bounds_the_turn() {
     let near = bound(&maneuver).time;
     maneuver.goal = Goal::at_rest(0.0, 0.0, 0.5 + 4.0 * std::f64::consts::PI);
     assert!((bound(&maneuver).time - near).abs() < 1e-9 && near > 0.1, "{near}");
+}
+
+#[test]
+fn a_start_that_turns_passes_windings_before_it_can_be_at_the_place() {
+    let robot = RobotParameters {
+        center_of_mass_right: 0.0,
+        center_of_mass_forward: 0.02,
+        wheel_friction_coefficient: 0.6,
+        ..RobotParameters::default()
+    };
+    let mut maneuver = Maneuver::forward_drive();
+    maneuver.limits.yaw_acceleration = Some(0.06);
+    maneuver.start.velocity =
+        Velocity { x: -0.01035, y: 0.2001, yaw_rate: 0.6, wheel_rate: PerWheel::new(1.8333, 4.8333) };
+    // After 2 pi and 0.42 rad: it is past 0.42 rad within a second, and far from the place.
+    maneuver.goal = Goal::at_rest(-1.5692, -1.7454, 6.7035);
+    for (component, value) in [
+        (StateComponent::VelocityX, -0.085),
+        (StateComponent::VelocityY, 0.159),
+        (StateComponent::YawRate, 0.6338),
+        (StateComponent::WheelRateLeft, 1.4138),
+        (StateComponent::WheelRateRight, 4.5827),
+    ] {
+        maneuver.goal.set(component, Some(value));
+    }
+    // A motion whose wheels roll throughout takes so long.
+    let time = largest_lower_bound(&input(&maneuver, robot), Grid::Steps(400)).time;
+    assert!(time < 10.972, "{time}");
 }
 
 #[test]
