@@ -7,7 +7,7 @@ use std::iter::repeat_n;
 
 use super::candidate::{Candidate, keep_better};
 use super::grid_problem::problem_on;
-use super::hops::FIRST_PATIENCE;
+use super::hops::PATIENCE;
 use super::local_search::LocalSearch;
 use super::run_control::RunControl;
 use super::search::{self, SearchResult};
@@ -96,7 +96,7 @@ fn use_all_intervals(
     problem.set_time_unit(best.final_time());
     // Smoothing and hops lead to faster plans, whether these are steady or not.
     let (patience, round) = match input.settings.choice {
-        Choice::Fastest => (FIRST_PATIENCE, 0),
+        Choice::Fastest => (PATIENCE, 0),
         Choice::Steadiest => (0, 1),
     };
     let polish = |search: &mut LocalSearch| search.polish(best.clone(), patience, round);

@@ -11,9 +11,8 @@ use super::candidate::{CRITICALITY_TOLERANCE, Candidate, keep_better};
 use super::local_search::{LocalSearch, ROUGH};
 use crate::optimizer::{FIRST_RADIUS, Interruption, Problem};
 
-/// A local optimum of the first final is left after so many hops in a row that gain nothing; each further final has half as many
-/// optima, and twice as much patience.
-pub(super) const FIRST_PATIENCE: usize = 6;
+/// A local optimum without rivals is left after so many hops in a row that gain nothing.
+pub(super) const PATIENCE: usize = 6;
 /// The patience with a direct start.
 pub(super) const DIRECT_PATIENCE: usize = 4;
 

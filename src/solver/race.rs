@@ -1,7 +1,7 @@
 //! The race of a search: from starts through ever fewer and ever more thorough heats to the best local optimum.
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, distinct, is_distinct};
-use super::hops::FIRST_PATIENCE;
+use super::hops::PATIENCE;
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
@@ -13,12 +13,12 @@ use crate::shooting::{ShootingProblem, schedule_from_decision};
 
 /// Where too few starts lead to the best merit, more are tried: up to this multiple of the requested number.
 pub(super) const MORE_STARTS: usize = 3;
-/// One in so many of the requested starts must lead to the best merit: what is found only once, of 24, is seldom the best there is.
-const STARTS_A_FIND: usize = 12;
-/// For so many starts the best smoothed plan so far is spun once, and one optimum goes on under the exact law; half of these are polished.
+/// One in so many of the requested starts must lead to the best merit: what is found less often is seldom the best there is.
+const STARTS_A_FIND: usize = 6;
+/// For so many starts the best smoothed plan so far is spun once, in each round of spins.
+const STARTS_A_SPIN: usize = 3;
+/// For so many starts one optimum goes on under the exact law and is polished.
 const STARTS_A_PLAN: usize = 4;
-/// The best smoothed plan so far is spun so many times over.
-const SPIN_ROUNDS: usize = 2;
 /// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
 const THOROUGH: (usize, usize) = (2, 3);
 /// Fewest steps per control interval of the grid on which starts are compared.
@@ -36,6 +36,8 @@ pub(super) struct Race<'a> {
     pub(super) found: Total,
     /// Starts tried.
     pub(super) tried: usize,
+    /// Spins of the best plan tried.
+    spun: usize,
 }
 
 impl<'a> Race<'a> {
@@ -47,7 +49,7 @@ impl<'a> Race<'a> {
     ) -> Self {
         let coarse_step_count = coarse_step_count(input, problem.time_unit());
         let problem = problem.clone();
-        Self { input, problem, coarse_step_count, rollout_limit, progress, found: Total::default(), tried: 0 }
+        Self { input, problem, coarse_step_count, rollout_limit, progress, found: Total::default(), tried: 0, spun: 0 }
     }
 
     /// From starts to local optima, in blocks of the requested number, until the best one has been found more than by chance, and
@@ -70,22 +72,27 @@ impl<'a> Race<'a> {
         let (first, count) = (self.tried, starts.len());
         let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
         self.tried += self.heats((starts, &numbers), smoothed, optima);
-        for round in 0..SPIN_ROUNDS {
-            self.spins((count / STARTS_A_PLAN, round), smoothed, optima);
-        }
+        self.spins(count / STARTS_A_SPIN, smoothed, optima);
         self.descend(smoothed, optima);
     }
 
-    /// From spins of the best smoothed plan so far to what they lead to.
-    fn spins(&mut self, (count, round): (usize, usize), smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
-        let (None, Some(best)) = (self.found.interruption, smoothed.first()) else { return };
-        let plan = Start {
-            schedule: schedule_from_decision(&best.local.decision),
-            goal_heading: best.local.goal_heading,
-            strategy: Strategy::Smoothed,
-        };
-        let (numbers, stream) = (vec![best.number; count], self.tried + round * count);
-        self.heats((&spun(self.input, &plan, (count, stream as u64)), &numbers), smoothed, optima);
+    /// From spins of the best smoothed plan so far to what they lead to, until so many lead to no better one.
+    fn spins(&mut self, count: usize, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
+        loop {
+            let (None, Some(best)) = (self.found.interruption, smoothed.first()) else { return };
+            let plan = Start {
+                schedule: schedule_from_decision(&best.local.decision),
+                goal_heading: best.local.goal_heading,
+                strategy: Strategy::Smoothed,
+            };
+            let (merit, numbers) = (best.local.merit, vec![best.number; count]);
+            let spins = spun(self.input, &plan, (count, (self.tried + self.spun) as u64));
+            self.spun += count;
+            self.heats((&spins, &numbers), smoothed, optima);
+            if !is_distinct(smoothed[0].local.merit, merit) {
+                return;
+            }
+        }
     }
 
     /// Whether finer grids may follow, and no start came near the goal: on a long maneuver the steps are then too long for the robot
@@ -153,9 +160,9 @@ impl<'a> Race<'a> {
     }
 
     /// Improves the fastest distinct optima, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
-    /// Talwalkar 2016).
+    /// Talwalkar 2016). Patience begins with a half of what one without rivals has.
     pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
-        let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(2 * STARTS_A_PLAN), FIRST_PATIENCE);
+        let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(STARTS_A_PLAN), PATIENCE / 2);
         for round in 0.. {
             if self.found.interruption.is_some() {
                 return;
@@ -168,7 +175,7 @@ impl<'a> Race<'a> {
             for (index, local) in self.round(chosen.len(), &polish) {
                 optima[chosen[index]] = local;
             }
-            if count == 1 {
+            if count == 1 && patience >= PATIENCE {
                 return;
             }
             (count, patience) = (count.div_ceil(2), 2 * patience);

@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, is_distinct, keep_better};
-use super::hops::{DIRECT_PATIENCE, FIRST_PATIENCE};
+use super::hops::{DIRECT_PATIENCE, PATIENCE};
 use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
 use super::segments::with_intervals;
@@ -73,7 +73,7 @@ impl LocalSearch<'_, '_, '_> {
         let adapted = self.warmly(&candidate.decision, candidate.goal_heading)?;
         // A grid moves an optimum by little: one that is slower lies on a kink.
         if is_distinct(candidate.final_time(), adapted.final_time()) {
-            return self.polish(adapted, FIRST_PATIENCE, 0);
+            return self.polish(adapted, PATIENCE, 0);
         }
         Ok(adapted)
     }
