@@ -75,7 +75,7 @@ fn motor(given: &message::Robot, checks: &mut Checks) -> Option<Motor> {
         if let Some(value) = given[index] {
             checks.bounds(field, value, &rule);
         } else {
-            let rule = format!("given where `robot.{other}` is");
+            let rule = format!("given where `{other}` is");
             checks.require(field, "absent", other_value.is_none(), rule, None);
         }
     }

@@ -15,7 +15,7 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{self, ObjectBuilder, Schema, Type};
 
 use super::error_table::ErrorCode;
-use super::problem::{Problem, shortened};
+use super::problem::{Problem, quoted_path, shortened};
 
 /// Reads a body that must be one JSON object of the form `T`.
 ///
@@ -62,7 +62,7 @@ pub fn faulty_field(name: &str, fault: &str) -> Problem {
     if !name.is_empty() {
         push_segment(&mut pointer, name);
     }
-    let text = format!("`{}`: {fault}", dotted(&pointer));
+    let text = format!("{}: {fault}", quoted_path(&pointer));
     Problem::at_field(ErrorCode::InvalidField, pointer, text)
 }
 
@@ -109,7 +109,7 @@ fn problem_of(path: &Path, error: &serde_json::Error) -> Problem {
             if let Some(field) = field_named_in(&message, &["missing field `", "duplicate field `"]) {
                 push_segment(&mut pointer, field);
             }
-            let text = format!("`{}`: {}", dotted(&pointer), with_short_words(message));
+            let text = format!("{}: {}", quoted_path(&pointer), with_short_words(message));
             Problem::at_field(ErrorCode::InvalidField, pointer, text)
         }
     }
@@ -167,18 +167,6 @@ fn push_segment(pointer: &mut String, segment: &str) {
             _ => pointer.push(character),
         }
     }
-}
-
-fn dotted(pointer: &str) -> String {
-    let mut path = String::new();
-    for segment in pointer.split('/').skip(1) {
-        if segment.parse::<usize>().is_ok() {
-            path.extend(["[", segment, "]"]);
-        } else {
-            path.extend([if path.is_empty() { "" } else { "." }, &segment.replace("~1", "/").replace("~0", "~")]);
-        }
-    }
-    if path.is_empty() { "body".to_owned() } else { path }
 }
 
 /// A `T` that is written as a JSON object; serde alone would take an array of the fields too.

@@ -81,7 +81,15 @@ impl Problem {
     pub(crate) fn below(mut self, path: &str) -> Self {
         let below = pointer_of_path(path);
         for error in &mut self.errors {
+            let inner = quoted_path(&error.pointer);
             error.pointer.replace_range(..1, &below);
+            // Messages begin with the path of their field, and the detail of one fault is its message.
+            let Some(rest) = error.message.strip_prefix(&inner) else { continue };
+            let message = quoted_path(&error.pointer) + rest;
+            if self.detail == error.message {
+                self.detail.clone_from(&message);
+            }
+            error.message = message;
         }
         self
     }
@@ -151,6 +159,19 @@ fn pointer_of_path(path: &str) -> String {
     format!("#/{}", path.replace(['.', '['], "/").replace(']', ""))
 }
 
+/// `#/robot/wheel_radius_m` as `robot.wheel_radius_m`, `#/a/b/3` as `a.b[3]`, in the quotes that messages have; `#` as `body`.
+pub(super) fn quoted_path(pointer: &str) -> String {
+    let mut path = String::new();
+    for segment in pointer.split('/').skip(1) {
+        if segment.parse::<usize>().is_ok() {
+            path.extend(["[", segment, "]"]);
+        } else {
+            path.extend([if path.is_empty() { "" } else { "." }, &segment.replace("~1", "/").replace("~0", "~")]);
+        }
+    }
+    if path.is_empty() { "`body`".to_owned() } else { format!("`{path}`") }
+}
+
 /// Cuts a text that may hold the caller's own words.
 pub(super) fn shortened(mut text: String, most: usize) -> String {
     if let Some((cut, _)) = text.char_indices().nth(most) {
@@ -172,8 +193,27 @@ mod tests {
 
     #[test]
     fn problem_of_an_inner_object_names_the_whole_path() {
-        let problem = Problem::at_field(ErrorCode::InvalidField, "#/steps".to_owned(), "missing".to_owned());
-        assert_eq!(problem.below("report").below("plans[2]").errors()[0].pointer, "#/plans/2/report/steps");
+        let problem = Problem::at_field(ErrorCode::InvalidField, "#/steps".to_owned(), "`steps`: missing".to_owned());
+        let problem = problem.below("report").below("plans[2]");
+        assert_eq!(problem.errors()[0].pointer, "#/plans/2/report/steps");
+        assert_eq!(problem.errors()[0].message, "`plans[2].report.steps`: missing");
+        assert_eq!(problem.detail(), problem.errors()[0].message);
+        let problem = Problem::at_field(ErrorCode::InvalidField, "#".to_owned(), "`body`: empty".to_owned());
+        assert_eq!(problem.below("plans[0]").detail(), "`plans[0]`: empty");
+    }
+
+    #[test]
+    fn each_of_several_faults_names_the_whole_path() {
+        let mut checks = Checks::new();
+        checks.bounds("robot.wheel_radius_m", 0.0, &Rule::positive("m"));
+        checks.length("keep_in", 0, &Rule::between(3.0, 4.0, Rule::ITEMS));
+        let problem = Problem::from(checks.finish().unwrap_err()).below("solve.request");
+        let messages: Vec<_> = problem.errors().iter().map(|error| error.message.as_str()).collect();
+        let [radius, aisle] = [
+            "`solve.request.robot.wheel_radius_m` is 0, must be > 0 m",
+            "`solve.request.keep_in` is 0 items long, must be between 3 and 4 items",
+        ];
+        assert_eq!((messages, problem.detail()), (vec![radius, aisle], "2 values break their rules"));
     }
 
     #[test]

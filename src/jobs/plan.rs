@@ -10,7 +10,7 @@ use super::solve::Solve;
 use super::{Clock, Kind, Limits, ManeuverSolver};
 use crate::contract::convert::{aisle_corners, required, schedule};
 use crate::contract::message::{SimulateResponse, SimulatedPlan, Solution, SolvedPlan};
-use crate::contract::{ErrorCode, Problem, json};
+use crate::contract::{Problem, json};
 use crate::rules::{Checks, Rule};
 use crate::shooting::{AisleCorners, ManeuverLimits};
 use crate::simulation::{TorqueSchedule, Trajectory};
@@ -53,8 +53,10 @@ impl AcceptedPlan {
         match (solve, simulate) {
             (Some(solved), None) => accept_solved(solved, limits).map_err(|fault| fault.below("solve")),
             (None, Some(simulated)) => accept_simulated(simulated, limits).map_err(|fault| fault.below("simulate")),
-            (Some(_), Some(_)) => Err(invalid("there are both `solve` and `simulate`, must be one of them")),
-            (None, None) => Err(invalid("there is neither `solve` nor `simulate`, must be one of them")),
+            (Some(_), Some(_)) => {
+                Err(json::faulty_field("", "there are both `solve` and `simulate`, must be one of them"))
+            }
+            (None, None) => Err(json::faulty_field("", "there is neither `solve` nor `simulate`, must be one of them")),
         }
     }
 
@@ -90,10 +92,6 @@ pub(super) fn forget_motion(plan: &mut Value) {
             answer.retain(|field, _| field != "trajectory" && field != "contacts");
         }
     }
-}
-
-fn invalid(fault: &str) -> Problem {
-    Problem::at_field(ErrorCode::InvalidField, "#".to_owned(), fault.to_owned())
 }
 
 fn accept_simulated(plan: SimulatedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {

@@ -226,6 +226,12 @@ async fn what_makes_no_sense_is_refused_by_name() {
         assert_eq!((&problem["status"], &error["pointer"]), (&422.into(), &pointer.into()), "{problem}");
         assert!(error["message"].as_str().unwrap().contains(words), "{problem}");
     }
+    // The robot of the plan is another field than that of the assessment.
+    let mut wrong = straight();
+    wrong["simulate"]["request"]["robot"]["wheel_radius_m"] = json!(0);
+    let problem = server.post("/assess", body(&wrong, &further).to_string()).await.problem();
+    let expected = "`simulate.request.robot.wheel_radius_m` is 0, must be between 0.001 and 10 m";
+    assert_eq!((&problem["detail"], &problem["errors"][0]["message"]), (&expected.into(), &expected.into()));
     // All at once, of the plan too.
     let mut wrong = straight();
     wrong["simulate"]["request"]["grid"]["steps"] = json!(0);
