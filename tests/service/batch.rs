@@ -57,7 +57,7 @@ async fn items_that_ask_for_nothing_or_at_no_time_are_refused() {
         solve(&"x".repeat(129)),
     ];
     let answers = answers(&server, items).await;
-    for (id, field) in [("empty", "request"), ("never", "timeout_ms"), (&"x".repeat(129), "request_id")] {
+    for (id, field) in [("empty", "request"), ("never", "timeout_ms"), ("", "request_id")] {
         let Answer::Error(error) = &answers[id] else { panic!("{id}: {answers:?}") };
         assert_eq!(error.code, i32::from(Code::InvalidArgument));
         assert!(error.message.contains(field), "{error:?}");

@@ -188,6 +188,7 @@ async fn batch_item_without_a_fresh_id_is_refused() {
     let mut answers = server.grpc().await.solve_batch(stream::iter(items)).await.unwrap().into_inner();
     for _ in 0..3 {
         let refused = answers.message().await.unwrap().unwrap();
+        assert_eq!(refused.request_id, "", "whoever matches by id keeps the first of the two");
         let Some(Answer::Error(error)) = refused.answer else { panic!("{refused:?}") };
         assert!(error.message.contains("`request_id`"), "{error:?}");
     }

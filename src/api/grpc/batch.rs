@@ -1,5 +1,7 @@
 //! Batches as messages of `proto/`.
 
+use std::sync::Arc;
+
 use futures_util::future::BoxFuture;
 use futures_util::stream::{Stream, StreamExt as _, unfold};
 use tonic::{Status, Streaming};
@@ -19,8 +21,12 @@ use crate::contract::{ErrorCode, Problem};
 pub(super) type Dispatch = for<'a> fn(&'a ApiState, Request, &'a Caller) -> BoxFuture<'a, ItemResult<Answer>>;
 
 /// Answers by the kind of the item.
-#[derive(Clone, Copy)]
-pub(super) struct ByKind(pub(super) Dispatch);
+#[derive(Clone)]
+pub(super) struct ByKind {
+    dispatch: Dispatch,
+    /// The id of the call, for errors of no item.
+    call_id: Arc<str>,
+}
 
 impl Format for ByKind {
     type Request = Request;
@@ -34,16 +40,20 @@ impl Format for ByKind {
         caller: &'a Caller,
     ) -> BoxFuture<'a, ItemResult<pb::BatchResponse>> {
         Box::pin(async move {
-            let (answer, lease) = self.0(state, request, caller).await?;
+            let (answer, lease) = (self.dispatch)(state, request, caller).await?;
             Ok((pb::BatchResponse { request_id: request_id.to_owned(), answer: Some(answer) }, lease))
         })
     }
 
-    /// The status that a single call would get.
+    /// The status that a single call would get. Who matches answers by their ids must not take the refusal of a message for
+    /// the answer to the item that has the same id.
     fn refusal(&self, subject: Subject<'_>, problem: &Problem) -> pb::BatchResponse {
-        let (Subject::Item(request_id) | Subject::Message { request_id, .. }) = subject;
-        let error = status::as_message(&status::of_problem(problem, request_id));
-        pb::BatchResponse { request_id: request_id.to_owned(), answer: Some(Answer::Error(error)) }
+        let item = match subject {
+            Subject::Item(request_id) | Subject::Message { request_id, is_own: true, .. } => Some(request_id),
+            Subject::Message { is_own: false, .. } => None,
+        };
+        let error = status::as_message(&status::of_problem(problem, item.unwrap_or(&self.call_id)));
+        pb::BatchResponse { request_id: item.unwrap_or_default().to_owned(), answer: Some(Answer::Error(error)) }
     }
 }
 
@@ -59,7 +69,12 @@ pub(super) fn batch<T: Into<pb::BatchRequest> + Send + 'static>(
         Ok(message) => Ok(Message { number: before + 1, item: Ok(item_of(message.into())) }),
         Err(status) => Err(unreadable(&status, limit)),
     });
-    Batch::new(state, call.caller.clone(), messages.boxed(), ByKind(dispatch))
+    Batch::new(
+        state,
+        call.caller.clone(),
+        messages.boxed(),
+        ByKind { dispatch, call_id: call.request_id.as_str().into() },
+    )
 }
 
 /// All answers; the last is an error if the batch was ended before its caller ended it.
