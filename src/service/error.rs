@@ -25,12 +25,17 @@ pub enum ServiceError {
         capacity: usize,
     },
     /// The wait for a worker would outlast the caller's deadline.
-    #[error("the wait for a worker is about {} ms, the deadline is in {} ms", .estimated_wait.as_millis(), .remaining.as_millis())]
+    #[error(
+        "up to {} ms may pass until a worker is free, and {} ms are kept to finish and send the answer, but the deadline is in \
+         {} ms", milliseconds(.estimated_wait), milliseconds(.kept), .remaining.as_millis()
+    )]
     DeadlineUnreachable {
         /// When it is worth trying again.
         retry_after: Duration,
-        /// How long a worker would not be free.
+        /// How long a worker may not be free.
         estimated_wait: Duration,
+        /// How long before the deadline a search ends, so that its answer is there in time.
+        kept: Duration,
         /// How long the deadline was away.
         remaining: Duration,
     },
@@ -67,6 +72,11 @@ fn seconds(wait: &Duration) -> u64 {
     wait.as_secs() + u64::from(wait.subsec_nanos() > 0)
 }
 
+/// Whole milliseconds, rounded up: the texts never say less than is needed.
+fn milliseconds(needed: &Duration) -> u128 {
+    needed.as_nanos().div_ceil(1_000_000)
+}
+
 impl ServiceError {
     /// When it is worth trying again, where that is known.
     pub fn retry_after(&self) -> Option<Duration> {
@@ -81,5 +91,24 @@ impl ServiceError {
             | Self::SolverPanic
             | Self::Contradicted { .. } => None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_an_unreachable_deadline_explain_the_refusal() {
+        let microseconds = Duration::from_micros;
+        let refused = ServiceError::DeadlineUnreachable {
+            retry_after: Duration::ZERO,
+            estimated_wait: microseconds(166_400),
+            kept: microseconds(33_000),
+            remaining: microseconds(199_300),
+        };
+        let text = "up to 167 ms may pass until a worker is free, and 33 ms are kept to finish and send the answer, but the \
+                    deadline is in 199 ms";
+        assert_eq!(refused.to_string(), text);
     }
 }

@@ -62,7 +62,7 @@ impl Permit {
         if estimated_wait.is_zero() || remaining <= margin || estimated_wait.saturating_add(kept) <= remaining {
             return Ok(());
         }
-        Err(ServiceError::DeadlineUnreachable { retry_after: self.pace.retry_after(), estimated_wait, remaining })
+        Err(ServiceError::DeadlineUnreachable { retry_after: self.pace.retry_after(), estimated_wait, kept, remaining })
     }
 
     fn queue<J: Job, T: Send + 'static>(
