@@ -202,6 +202,9 @@ fn run_job<K: Kind>(
     if let Some(folder) = &arguments.out {
         fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
         made.files.iter().try_for_each(|(name, content)| write_file(&folder.join(name), content))?;
+    } else if K::HAS_FILES && arguments.json.is_none() {
+        // The table lists them. The JSON answer has their content.
+        tell(&"nothing was written: `--out DIR` writes these files");
     }
     if shows {
         let request = K::presentation(&body, made.answer).context("the answer cannot be shown")?;

@@ -175,7 +175,7 @@ pub(crate) struct JobArguments {
     /// Writes the motion here, one row of numbers per node.
     #[arg(long, value_name = "OUT")]
     pub(crate) csv: Option<PathBuf>,
-    /// Writes the files of the answer into this folder.
+    /// Writes the files of the answer into this folder; without it they are listed only.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Threads that work; the answer does not depend on their number [default: cores].

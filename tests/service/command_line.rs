@@ -256,6 +256,10 @@ fn saved_plan_is_exported_into_a_folder() {
     assert!(table.contains("miss  ") && table.contains("  plan.mcap  "), "{table}");
     assert!(folder.read("bag/metadata.yaml").contains("- plan.mcap\n"));
     assert!(std::fs::read(folder.0.join("bag/plan.mcap")).unwrap().starts_with(b"\x89MCAP0\r\n"));
+    let listed = run_with_input(&["export", &plan, "--format", "csv", "--rate-hz", "50"], b"");
+    assert_eq!(listed.status.code(), Some(0));
+    assert!(String::from_utf8(listed.stdout).unwrap().contains("  trajectory.csv  "));
+    assert_eq!(listed.stderr, b"nothing was written: `--out DIR` writes these files\n");
     let said = refused(&["export", &plan, "--format", "csv", "--rate-hz", "0", "--frame-id", ""], b"");
     assert!(said.contains("#/rate_hz") && said.contains("#/frame_id"), "{said}");
     assert!(refused(&["export", &plan, "--format", "csv"], b"").contains("missing field `rate_hz`"));
