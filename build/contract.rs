@@ -97,6 +97,8 @@ const BOXED: [&str; 5] = [
 const SAME: [(&str, &str); 2] = [("SolveStreamRequest", "SolveRequest"), ("ValidateRequest", "SolveRequest")];
 /// Where the generated code finds the functions that read and write JSON.
 const JSON: &str = "crate::contract::json";
+/// What it says of their numbers.
+const NUMBERS: &str = "crate::contract::Numbers";
 
 pub(crate) fn generate() -> Result<(), Box<dyn Error>> {
     for path in ["proto", "build.rs", "build"] {
@@ -113,7 +115,7 @@ pub(crate) fn generate() -> Result<(), Box<dyn Error>> {
         fs::create_dir_all(out.join(folder))?;
     }
     messages_with_json(&pool).out_dir(out.join("contract")).compile_fds(files.clone())?;
-    fs::write(out.join("contract/names.rs"), names_of_enums(&pool) + &known_fields(&pool))?;
+    fs::write(out.join("contract/names.rs"), names_of_enums(&pool) + &known_fields(&pool) + &numbers(&pool))?;
     service(&pool).out_dir(out.join("grpc")).compile_fds(files)?;
     Ok(())
 }
@@ -339,14 +341,24 @@ fn names_of_enums(pool: &DescriptorPool) -> String {
     text
 }
 
+/// The messages of requests that are generated.
+fn generated_of_requests(pool: &DescriptorPool) -> Vec<MessageDescriptor> {
+    let requests = messages_of_requests(pool);
+    let is_generated = |message: &MessageDescriptor| {
+        requests.contains(message.full_name())
+            && !is_alternatives(message)
+            && SAME.iter().all(|(name, _)| *name != message.name())
+    };
+    messages(pool).filter(is_generated).collect()
+}
+
 /// The fields of messages of requests, for where answers hold them.
 fn known_fields(pool: &DescriptorPool) -> String {
-    let requests = messages_of_requests(pool);
-    let is_known = |message: &MessageDescriptor| requests.contains(message.full_name()) && !is_alternatives(message);
+    let generated = generated_of_requests(pool);
     let mut text = String::new();
-    for message in messages(pool).filter(is_known).filter(|of| SAME.iter().all(|(name, _)| *name != of.name())) {
+    for message in &generated {
         let below = |field: &FieldDescriptor| match field.kind() {
-            Kind::Message(of) if is_known(&of) => format!("Some({JSON}::keep_known::<{}>)", of.name()),
+            Kind::Message(of) if generated.contains(&of) => format!("Some({JSON}::keep_known::<{}>)", of.name()),
             _ => "None".to_owned(),
         };
         let fields: Vec<_> =
@@ -355,6 +367,32 @@ fn known_fields(pool: &DescriptorPool) -> String {
         let _ = writeln!(
             text,
             "impl {JSON}::Known for {} {{\nconst FIELDS: &'static [{JSON}::KnownField] = &[{}];\n}}",
+            message.name(),
+            fields.concat()
+        );
+    }
+    text
+}
+
+/// Where messages of requests have their numbers; those of answers in them stay as they are.
+fn numbers(pool: &DescriptorPool) -> String {
+    let generated = generated_of_requests(pool);
+    let mut text = String::new();
+    for message in &generated {
+        let has_numbers = |field: &FieldDescriptor| match field.kind() {
+            Kind::Double => true,
+            Kind::Message(of) => generated.contains(&of),
+            _ => false,
+        };
+        let fields: Vec<_> = message
+            .fields()
+            .filter(has_numbers)
+            .map(|field| format!("{NUMBERS}::unify_zeros(&mut self.{}); ", field.name()))
+            .collect();
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "impl {NUMBERS} for {} {{\nfn unify_zeros(&mut self) {{ {}}}\n}}",
             message.name(),
             fields.concat()
         );

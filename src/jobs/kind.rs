@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::Limits;
 use crate::contract::message::PresentRequest;
-use crate::contract::{ErrorCode, Problem, json};
+use crate::contract::{ErrorCode, Numbers, Problem, json};
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
 use crate::service::{Done, Job, ServiceError};
@@ -76,7 +76,7 @@ pub trait Kind: Job {
     /// Its own families of metrics.
     const FAMILIES: &'static [Family] = &[];
     /// What is asked.
-    type Request: DeserializeOwned + Serialize + ToSchema + Send + 'static;
+    type Request: DeserializeOwned + Serialize + Numbers + ToSchema + Send + 'static;
     /// What is answered.
     type Answer: Serialize + ToSchema + prost::Message + 'static;
     /// What is reported of its progress; `()` if nothing.
@@ -85,11 +85,20 @@ pub trait Kind: Job {
     /// The rules of a request, by the paths of its fields.
     fn rules(limits: &Limits) -> RuleSet;
 
-    /// Validates and completes a request.
+    /// Validates and completes a request whose zeros have no sign.
     ///
     /// # Errors
     /// `invalid_field`, or all violated rules and limits at once.
-    fn accept(request: Self::Request, limits: &Limits) -> Result<Self::Input, Problem>;
+    fn validate(request: Self::Request, limits: &Limits) -> Result<Self::Input, Problem>;
+
+    /// Takes a request as any transport has read it.
+    ///
+    /// # Errors
+    /// Those of [`Kind::validate`].
+    fn accept(mut request: Self::Request, limits: &Limits) -> Result<Self::Input, Problem> {
+        request.unify_zeros();
+        Self::validate(request, limits)
+    }
 
     /// Largest request, bytes.
     fn max_body_bytes(limits: &Limits) -> usize {

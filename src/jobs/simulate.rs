@@ -77,7 +77,7 @@ impl Kind for Simulate {
         limits.on_arrays(SimulateParameters::rules().at_most("grid.steps", limits.max_steps as f64), ARRAYS)
     }
 
-    fn accept(request: SimulateRequest, limits: &Limits) -> Result<AcceptedSimulation, Problem> {
+    fn validate(request: SimulateRequest, limits: &Limits) -> Result<AcceptedSimulation, Problem> {
         let SimulateRequest {
             robot: given_robot,
             payload: given_payload,

@@ -109,7 +109,7 @@ impl Kind for Assess {
         accept::rules()
     }
 
-    fn accept(request: AssessRequest, limits: &Limits) -> Result<AcceptedAssess, Problem> {
+    fn validate(request: AssessRequest, limits: &Limits) -> Result<AcceptedAssess, Problem> {
         accept::accept(request, limits)
     }
 

@@ -104,7 +104,7 @@ impl Kind for Export {
         accept::rules()
     }
 
-    fn accept(request: ExportRequest, limits: &Limits) -> Result<AcceptedExport, Problem> {
+    fn validate(request: ExportRequest, limits: &Limits) -> Result<AcceptedExport, Problem> {
         accept::accept(request, limits)
     }
 

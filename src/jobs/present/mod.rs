@@ -113,7 +113,7 @@ impl Kind for Present {
             .across(&["plans"], "each plan has either `solve` or `simulate`, whose request keeps the rules of its kind")
     }
 
-    fn accept(request: PresentRequest, limits: &Limits) -> Result<AcceptedPlans, Problem> {
+    fn validate(request: PresentRequest, limits: &Limits) -> Result<AcceptedPlans, Problem> {
         let quoted = request.report.then(|| request.plans.clone());
         let mut checks = Checks::new();
         checks.length("plans", request.plans.len(), &PLANS_RULE);

@@ -356,6 +356,23 @@ mod tests {
     }
 
     #[test]
+    fn zeros_of_both_signs_have_one_hash() {
+        let of = |zero: &str| {
+            let body = format!(
+                r#"{{"robot": {{"center_of_mass_right_m": {zero}, "footprint": [{{"right_m": {zero}, "forward_m": -1}},
+                     {{"right_m": 1, "forward_m": 1}}, {{"right_m": -1, "forward_m": 1}}]}},
+                    "maneuver": {{"start": {{"heading_rad": {zero}}}, "goal": {{"x_m": {zero}, "y_m": 1}}}},
+                    "initial_guess": {{"final_time_s": 1, "torque_left_n_m": [{zero}], "torque_right_n_m": [1]}}}}"#
+            );
+            Solve::read(body.as_bytes(), &Limits::default()).unwrap()
+        };
+        let (plus, minus) = (of("0"), of("-0.0"));
+        assert_eq!(plus.input_hash, minus.input_hash);
+        let start = minus.input.maneuver.start.configuration;
+        assert!([start.heading, start.x].into_iter().all(f64::is_sign_positive), "the solver sees no other number");
+    }
+
+    #[test]
     fn long_guess_is_refused_before_its_numbers_are_judged() {
         let torques = vec!["9e99"; 2000].join(",");
         let guess =

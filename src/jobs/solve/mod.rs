@@ -135,7 +135,7 @@ impl Kind for Solve {
         accept::rules(limits)
     }
 
-    fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedSolve, Problem> {
+    fn validate(request: SolveRequest, limits: &Limits) -> Result<AcceptedSolve, Problem> {
         accept::accept(request, limits)
     }
 
