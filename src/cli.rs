@@ -238,7 +238,7 @@ fn read_body<K: Kind>(arguments: &JobArguments, limits: &Limits) -> anyhow::Resu
     if let Some(example) = arguments.input.first().and_then(|input| example(input)) {
         return Ok(Ok(json::write(&(example.request)())));
     }
-    let most = if K::SAVED_FILES > 0 { LARGEST_FILE } else { K::max_body_bytes(limits) };
+    let most = if K::SAVED_FILES > 0 { LARGEST_FILE } else { K::body_limit(limits).bytes };
     let files: anyhow::Result<Vec<_>> = arguments.input.iter().map(|input| read_file(input, most)).collect();
     Ok(K::joined(files?))
 }

@@ -14,7 +14,7 @@ use axum::http::Extensions;
 use tokio::time::timeout;
 
 use super::server::{Connection, Connections, Lease, Purpose};
-use crate::contract::{ErrorCode, Problem};
+use crate::contract::{BodyLimit, ErrorCode, Problem};
 
 /// Room for a body at first, bytes, as part of what every request holds: most are no longer.
 const FIRST_BYTES: usize = 2 * 1024;
@@ -65,7 +65,7 @@ fn unreadable(error: &axum::Error) -> Problem {
 /// `body_too_large`, `body_timeout`, `memory_full`, `malformed_body`, or `cancelled` when it ends too early.
 pub(super) async fn receive(
     body: &mut Body,
-    (limit, head_bytes): (usize, usize),
+    (limit, head_bytes): (BodyLimit, usize),
     body_timeout: Duration,
     connection: &Arc<Connection>,
 ) -> Result<(Vec<u8>, Lease), Problem> {
@@ -96,10 +96,10 @@ pub(super) async fn discard(body: &mut Body) {
 
 async fn read_within(
     body: &mut Body,
-    (limit, head_bytes): (usize, usize),
+    (limit, head_bytes): (BodyLimit, usize),
     connection: &Arc<Connection>,
 ) -> Result<(Vec<u8>, Lease), Problem> {
-    let most = limit + head_bytes;
+    let most = limit.bytes + head_bytes;
     let lease = Lease::empty(connection, Purpose::Requests);
     let mut bytes = Vec::with_capacity(FIRST_BYTES);
     while let Some(chunk) = next_chunk(body).await {

@@ -20,5 +20,5 @@ pub(crate) use gzip::gzip;
 pub(crate) use hexadecimal::hexadecimal;
 pub use indented::indented;
 pub use numbers::Numbers;
-pub use problem::{FieldError, Problem};
+pub use problem::{BodyLimit, FieldError, Problem};
 pub(crate) use strict_value::StrictValue;

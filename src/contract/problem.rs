@@ -25,6 +25,22 @@ pub struct Problem {
     errors: Vec<FieldError>,
 }
 
+/// How long a body may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BodyLimit {
+    /// Largest body, bytes.
+    pub bytes: usize,
+    /// What the refusal of a larger one advises; empty where there is nothing to leave out.
+    pub advice: &'static str,
+}
+
+impl BodyLimit {
+    /// So many bytes, all of which are needed.
+    pub const fn of(bytes: usize) -> Self {
+        Self { bytes, advice: "" }
+    }
+}
+
 /// One fault of one field.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct FieldError {
@@ -46,8 +62,9 @@ impl Problem {
     }
 
     /// The refusal of a body above the limit.
-    pub(crate) fn body_too_large(limit_bytes: usize) -> Self {
-        Self::new(ErrorCode::BodyTooLarge, format!("the body is larger than {limit_bytes} bytes"))
+    pub(crate) fn body_too_large(BodyLimit { bytes, advice }: BodyLimit) -> Self {
+        let separator = if advice.is_empty() { "" } else { "; " };
+        Self::new(ErrorCode::BodyTooLarge, format!("the body is larger than {bytes} bytes{separator}{advice}"))
     }
 
     /// Both problems at once, faults of single fields.

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::Limits;
 use crate::contract::message::PresentRequest;
-use crate::contract::{ErrorCode, Numbers, Problem, json};
+use crate::contract::{BodyLimit, ErrorCode, Numbers, Problem, json};
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
 use crate::service::{Done, Job, ServiceError};
@@ -100,9 +100,9 @@ pub trait Kind: Job {
         Self::validate(request, limits)
     }
 
-    /// Largest request, bytes.
-    fn max_body_bytes(limits: &Limits) -> usize {
-        limits.max_body_bytes
+    /// Its largest request.
+    fn body_limit(limits: &Limits) -> BodyLimit {
+        limits.body()
     }
 
     /// How long the answer will probably be, bytes, where that grows with the input and a number takes so many: memory is reserved
@@ -151,8 +151,8 @@ pub trait Kind: Job {
     /// `body_too_large`, `malformed_body` and those of [`Kind::accept`].
     fn read(body: &[u8], limits: &Limits) -> Result<Self::Input, Problem> {
         // Transports refuse large bodies while they read them; files come whole.
-        let largest = Self::max_body_bytes(limits);
-        if body.len() > largest {
+        let largest = Self::body_limit(limits);
+        if body.len() > largest.bytes {
             return Err(Problem::body_too_large(largest));
         }
         Self::accept(json::read_object(body)?, limits)

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::{Jobs, Kind, Visitor};
+use crate::contract::BodyLimit;
 use crate::contract::convert::count;
 use crate::contract::message::{CrossFieldRule, FieldRule, GetLimitsResponse, JobLimits};
 use crate::rules::{self, Checks, RuleSet};
@@ -29,6 +30,11 @@ const LIGHT_TIME_LIMIT: Duration = Duration::from_secs(2);
 /// Largest request body, bytes: two torque arrays with the most intervals, as much again for white space, and 32 KiB for
 /// the rest of the request, rounded up to a power of two.
 pub(super) const MAX_BODY_BYTES: usize = (2 * 2 * MAX_CONTROL_INTERVALS * NUMBER_BYTES + 32 * 1024).next_power_of_two();
+
+/// Largest body of a request that holds answers. Of as many bytes are four plans with the most torques in their request and
+/// in their answer, twice over; or a whole answer of 2,000 steps, so that most may be handed on as they came.
+pub(super) const BODY_WITH_ANSWERS: BodyLimit =
+    BodyLimit { bytes: 1 << 20, advice: "`trajectory` and `contacts` of an answer are not read and need not be sent" };
 
 /// Whether a clock may end jobs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,6 +83,11 @@ impl Limits {
     #[must_use]
     pub fn without_clock(self) -> Self {
         Self { clock: Clock::Rests, ..self }
+    }
+
+    /// The largest body of a kind that has no other limit.
+    pub(crate) fn body(&self) -> BodyLimit {
+        BodyLimit::of(self.max_body_bytes)
     }
 
     /// How long the server itself lets a job run.
@@ -154,7 +165,7 @@ struct Listed {
 impl Visitor for Listed {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
         let job = || K::NAME.to_owned();
-        let max_body_bytes = K::max_body_bytes(&self.limits) as u64;
+        let max_body_bytes = K::body_limit(&self.limits).bytes as u64;
         self.kinds.push(JobLimits { job: job(), max_body_bytes, light: K::CLASS == Class::Light });
         let RuleSet { fields, cross_field } = K::rules(&self.limits);
         self.rules.extend(fields.into_iter().map(|(field, rule)| FieldRule {

@@ -60,6 +60,22 @@ impl AcceptedPlan {
         }
     }
 
+    /// The same, of whose answer only what its motion is compared with is left: all that a job needs while it waits that says
+    /// nothing of the rest.
+    pub(super) fn without_report(self) -> Self {
+        let said = match self.said {
+            Said::Solve(asked, answer) => {
+                let Solution { status, final_time_s, end_state, .. } = *answer;
+                Said::Solve(asked, Box::new(Solution { status, final_time_s, end_state, ..Solution::default() }))
+            }
+            Said::Simulate(answer) => {
+                let end_state = answer.end_state;
+                Said::Simulate(Box::new(SimulateResponse { end_state, ..SimulateResponse::default() }))
+            }
+        };
+        Self { said, ..self }
+    }
+
     /// Steps of its motion; 0 where nothing moves.
     pub(super) fn step_count(&self) -> usize {
         if self.motion.schedule.final_time < LEAST_TIME_S { 0 } else { self.motion.step_count }
@@ -154,11 +170,23 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::contract::message::PresentedPlan;
     use crate::jobs::InProcessSolver;
     use crate::jobs::export::Export;
     use crate::jobs::present::Present;
     use crate::metrics::Metrics;
     use crate::service::Job as _;
+
+    #[test]
+    fn plan_that_waits_holds_no_more_of_a_long_answer_than_is_compared() {
+        let torques = json!({"interval_s": 1, "left_n_m": [0], "right_n_m": [0]});
+        let answer = json!({"contact_modes": vec![json!({}); 1000], "end_state": {"y_m": 1}});
+        let plan = json!({"simulate": {"request": {"torque_schedule": torques}, "answer": answer}});
+        let plan: PresentedPlan = serde_json::from_value(plan).unwrap();
+        let plan = AcceptedPlan::of(None, plan.simulate, &Limits::default()).unwrap();
+        let Said::Simulate(answer) = plan.without_report().said else { panic!("a simulation") };
+        assert_eq!((answer.contact_modes.len(), answer.end_state.map(|end| end.y_m)), (0, Some(1.0)));
+    }
 
     #[test]
     fn light_jobs_have_two_seconds_where_a_clock_runs() {

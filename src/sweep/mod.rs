@@ -43,7 +43,7 @@ use sha2::{Digest, Sha256};
 pub use shard::Shard;
 pub use table::{TableError, write_csv};
 
-use crate::contract::{ErrorCode, Problem, hexadecimal};
+use crate::contract::{BodyLimit, ErrorCode, Problem, hexadecimal};
 use crate::jobs::Jobs;
 
 /// Sweeps to begin with: names, and the files.
@@ -74,7 +74,7 @@ impl Sweep {
         let unreadable = |error: std::io::Error| Problem::new(ErrorCode::MalformedBody, error.to_string());
         let (object, lines_from) = first_object(&mut *source).map_err(unreadable)?;
         if object.len() as u64 > LARGEST_OBJECT {
-            return Err(Problem::body_too_large(usize::try_from(LARGEST_OBJECT).unwrap_or(usize::MAX)));
+            return Err(Problem::body_too_large(BodyLimit::of(usize::try_from(LARGEST_OBJECT).unwrap_or(usize::MAX))));
         }
         let followed = if lines_from.is_some() { Followed::ByLines } else { Followed::ByNothing };
         let mut definition = Definition::read(&object, followed)?;

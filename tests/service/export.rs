@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 use slipdrive::api::grpc::pb;
+use slipdrive::jobs::Limits;
 
 use crate::support::cdr::Cdr;
 use crate::support::protobuf::{code_of, fields_of};
@@ -109,6 +110,37 @@ async fn answer_to_another_request_is_refused() {
     // What states no end is not contradicted by that.
     let endless = changed("/solve/answer/end_state", Value::Null);
     assert_eq!(server.post("/export", endless.to_string()).await.status, 200);
+}
+
+#[tokio::test]
+async fn whole_answer_may_be_handed_on_as_it_came() {
+    let server = TestServer::start(4, real_solver()).await;
+    let mut request = left_turn()["simulate"]["request"].clone();
+    request["grid"]["steps"] = json!(1600);
+    let answer = server.post("/simulate", request.to_string()).await.json();
+    let plan = json!({"simulate": {"request": request, "answer": answer}});
+    let csv = body(&plan, &json!({"format": "csv", "rate_hz": 100}));
+    assert!(csv.to_string().len() > Limits::default().max_body_bytes);
+    exported(&server, &csv).await;
+    let uncertain = json!([{"parameter": "friction", "low": 0, "high": 0}]);
+    let assess =
+        body(&plan, &json!({"uncertain": uncertain, "tolerances": {"along_m": 1, "distance_m": 1}, "samples": 1}));
+    let assessed = server.post("/assess", assess.to_string()).await;
+    assert_eq!(assessed.status, 200, "{}", assessed.text());
+    let message: pb::AssessRequest = serde_json::from_value(assess).unwrap();
+    server.grpc().await.assess(message).await.unwrap();
+
+    let advice =
+        "larger than 1048576 bytes; `trajectory` and `contacts` of an answer are not read and need not be sent";
+    let large = "x".repeat(1 << 20);
+    for path in ["/export", "/assess", "/present"] {
+        let problem = server.post(path, format!("\"{large}\"")).await.problem();
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(problem["code"] == "body_too_large" && detail.ends_with(advice), "{problem}");
+    }
+    let message = pb::ExportRequest { frame_id: Some(large), ..pb::ExportRequest::default() };
+    let status = server.grpc().await.export(message).await.unwrap_err();
+    assert!(code_of(&status) == "body_too_large" && status.message().ends_with(advice), "{status}");
 }
 
 #[tokio::test]

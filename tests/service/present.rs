@@ -227,11 +227,13 @@ async fn body_may_have_a_mebibyte() {
     let filled = |length: usize| body.clone() + &" ".repeat(length - body.len());
     assert_eq!(server.post("/present", filled(1 << 20)).await.status, 200);
     assert_eq!(server.post("/present", filled((1 << 20) + 1)).await.problem()["code"], "body_too_large");
-    assert_eq!(server.post("/solve", filled(1 << 20)).await.status, 413, "others are as small as before");
+    assert_eq!(server.post("/solve", filled(1 << 20)).await.status, 413, "it holds no answers");
     let limits = server.get("/limits").await.json();
     let of = |job: &str| limits["jobs"].as_array().unwrap().iter().find(|of| of["job"] == job).cloned().unwrap();
     assert_eq!(of("present"), json!({"job": "present", "max_body_bytes": 1 << 20, "light": true}));
     assert_eq!(of("solve")["light"], false);
+    let largest = ["export", "assess", "solve", "simulate"].map(|job| of(job)["max_body_bytes"].clone());
+    assert_eq!(largest, [1 << 20, 1 << 20, 1 << 18, 1 << 18].map(|bytes: u32| json!(bytes)));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

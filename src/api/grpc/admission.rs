@@ -17,7 +17,7 @@ use crate::api::receive::{connection_of, only_probes, receive};
 use crate::api::server::Use;
 use crate::api::submit::Caller;
 use crate::api::{ApiState, CAUSE_IS_LOGGED};
-use crate::contract::{ErrorCode, Problem};
+use crate::contract::{BodyLimit, ErrorCode, Problem};
 use crate::jobs::{Jobs, Kind, Limits, Visitor};
 use crate::service::{Class, Permit};
 
@@ -36,8 +36,8 @@ pub(super) struct Call {
     pub(super) request_id: String,
     /// Whose it is.
     pub(super) caller: Caller,
-    /// Its longest message, bytes.
-    pub(super) max_message_bytes: usize,
+    /// Its longest message.
+    pub(super) limit: BodyLimit,
     /// The permit to queue its job, until it is taken.
     permit: Arc<Mutex<Option<Permit>>>,
 }
@@ -63,8 +63,8 @@ pub(super) enum Needs {
     Stream,
 }
 
-/// A method, what it needs, and its longest message in bytes.
-type CallNeeds = (&'static str, Needs, usize);
+/// A method, what it needs, and its longest message.
+type CallNeeds = (&'static str, Needs, BodyLimit);
 
 /// What each method needs: those of jobs, and those that wait for no worker.
 pub(super) struct Methods {
@@ -74,7 +74,7 @@ pub(super) struct Methods {
 
 impl Visitor for Methods {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
-        let limit = K::max_body_bytes(&self.limits);
+        let limit = K::body_limit(&self.limits);
         self.known.extend(K::METHODS.iter().map(|method| (*method, Needs::MessageAndPermit(K::CLASS), limit)));
     }
 }
@@ -83,7 +83,7 @@ impl Methods {
     pub(super) fn of(jobs: &Jobs) -> Self {
         let mut methods = Self { limits: *jobs.limits(), known: Vec::new() };
         jobs.each(&mut methods);
-        let (largest, usual) = (methods.longest_message(), jobs.limits().max_body_bytes);
+        let (largest, usual) = (methods.longest_message(), jobs.limits().body());
         methods.known.extend([
             ("Validate", Needs::Message, usual),
             ("GetLimits", Needs::MessageAtAnyTime, usual),
@@ -94,9 +94,10 @@ impl Methods {
         methods
     }
 
-    /// The longest message of any method, bytes.
-    pub(super) fn longest_message(&self) -> usize {
-        self.known.iter().map(|(.., limit)| *limit).max().unwrap_or_default()
+    /// The longest message of any method.
+    pub(super) fn longest_message(&self) -> BodyLimit {
+        let limits = self.known.iter().map(|(.., limit)| *limit);
+        limits.max_by_key(|limit| limit.bytes).unwrap_or(self.limits.body())
     }
 
     fn find(&self, path: &str) -> Option<CallNeeds> {
@@ -104,9 +105,9 @@ impl Methods {
         self.known.iter().find(|(known, ..)| *known == method).copied()
     }
 
-    /// The longest message of a method, bytes.
-    pub(super) fn limit_of(&self, path: &str) -> usize {
-        self.find(path).map_or(self.limits.max_body_bytes, |(.., limit)| limit)
+    /// The longest message of a method.
+    pub(super) fn limit_of(&self, path: &str) -> BodyLimit {
+        self.find(path).map_or(self.limits.body(), |(.., limit)| limit)
     }
 
     /// Whether the path is a method of the service.
@@ -149,7 +150,7 @@ pub(super) async fn admit(
     let connection = connection_of(request.extensions());
     if path.starts_with(HEALTH_SERVICE) {
         let (head, mut body) = request.into_parts();
-        let limit = (HEALTH_MESSAGE_BYTES, FRAME_HEAD_BYTES);
+        let limit = (BodyLimit::of(HEALTH_MESSAGE_BYTES), FRAME_HEAD_BYTES);
         let (message, _) = receive(&mut body, limit, state.settings.body_timeout, &connection).await?;
         return Ok(Request::from_parts(head, Body::from(message)));
     }
@@ -176,7 +177,7 @@ pub(super) async fn admit(
         Needs::Stream => {
             // Calls share their connection: what is not read of one holds up the others.
             let pace = Pace { pause_bytes: None, message_timeout: state.settings.body_timeout };
-            let messages = ReadAhead::of(body, HeadsAndMessages { limit }, pace, &connection);
+            let messages = ReadAhead::of(body, HeadsAndMessages { limit: limit.bytes }, pace, &connection);
             Body::new(FramedBody { messages, request_id: context.request_id.clone() })
         }
         Needs::MessageAndPermit(_) | Needs::Message | Needs::MessageAtAnyTime => {
@@ -191,7 +192,7 @@ pub(super) async fn admit(
     };
     let (request_id, permit) = (context.request_id.clone(), Arc::new(Mutex::new(permit)));
     let caller = Caller { notes: context.notes.clone(), deadline, connection, credential };
-    head.extensions.insert(Call { request_id, caller, max_message_bytes: limit, permit });
+    head.extensions.insert(Call { request_id, caller, limit, permit });
     Ok(Request::from_parts(head, body))
 }
 

@@ -15,7 +15,7 @@ use crate::api::batch::{Batch, Format, Item, ItemResult, Message, Subject};
 use crate::api::receive::memory_full;
 use crate::api::submit::Caller;
 use crate::contract::convert::required;
-use crate::contract::{ErrorCode, Problem};
+use crate::contract::{BodyLimit, ErrorCode, Problem};
 
 /// Gives the answer to one item, by its kind.
 pub(super) type Dispatch = for<'a> fn(&'a ApiState, Request, &'a Caller) -> BoxFuture<'a, ItemResult<Answer>>;
@@ -64,7 +64,7 @@ pub(super) fn batch<T: Into<pb::BatchRequest> + Send + 'static>(
     inbound: Streaming<T>,
     dispatch: Dispatch,
 ) -> Batch<ByKind> {
-    let limit = call.max_message_bytes;
+    let limit = call.limit;
     let messages = inbound.enumerate().map(move |(before, message)| match message {
         Ok(message) => Ok(Message { number: before + 1, item: Ok(item_of(message.into())) }),
         Err(status) => Err(unreadable(&status, limit)),
@@ -98,11 +98,11 @@ fn item_of(message: pb::BatchRequest) -> Item<Request> {
 }
 
 /// Why the next message cannot be read.
-fn unreadable(status: &Status, limit_bytes: usize) -> Problem {
+fn unreadable(status: &Status, limit: BodyLimit) -> Problem {
     match status::code_of(status) {
         Some(ErrorCode::MemoryFull) => memory_full(),
         Some(code) => Problem::new(code, status.message()),
-        None => middleware::of_framework(status, false, "", limit_bytes),
+        None => middleware::of_framework(status, false, "", limit),
     }
 }
 

@@ -15,7 +15,7 @@ use super::status;
 use crate::api::access::{self, AccessLine, Endpoint, RequestContext};
 use crate::api::receive::peer_of;
 use crate::api::{ApiState, observed_body};
-use crate::contract::{ErrorCode, Problem};
+use crate::contract::{BodyLimit, ErrorCode, Problem};
 
 /// What the middleware needs.
 #[derive(Clone)]
@@ -74,11 +74,11 @@ fn problem_of(response: &mut Response, methods: &Methods, path: &str) -> Option<
 }
 
 /// tonic reports messages that it cannot read as `INTERNAL` or `OUT_OF_RANGE`, which blames the server.
-pub(super) fn of_framework(status: &Status, is_call: bool, path: &str, limit_bytes: usize) -> Problem {
+pub(super) fn of_framework(status: &Status, is_call: bool, path: &str, limit: BodyLimit) -> Problem {
     match status.code() {
         Code::Unimplemented if is_call => Problem::new(ErrorCode::UnsupportedMedia, status.message()),
         Code::Unimplemented => Problem::new(ErrorCode::NotFound, format!("there is nothing at `{path}`")),
-        Code::OutOfRange | Code::ResourceExhausted => Problem::body_too_large(limit_bytes),
+        Code::OutOfRange | Code::ResourceExhausted => Problem::body_too_large(limit),
         Code::Cancelled => Problem::new(ErrorCode::Cancelled, "the caller left"),
         Code::Ok
         | Code::Unknown

@@ -22,7 +22,7 @@ use super::{ApiState, panic};
 /// All gRPC services of a server, and the reporter of their health.
 pub async fn router(state: &ApiState) -> (Router, Health) {
     let methods = Arc::new(admission::Methods::of(&state.jobs));
-    let limit = methods.longest_message();
+    let limit = methods.longest_message().bytes;
     let passage = middleware::Passage { methods, state: state.clone() };
     let maneuvers = ManeuverServiceServer::new(handlers::Handlers(state.clone())).max_decoding_message_size(limit);
     let (reporter, health_service) = tonic_health::server::health_reporter();

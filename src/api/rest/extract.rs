@@ -10,7 +10,7 @@ use super::batch;
 use crate::api::ApiState;
 use crate::api::receive::{connection_of, discard, receive};
 use crate::api::server::Lease;
-use crate::contract::{ErrorCode, Problem};
+use crate::contract::{BodyLimit, ErrorCode, Problem};
 
 /// One JSON object.
 pub(super) const JSON: &str = "application/json";
@@ -32,7 +32,7 @@ pub(super) fn deadline(headers: &HeaderMap, arrival: Instant) -> Result<Option<I
     Ok(arrival.checked_add(Duration::from_millis(milliseconds)))
 }
 
-/// The body of a JSON request, at most `limit` bytes, and the memory that is reserved for it.
+/// The body of a JSON request, within `limit`, and the memory that is reserved for it.
 ///
 /// # Errors
 /// `unavailable`, `unsupported_media`, and those of [`receive`], in the order of the contract.
@@ -40,7 +40,7 @@ pub(super) async fn json_body(
     state: &ApiState,
     head: &Parts,
     mut body: Body,
-    limit: usize,
+    limit: BodyLimit,
 ) -> Result<(Vec<u8>, Lease), Problem> {
     let body_timeout = state.settings.body_timeout;
     let received = match admit(state, &head.headers, limit) {
@@ -81,10 +81,10 @@ async fn discard_unsolicited(head: &Parts, mut body: Body) {
     }
 }
 
-fn admit(state: &ApiState, headers: &HeaderMap, limit: usize) -> Result<(), Problem> {
+fn admit(state: &ApiState, headers: &HeaderMap, limit: BodyLimit) -> Result<(), Problem> {
     state.service.check_open()?;
     let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
-    if declared.is_some_and(|length| length > limit as u64) {
+    if declared.is_some_and(|length| length > limit.bytes as u64) {
         return Err(Problem::body_too_large(limit));
     }
     check_media_type(headers, JSON)

@@ -46,7 +46,7 @@ pub(super) async fn run<K: Kind>(
     request: Request,
 ) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let limit = K::max_body_bytes(state.jobs.limits());
+    let limit = K::body_limit(state.jobs.limits());
     let (body, of_body) = json_body(&state, &head, body, limit).await?;
     let permit = state.service.reserve_in(credential.share(), K::CLASS)?;
     let input = K::read(&body, state.jobs.limits())?;
@@ -71,7 +71,7 @@ pub(super) async fn run<K: Kind>(
 /// `POST /validate`: nothing is queued.
 pub(super) async fn validate(State(state): State<ApiState>, request: Request) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let limit = Solve::max_body_bytes(state.jobs.limits());
+    let limit = Solve::body_limit(state.jobs.limits());
     let (body, _lease) = json_body(&state, &head, body, limit).await?;
     let accepted = Solve::read(&body, state.jobs.limits())?;
     Ok(json_answer(json::write(&validated(accepted)), &head.headers))

@@ -109,7 +109,7 @@ pub(super) fn accept(request: AssessRequest, limits: &Limits) -> Result<Accepted
             let input = assessed(&plan, (robot, payload), &mut checks)?;
             let input = AssessInput { uncertain, tolerances, sample_count: samples as usize, seed, ..input };
             check_together(&input, &mut checks);
-            Ok((input, Box::new(plan)))
+            Ok((input, Box::new(plan.without_report())))
         }
         Err(problem) => Err(problem),
     };

@@ -13,11 +13,12 @@ pub use accept::AcceptedAssess;
 
 use self::metrics::AssessMetrics;
 use super::idle_workers::IdleWorkers;
+use super::limits::BODY_WITH_ANSWERS;
 use super::plan::without_motion;
 use super::{Flag, Kind, Limits, ManeuverSolver};
 use crate::assessment::Assessment;
-use crate::contract::Problem;
 use crate::contract::message::{AssessRequest, AssessResponse};
+use crate::contract::{BodyLimit, Problem};
 use crate::metrics::Metrics;
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
@@ -111,6 +112,10 @@ impl Kind for Assess {
 
     fn validate(request: AssessRequest, limits: &Limits) -> Result<AcceptedAssess, Problem> {
         accept::accept(request, limits)
+    }
+
+    fn body_limit(_limits: &Limits) -> BodyLimit {
+        BODY_WITH_ANSWERS
     }
 
     fn answer_bytes(accepted: &AcceptedAssess, number_bytes: usize) -> usize {

@@ -19,11 +19,12 @@ pub use accept::AcceptedExport;
 
 use self::miss::Miss;
 use self::motion::Motion;
+use super::limits::BODY_WITH_ANSWERS;
 use super::plan::without_motion;
 use super::table::{line, row};
 use super::{File, Flag, Kind, Limits, ManeuverSolver};
-use crate::contract::Problem;
 use crate::contract::message::{ExportFormat, ExportRequest, ExportResponse, ExportedFile};
+use crate::contract::{BodyLimit, Problem};
 use crate::metrics::Metrics;
 use crate::rules::RuleSet;
 use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
@@ -106,6 +107,10 @@ impl Kind for Export {
 
     fn validate(request: ExportRequest, limits: &Limits) -> Result<AcceptedExport, Problem> {
         accept::accept(request, limits)
+    }
+
+    fn body_limit(_limits: &Limits) -> BodyLimit {
+        BODY_WITH_ANSWERS
     }
 
     fn answer_bytes(export: &AcceptedExport, _number_bytes: usize) -> usize {

@@ -11,11 +11,12 @@ use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 
+use super::limits::BODY_WITH_ANSWERS;
 use super::plan::{AcceptedPlan, forget_motion};
 use super::table::line;
 use super::{Kind, Limits, ManeuverSolver};
 use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentResponse, PresentedPlan};
-use crate::contract::{Problem, json};
+use crate::contract::{BodyLimit, Problem, json};
 use crate::metrics::Metrics;
 use crate::plot;
 pub use crate::plot::STYLE;
@@ -29,8 +30,6 @@ const PLANS_RULE: Rule = Rule::between(1.0, 4.0, Rule::ITEMS);
 const DRAWING_S: f64 = 5e-3;
 /// What a step of a rollout takes there, s, its share of the curves included.
 const STEP_S: f64 = 5e-6;
-/// Largest request, bytes: four plans with the most torques in their request and in their answer, twice over.
-const MAX_BODY_BYTES: usize = 1 << 20;
 /// What the figures of a plan hold at most, in numbers of some 18 bytes.
 const NUMBERS_OF_FIGURES: usize = 20_000;
 
@@ -125,8 +124,8 @@ impl Kind for Present {
         Ok(AcceptedPlans { plans: plans?, quoted, time_limit: limits.light_time_limit() })
     }
 
-    fn max_body_bytes(_limits: &Limits) -> usize {
-        MAX_BODY_BYTES
+    fn body_limit(_limits: &Limits) -> BodyLimit {
+        BODY_WITH_ANSWERS
     }
 
     fn answer_bytes(input: &AcceptedPlans, number_bytes: usize) -> usize {

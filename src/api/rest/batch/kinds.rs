@@ -8,7 +8,7 @@ use crate::api::ApiState;
 use crate::api::batch::ItemResult;
 use crate::api::rest::handlers::NUMBER_BYTES;
 use crate::api::submit::{Caller, Written, answer_of_item};
-use crate::contract::json;
+use crate::contract::{BodyLimit, json};
 use crate::jobs::{Jobs, Kind, Limits, Visitor};
 
 /// What a line has beside what it asks, bytes: names, its id, white space.
@@ -43,20 +43,20 @@ pub(super) trait AnyKind: Send + Sync {
 pub(in crate::api::rest) struct Kinds {
     limits: Limits,
     by_name: Vec<(&'static str, Arc<dyn AnyKind>)>,
-    longest_body: usize,
+    longest_body: BodyLimit,
 }
 
 impl Kinds {
     /// Those of a server.
     pub(in crate::api::rest) fn of(jobs: &Jobs) -> Self {
-        let mut kinds = Self { limits: *jobs.limits(), by_name: Vec::new(), longest_body: 0 };
+        let mut kinds = Self { limits: *jobs.limits(), by_name: Vec::new(), longest_body: BodyLimit::of(0) };
         jobs.each(&mut kinds);
         kinds
     }
 
-    /// Longest line that may ask for anything, bytes.
-    pub(super) fn longest_line(&self) -> usize {
-        self.longest_body + ENVELOPE_BYTES
+    /// Longest line that may ask for anything.
+    pub(super) fn longest_line(&self) -> BodyLimit {
+        BodyLimit { bytes: self.longest_body.bytes + ENVELOPE_BYTES, ..self.longest_body }
     }
 
     pub(super) fn find(&self, name: &str) -> Option<&Arc<dyn AnyKind>> {
@@ -70,7 +70,10 @@ impl Kinds {
 
 impl Visitor for Kinds {
     fn visit<K: Kind>(&mut self, kind: &Arc<K>) {
-        self.longest_body = self.longest_body.max(K::max_body_bytes(&self.limits));
+        let limit = K::body_limit(&self.limits);
+        if limit.bytes > self.longest_body.bytes {
+            self.longest_body = limit;
+        }
         self.by_name.push((K::NAME, Arc::new(OfKind(Arc::clone(kind)))));
     }
 }

@@ -10,7 +10,7 @@ use super::kinds::{Asked, Kinds};
 use super::line;
 use crate::api::batch::{Inbound, Message};
 use crate::api::read_ahead::{Fault, Framing, ReadAhead};
-use crate::contract::{ErrorCode, Problem};
+use crate::contract::{BodyLimit, ErrorCode, Problem};
 
 /// Messages that end with a line feed.
 pub(super) struct Lines {
@@ -73,8 +73,8 @@ pub(super) fn messages(read_ahead: ReadAhead, kinds: Arc<Kinds>) -> Inbound<Aske
 struct Reader {
     read_ahead: ReadAhead,
     kinds: Arc<Kinds>,
-    /// Longest line, bytes.
-    limit: usize,
+    /// The longest line.
+    limit: BodyLimit,
     /// Lines that were passed on together.
     passed: Vec<u8>,
     /// Where the next of them begins.
@@ -104,7 +104,7 @@ impl Reader {
             self.begin += line.len() + 1;
             self.number += 1;
             if !line.iter().all(u8::is_ascii_whitespace) {
-                let is_whole = line.len() <= self.limit;
+                let is_whole = line.len() <= self.limit.bytes;
                 let item =
                     if is_whole { line::read(line, &self.kinds) } else { Err(Problem::body_too_large(self.limit)) };
                 return Some(Ok(Message { number: self.number, item }));

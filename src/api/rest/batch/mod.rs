@@ -43,7 +43,7 @@ pub(super) async fn run(
     let (head, body) = request.into_parts();
     let (body, deadline) = admit_lines(&state, &head, body, context.arrival).await?;
     let connection = connection_of(&head.extensions);
-    let limit = kinds.longest_line();
+    let limit = kinds.longest_line().bytes;
     // One who sends all before reading anything is read to the end, as other bodies are.
     let pace = Pace { pause_bytes: Some(limit), message_timeout: state.settings.body_timeout };
     let read_ahead = ReadAhead::of(body, Lines::up_to(limit), pace, &connection);
