@@ -45,7 +45,7 @@ pub(super) fn goal_missed(
         ),
         field,
         time: plan.final_time,
-        value: miss,
+        value: miss.abs(),
         limit: tolerance,
     }
 }

@@ -136,7 +136,7 @@ fn unreachable_goal(input: &SolveInput, component: StateComponent, code: &'stati
         ),
         field,
         time: 0.0,
-        value: error,
+        value: error.abs(),
         limit: tolerance,
     }
 }

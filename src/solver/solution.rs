@@ -52,9 +52,9 @@ pub struct Reason {
     pub field: String,
     /// When it fails, s.
     pub time: f64,
-    /// What was reached.
+    /// What was reached, or the least or most that can be; of a goal the magnitude of the miss.
     pub value: f64,
-    /// What was required.
+    /// What was required; of a goal the tolerance.
     pub limit: f64,
     /// One sentence for people.
     pub message: String,

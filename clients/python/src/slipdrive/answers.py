@@ -670,13 +670,26 @@ class Reason:
     field: str
     """The field of the request that cannot be met."""
     limit: float
-    """What was required."""
+    """What was required. goal_missed, motion_diverges, no_torque, no_friction: `solver.goal_tolerance`.
+    final_time_too_long: the longest final time that is searched, s. start_separates, goal_separates: 0 N.
+    start_below_load_share, goal_below_load_share: the least normal force that the contact must have, N.
+    start_outside, goal_outside: 0 m. start_slips, goal_slips: what the goal tolerance leaves, m/s.
+    start_exceeds_limit, goal_exceeds_limit, limit_exceeded: the limit.
+    """
     message: str
     """One sentence for people, with what would help."""
     time_s: float
     """When it fails, s."""
     value: float | None
-    """What was reached, or the least that it would take."""
+    """What was reached, or the most or least that can be: above `limit`, or below it if it is a normal force.
+    goal_missed, motion_diverges, no_torque, no_friction: the magnitude of the goal error of `field`, of the best
+    plan or of the start, in its unit; within `limit` where the start meets the field but cannot keep it.
+    final_time_too_long: the least final time, s. start_separates, goal_separates, start_below_load_share,
+    goal_below_load_share: the largest normal force that the contact can have, N. start_outside, goal_outside: how
+    far the worst corner of the footprint is outside, m. start_slips, goal_slips: the slip speed of a wheel, m/s.
+    start_exceeds_limit, goal_exceeds_limit, limit_exceeded: the largest use of the limit, in the unit of `field`.
+    Null (in protobuf not finite) where the motion diverges.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
