@@ -7,15 +7,15 @@ use nalgebra::{Rotation2, Vector2};
 use super::settings::SolveInput;
 use super::solution::Reason;
 use crate::robot::{BodyVector, State};
-use crate::shooting::{LIMIT_TOLERANCE, LONGEST_FINAL_TIME, StateComponent};
+use crate::shooting::{LIMIT_TOLERANCE, StateComponent};
 
 /// An end of the maneuver: its state at the reference point, as far as it is given.
 struct End {
     name: &'static str,
     state: State,
     is_given: [bool; State::LEN],
-    /// s.
-    time: f64,
+    /// s; none where nobody knows.
+    time: Option<f64>,
 }
 
 const POSE: [StateComponent; 3] = [StateComponent::X, StateComponent::Y, StateComponent::Heading];
@@ -36,7 +36,7 @@ pub(super) fn slip_at_goal(input: &SolveInput) -> Option<f64> {
 
 impl End {
     fn start(input: &SolveInput) -> Self {
-        Self { name: "start", state: input.maneuver.start, is_given: [true; State::LEN], time: 0.0 }
+        Self { name: "start", state: input.maneuver.start, is_given: [true; State::LEN], time: Some(0.0) }
     }
 
     fn goal(input: &SolveInput) -> Self {
@@ -44,7 +44,7 @@ impl End {
         for (component, value) in input.maneuver.goal.constrained() {
             (state[component.index()], is_given[component.index()]) = (value, true);
         }
-        Self { name: "goal", state: State::from_vector(&state), is_given, time: LONGEST_FINAL_TIME }
+        Self { name: "goal", state: State::from_vector(&state), is_given, time: None }
     }
 
     fn has(&self, components: &[StateComponent]) -> bool {

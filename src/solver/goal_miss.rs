@@ -44,7 +44,7 @@ pub(super) fn goal_missed(
             "`{field}` is {goal}, {subject} misses it by {miss}, must be within {tolerance}; {help} would help"
         ),
         field,
-        time: plan.final_time,
+        time: (!diverges).then_some(plan.final_time),
         value: miss.abs(),
         limit: tolerance,
     }
@@ -60,7 +60,7 @@ pub(super) fn limit_missed(limits: &[LimitUse]) -> Reason {
              `grid.control_intervals` or a wider limit would help"
         ),
         field: limit.to_owned(),
-        time,
+        time: Some(time),
         value: largest,
         limit: value,
     }

@@ -26,7 +26,7 @@ fn start_unloads(input: &SolveInput) -> Option<Reason> {
     let wheels = velocity.wheel_rate.left + velocity.wheel_rate.right;
     let rates = Rates { yaw: (velocity.yaw_rate, velocity.yaw_rate), wheels: (wheels, wheels) };
     let codes = ["start_separates", "start_below_load_share"];
-    unloaded(input, &rates, codes, ("start", velocity.yaw_rate), 0.0)
+    unloaded(input, &rates, codes, ("start", velocity.yaw_rate), Some(0.0))
 }
 
 fn goal_unloads(input: &SolveInput) -> Option<Reason> {
@@ -37,7 +37,7 @@ fn goal_unloads(input: &SolveInput) -> Option<Reason> {
     let around = |value: f64, slack: f64| (value - slack, value + slack);
     let rates = Rates { yaw: around(yaw_rate, tolerance), wheels: around(wheels, 2.0 * tolerance) };
     let codes = ["goal_separates", "goal_below_load_share"];
-    unloaded(input, &rates, codes, ("goal", yaw_rate), LONGEST_FINAL_TIME)
+    unloaded(input, &rates, codes, ("goal", yaw_rate), None)
 }
 
 /// The contact whose normal force stays furthest below what it must be; the first code where it separates, the second where
@@ -47,7 +47,7 @@ fn unloaded(
     rates: &Rates,
     [separates, below_share]: [&'static str; 2],
     (end, yaw_rate): (&str, f64),
-    time: f64,
+    time: Option<f64>,
 ) -> Option<Reason> {
     let forces = largest_normal_forces(&input.robot, input.maneuver.torque_limit, rates);
     let parameters = input.robot.parameters();
@@ -135,7 +135,7 @@ fn unreachable_goal(input: &SolveInput, component: StateComponent, code: &'stati
             "`{field}` is {goal}, which the start misses by {error} (tolerance {tolerance}), and {cause}; larger {help} help"
         ),
         field,
-        time: 0.0,
+        time: Some(0.0),
         value: error.abs(),
         limit: tolerance,
     }
@@ -158,7 +158,7 @@ fn slow_goal(input: &SolveInput, bound: &LowerBound) -> Reason {
              {LONGEST_FINAL_TIME} s; {help} or a nearer goal help"
         ),
         field,
-        time,
+        time: Some(time),
         value: time,
         limit: LONGEST_FINAL_TIME,
     }

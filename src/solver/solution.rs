@@ -50,8 +50,8 @@ pub struct Reason {
     pub code: &'static str,
     /// The field of the input that could not be met, such as `goal.y_m`.
     pub field: String,
-    /// When it fails, s.
-    pub time: f64,
+    /// When it fails, s; none where nobody knows, at a goal without a plan to it.
+    pub time: Option<f64>,
     /// What was reached, or the least or most that can be; of a goal the magnitude of the miss.
     pub value: f64,
     /// What was required; of a goal the tolerance.

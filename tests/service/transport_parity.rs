@@ -106,11 +106,17 @@ async fn infeasible_requests_get_the_same_reason_by_both_transports() {
     let mut client = server.grpc().await;
     let no_torque = json!({"torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0, "goal": {"y_m": 5}});
     let lifted = json!({"start": {"yaw_rate_rad_s": 100}});
-    for (maneuver, code) in [(no_torque, "no_torque"), (lifted, "start_separates")] {
+    let fast = json!({"goal": {"yaw_rate_rad_s": 2}, "limits": {"yaw_rate_rad_s": 1}});
+    for (maneuver, code, time) in [
+        (no_torque, "no_torque", Some(0.0)),
+        (lifted, "start_separates", Some(0.0)),
+        (fast, "goal_exceeds_limit", None),
+    ] {
         let body = json!({"maneuver": maneuver});
         let rest = server.post("/solve", body.to_string()).await.json();
         let grpc = client.solve(solve_request(&body)).await.unwrap().into_inner().solution.unwrap();
         assert_eq!((&rest["status"], &rest["reason"]["code"]), (&json!("infeasible"), &json!(code)));
+        assert_eq!(rest["reason"].get("time_s").and_then(Value::as_f64), time);
         assert_same(rest, &grpc);
     }
 }

@@ -678,8 +678,11 @@ class Reason:
     """
     message: str
     """One sentence for people, with what would help."""
-    time_s: float
-    """When it fails, s."""
+    time_s: float | None = None
+    """When it fails, s: 0 at the start, the least final time, the end of the best plan, or when it uses most of the
+    limit. Absent where nobody knows: goal_separates, goal_below_load_share, goal_outside, goal_exceeds_limit,
+    goal_slips, motion_diverges.
+    """
     value: float | None
     """What was reached, or the most or least that can be: above `limit`, or below it if it is a normal force.
     goal_missed, motion_diverges, no_torque, no_friction: the magnitude of the goal error of `field`, of the best
