@@ -35,6 +35,11 @@ impl<'a, 'b> Penalty<'a, 'b> {
         Self { problem, clamped, constraints }
     }
 
+    /// The last decision, with torques and final time within their bounds.
+    pub fn decision(&self) -> &DVector<f64> {
+        &self.clamped
+    }
+
     /// The constraint values of the last decision.
     pub fn constraints(&self) -> &Constraints {
         &self.constraints

@@ -80,12 +80,17 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> &'
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     match stop_reason {
-        StopReason::Stopped => "more time (`solver.time_limit_s` or the deadline)",
-        StopReason::RolloutLimit => "a larger `solver.rollout_limit`",
         StopReason::Finished if decision_len(settings.control_count) < requirements => {
             "more `grid.control_intervals`, of which there are too few for so many goal fields,"
         }
-        StopReason::Finished if settings.method == Method::NelderMead => "the method `sequential_linear`",
+        // Its penalty trades the goal for time, however long it searches.
+        StopReason::Stopped | StopReason::RolloutLimit | StopReason::Finished
+            if settings.method == Method::NelderMead =>
+        {
+            "the method `sequential_linear`"
+        }
+        StopReason::Stopped => "more time (`solver.time_limit_s` or the deadline)",
+        StopReason::RolloutLimit => "a larger `solver.rollout_limit`",
         StopReason::Finished if settings.is_near_goal(miss.abs()) => {
             "a larger `solver.goal_tolerance` or more `grid.steps`"
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, improves};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, improves, note};
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
@@ -163,13 +163,20 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let settings = NelderMeadSettings::of_scale(&self.problem.variable_scale(guess));
-        let (control, start, scales, tolerance) =
-            (self.control, self.start, &self.scales, self.settings.goal_tolerance);
+        let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
+        let tolerance = self.settings.goal_tolerance;
         let last = Cell::new((f64::NAN, true));
         let mut penalty = Penalty::new(self.problem);
+        let mut passed = None;
         let mut value = |x: &DVector<f64>, stop: Stop| {
             let value = penalty.value(x, stop)?;
-            last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.breaks_limits()));
+            let goal_error = scales.largest_goal_error(&penalty.constraints().residual);
+            let breaks_limits = penalty.breaks_limits();
+            last.set((goal_error, breaks_limits));
+            if goal_error <= tolerance && !breaks_limits {
+                let feasible = Candidate::new(penalty.decision().clone(), goal_error, breaks_limits, goal_heading);
+                note(&mut passed, Some(feasible), tolerance);
+            }
             Ok(value)
         };
         let mut best = last.get();
@@ -183,8 +190,12 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
         let (goal_error, breaks_limits) = best;
-        let candidate = Candidate::new(decision, goal_error, breaks_limits, self.goal_heading);
+        let candidate = Candidate::new(decision, goal_error, breaks_limits, goal_heading);
         self.note(&candidate);
+        // The penalty trades the goal for time: its best point may miss what another one, such as the guess, meets.
+        if let Some(passed) = passed {
+            self.note(&passed);
+        }
         result.interruption.map_or(Ok(candidate), Err)
     }
 

@@ -50,14 +50,12 @@ impl LocalSearch<'_, '_, '_> {
         self.start = number;
         self.aim(start.goal_heading);
         let guess = decision_from_schedule(&start.schedule);
+        if let (Strategy::Warm, Some(heading)) = (start.strategy, start.goal_heading) {
+            self.aim_where_it_leads(&guess, heading)?;
+        }
         match (self.settings.method, start.strategy) {
             (Method::NelderMead, _) => self.nelder_mead(&guess),
-            (Method::SequentialLinear, Strategy::Warm) => {
-                if let Some(heading) = start.goal_heading {
-                    self.aim_where_it_leads(&guess, heading)?;
-                }
-                self.warmly(&guess, start.goal_heading)
-            }
+            (Method::SequentialLinear, Strategy::Warm) => self.warmly(&guess, start.goal_heading),
             (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
             (Method::SequentialLinear, Strategy::Smoothed) => {
                 self.coarsely(|search| search.smoothed(&guess, &SMOOTHING[..1], (START_RADIUS, ROUGH_ITERATION_LIMIT)))

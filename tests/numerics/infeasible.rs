@@ -283,6 +283,7 @@ fn what_the_search_missed_is_named_with_what_would_help() {
         let cause = match kind {
             "no rollouts to search with" => "`solver.rollout_limit`",
             "one torque for the whole maneuver" => "`grid.control_intervals`",
+            "the paper's method against eight requirements" => "the method `sequential_linear` would help",
             "a speed with locked wheels" => {
                 "wheel rates fit its velocity or are free (as asked, a wheel slips by 0.5 m/s)"
             }

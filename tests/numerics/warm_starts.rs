@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use slipdrive::shooting::Goal;
-use slipdrive::solver::{RunControl, Solution, SolveInput, SolveParameters, Status, solve};
+use slipdrive::solver::{Method, RunControl, Solution, SolveInput, SolveParameters, SolverSettings, Status, solve};
 
 /// Half a turn on the spot by a robot whose mass is on the centreline: both ways round are equally fast.
 fn half_turn() -> SolveParameters {
@@ -35,5 +35,22 @@ fn a_guess_that_turns_the_other_way_round_is_followed() {
         // A plan is near a local optimum.
         assert!(gain.abs() < 1e-3, "{gain:e}");
         assert!(next.report.rollouts < plan.report.rollouts);
+    }
+}
+
+#[test]
+fn a_guess_that_meets_the_goal_is_kept_by_the_papers_method() {
+    let mut parameters = half_turn();
+    parameters.settings = SolverSettings { start_count: 1, ..parameters.settings };
+    let plan = converged(parameters.clone());
+    // Also one that turns the other way round, whose goal heading is another winding.
+    let mut mirrored = plan.schedule.clone();
+    std::mem::swap(&mut mirrored.left, &mut mirrored.right);
+    parameters.settings = SolverSettings { method: Method::NelderMead, rollout_limit: 1000, ..parameters.settings };
+    for guess in [plan.schedule.clone(), mirrored] {
+        let input = SolveInput::new(SolveParameters { initial_guess: Some(guess), ..parameters.clone() }).unwrap();
+        let next = solve(&input, &RunControl::unattended()).unwrap();
+        assert!(matches!(next.status, Status::Converged | Status::Feasible), "{:?}", next.reason);
+        assert!(next.schedule.final_time <= plan.schedule.final_time);
     }
 }
