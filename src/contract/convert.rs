@@ -131,6 +131,11 @@ pub(crate) fn aisle_corners(keep_in: &[message::WorldPoint], footprint: &[messag
     }
 }
 
+/// The outline of a robot as a message.
+pub(crate) fn footprint(corners: &[Vector2<f64>]) -> Vec<message::BodyPoint> {
+    corners.iter().map(|corner| message::BodyPoint { right_m: corner.x, forward_m: corner.y }).collect()
+}
+
 impl From<message::ManeuverLimits> for ManeuverLimits {
     fn from(given: message::ManeuverLimits) -> Self {
         let message::ManeuverLimits {

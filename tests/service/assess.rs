@@ -147,6 +147,36 @@ async fn solved_plan_is_compared_with_its_goal_and_its_limits() {
     assert!(number(&grip["samples"]) > 100.0 && number(&speed["samples"]) < 100.0, "{answer}");
 }
 
+#[tokio::test]
+async fn worst_sample_can_be_judged_by_the_aisle_of_the_plan() {
+    let server = TestServer::start(4, real_solver()).await;
+    let mut plan = straight();
+    let point = |[x_m, y_m]: [f64; 2]| json!({"x_m": x_m, "y_m": y_m});
+    let corner = |[right_m, forward_m]: [f64; 2]| json!({"right_m": right_m, "forward_m": forward_m});
+    let footprint = json!([[-0.2, -0.1], [0.2, -0.1], [0.2, 0.3], [-0.2, 0.3]].map(corner));
+    let keep_in = json!([[-0.22, -1.0], [0.22, -1.0], [0.22, 3.0], [-0.22, 3.0]].map(point));
+    plan["simulate"]["request"]["robot"]["footprint"] = footprint.clone();
+    plan["simulate"]["request"]["keep_in"] = keep_in.clone();
+    let further = json!({"uncertain": [{"parameter": "start_heading", "low": 0.1, "high": 0.1}], "samples": 1,
+                         "tolerances": {"distance_m": 0.1}});
+    let triangle = [[-0.3, -0.1], [0.3, -0.1], [0.0, 0.3]].map(corner);
+    let wider = json!({"footprint": triangle, "center_of_mass_right_m": 0});
+    // That of the robot which drives the plan, where it is another one.
+    for (own, footprint) in [(None, &footprint), (Some(&wider), &wider["footprint"])] {
+        let mut body = body(&plan, &further);
+        if let Some(own) = own {
+            body["robot"] = own.clone();
+        }
+        let mut worst = assessed(&server, &body).await["worst"]["simulate"].take();
+        assert_eq!(&worst["robot"]["footprint"], footprint);
+        worst["keep_in"] = keep_in.clone();
+        let simulated = server.post("/simulate", worst.to_string()).await;
+        assert_eq!(simulated.status, 200, "{}", simulated.text());
+        let used = &simulated.json()["limits"][0];
+        assert!(used["limit"] == "keep_in" && number(&used["excess"]) > 0.0, "{used}");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn any_number_of_workers_gives_the_same_bytes() {
     let further = json!({"uncertain": [{"parameter": "friction", "mean": 0, "standard_deviation": 0.1},

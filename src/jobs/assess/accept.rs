@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use nalgebra::Vector2;
+
 use crate::assessment::{AssessInput, Distribution, Limited, MOST_STEPS};
 use crate::contract::Problem;
 use crate::contract::convert::{aisle_corners, named, payload, required, robot};
@@ -39,6 +41,8 @@ pub struct AcceptedAssess {
     /// The plan as it was answered.
     pub(super) plan: Box<AcceptedPlan>,
     pub(super) input: AssessInput,
+    /// The outline of the robot that drives it (right, forward) from the axle midpoint, m; empty where there is none.
+    pub(super) footprint: Vec<Vector2<f64>>,
     /// How long it may run; none where no clock ends it.
     pub(super) time_limit: Option<Duration>,
 }
@@ -106,15 +110,17 @@ pub(super) fn accept(request: AssessRequest, limits: &Limits) -> Result<Accepted
     let plan = AcceptedPlan::of(solve.map(|plan| *plan), simulate.map(|plan| *plan), limits);
     let input = match plan {
         Ok(plan) => {
-            let input = assessed(&plan, (robot, payload), &mut checks)?;
+            let (input, footprint) = assessed(&plan, (robot, payload), &mut checks)?;
             let input = AssessInput { uncertain, tolerances, sample_count: samples as usize, seed, ..input };
             check_together(&input, &mut checks);
-            Ok((input, Box::new(plan.without_report())))
+            Ok((input, footprint, Box::new(plan.without_report())))
         }
         Err(problem) => Err(problem),
     };
     match (input, checks.finish().map_err(Problem::from)) {
-        (Ok((input, plan)), Ok(())) => Ok(AcceptedAssess { plan, input, time_limit: limits.time_limit() }),
+        (Ok((input, footprint, plan)), Ok(())) => {
+            Ok(AcceptedAssess { plan, input, footprint, time_limit: limits.time_limit() })
+        }
         (Err(problem), Ok(())) | (Ok(_), Err(problem)) => Err(problem),
         (Err(of_plan), Err(problem)) => Err(problem.and(of_plan)),
     }
@@ -183,12 +189,12 @@ fn checked_uncertain(
     Ok(uncertain)
 }
 
-/// The plan as the robot drives it that is asked about; nothing is uncertain yet.
+/// The plan as the robot drives it that is asked about, and the outline of that; nothing is uncertain yet.
 fn assessed(
     plan: &AcceptedPlan,
     (given_robot, given_payload): (Option<message::Robot>, Option<message::Payload>),
     checks: &mut Checks,
-) -> Result<AssessInput, Problem> {
+) -> Result<(AssessInput, Vec<Vector2<f64>>), Problem> {
     let moves = plan.step_count() > 0;
     let AcceptedPlan { said, motion, corners } = plan;
     let planned = Undisturbed::new(
@@ -209,19 +215,19 @@ fn assessed(
     };
     checks.require(field, format!("{} s long", motion.schedule.final_time), moves, "of a plan that moves", None);
     let mut driven = planned.clone();
-    let mut aisle = aisle.clone();
+    let (mut aisle, mut footprint) = (aisle.clone(), corners.footprint.clone());
     if let Some(given) = &given_robot {
         driven.bare_robot = robot(given, checks);
         if !given.footprint.is_empty() {
-            let footprint = aisle_corners(&[], &given.footprint).footprint;
-            aisle = AisleCorners { footprint, ..corners.clone() }.check("keep_in", checks);
+            footprint = aisle_corners(&[], &given.footprint).footprint;
+            aisle = AisleCorners { footprint: footprint.clone(), ..corners.clone() }.check("keep_in", checks);
         }
     }
     if let Some(given) = given_payload {
         driven.payload = Some(payload(given)?);
     }
     driven.check(checks);
-    Ok(AssessInput {
+    let input = AssessInput {
         planned,
         driven,
         goal,
@@ -231,7 +237,8 @@ fn assessed(
         tolerances: [None; 5],
         sample_count: 0,
         seed: 0,
-    })
+    };
+    Ok((input, footprint))
 }
 
 /// That what is uncertain is there, that delays fit, and that it is not too much.

@@ -2,7 +2,7 @@
 
 use super::accept::AcceptedAssess;
 use crate::assessment::{Assessment, EndError, ParameterShares, QUANTILES, WorstSample};
-use crate::contract::convert::count;
+use crate::contract::convert::{count, footprint};
 use crate::contract::message::{
     self, AppliedChange, AssessResponse, EndErrors, ErrorQuantile, LimitExcess, SimulateGrid, SimulateRequest,
     VarianceShares,
@@ -49,7 +49,7 @@ pub(super) fn answer(accepted: &AcceptedAssess, assessment: &Assessment) -> Asse
                 samples: count(excess.sample_count),
             })
             .collect(),
-        worst: worst.as_ref().map(|worst| Box::new(worst_sample(worst))),
+        worst: worst.as_ref().map(|worst| Box::new(worst_sample(accepted, worst))),
     }
 }
 
@@ -72,7 +72,7 @@ fn variance_shares(of: &ParameterShares) -> VarianceShares {
     VarianceShares { parameter: number(of.parameter), along, across, distance, heading, speed }
 }
 
-fn worst_sample(worst: &WorstSample) -> message::WorstSample {
+fn worst_sample(accepted: &AcceptedAssess, worst: &WorstSample) -> message::WorstSample {
     let WorstSample { index, changes, error, relative_error, separates, motion } = worst;
     let change = |&(parameter, change): &(ChangedParameter, f64)| AppliedChange {
         parameter: number(parameter),
@@ -80,7 +80,7 @@ fn worst_sample(worst: &WorstSample) -> message::WorstSample {
         unit: parameter.unit().to_owned(),
     };
     let simulate = SimulateRequest {
-        robot: Some((&motion.bare_robot).into()),
+        robot: Some(message::Robot { footprint: footprint(&accepted.footprint), ..(&motion.bare_robot).into() }),
         payload: motion.payload.as_ref().map(Into::into),
         reference_point: message::ReferencePoint::AxleMidpoint.into(),
         start: Some((&motion.start).into()),

@@ -1078,4 +1078,4 @@ class WorstSample:
     separates: bool
     """Whether a contact lifts."""
     simulate: SimulateRequest
-    """Its motion as a request."""
+    """Its motion as a request, with the footprint where there is one, so that limits of the plan may be added."""
