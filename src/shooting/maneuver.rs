@@ -7,8 +7,11 @@ use crate::rules::{Checks, OptionalField, Rule, RuleSet};
 
 /// Largest accepted coordinate, m: beyond it a millimetre is near the rounding of the rollout.
 pub(super) const POSITION_LIMIT: f64 = 1e4;
-/// Largest accepted angle, rad.
-const ANGLE_LIMIT: f64 = 1e4;
+/// Largest accepted heading, rad: 10,000 steps from there round to less than 1e-8, and whole turns may be left out.
+const HEADING_LIMIT: f64 = 1e4;
+/// Largest accepted wheel angle, rad, as after 60 km on small wheels. The motion does not depend on it, and 10,000 steps from there
+/// round to less than the default goal tolerance.
+const WHEEL_ANGLE_LIMIT: f64 = 1e6;
 /// Largest accepted speed, m/s.
 const SPEED_LIMIT: f64 = 100.0;
 /// Largest accepted yaw rate, rad/s.
@@ -105,7 +108,8 @@ impl StateComponent {
     const fn rule(self) -> Rule {
         match self {
             Self::X | Self::Y => Rule::within_magnitude(POSITION_LIMIT, "m"),
-            Self::Heading | Self::WheelAngleLeft | Self::WheelAngleRight => Rule::within_magnitude(ANGLE_LIMIT, "rad"),
+            Self::Heading => Rule::within_magnitude(HEADING_LIMIT, "rad"),
+            Self::WheelAngleLeft | Self::WheelAngleRight => Rule::within_magnitude(WHEEL_ANGLE_LIMIT, "rad"),
             Self::VelocityX | Self::VelocityY => Rule::within_magnitude(SPEED_LIMIT, "m/s"),
             Self::YawRate => Rule::within_magnitude(YAW_RATE_LIMIT, "rad/s"),
             Self::WheelRateLeft | Self::WheelRateRight => Rule::within_magnitude(WHEEL_RATE_LIMIT, "rad/s"),

@@ -299,6 +299,23 @@ fn held_wheels_move_off_as_sticking_ones_do() {
 }
 
 #[test]
+fn wheels_that_turned_for_long_change_nothing_but_their_angles() {
+    let ends = [0.0, 1e6].map(|angle| {
+        let mut start = State::default();
+        start.configuration.wheel_angle = PerWheel::new(angle, -angle);
+        let trajectory = roll(RobotParameters::default(), &start, &constant(1.0, 1.0, -0.4), 200);
+        let mut end = *trajectory.state.last().unwrap();
+        let turned = end.configuration.wheel_angle;
+        end.configuration.wheel_angle = PerWheel::new(0.0, 0.0);
+        (end, turned.left - angle, turned.right + angle)
+    });
+    assert_eq!(ends[0].0, ends[1].0);
+    // 200 steps, each rounded by half of the distance of numbers near 1e6.
+    let rounding = 200.0 * 2.0_f64.powi(-34);
+    assert!((ends[0].1 - ends[1].1).abs() <= rounding && (ends[0].2 - ends[1].2).abs() <= rounding, "{ends:?}");
+}
+
+#[test]
 fn resting_robot_stays_at_rest() {
     let trajectory = roll(RobotParameters::default(), &State::default(), &constant(1.0, 0.0, 0.0), 100);
     assert_eq!(*trajectory.state.last().unwrap(), State::default());

@@ -153,9 +153,9 @@ class Goal(TypedDict, total=False):
     velocity_y_m_s: float
     """World y velocity, m/s. [>= -100, <= 100]"""
     wheel_angle_left_rad: float
-    """Left wheel angle, rad. [>= -10000, <= 10000]"""
+    """Left wheel angle, rad. [>= -1e+06, <= 1e+06]"""
     wheel_angle_right_rad: float
-    """Right wheel angle, rad. [>= -10000, <= 10000]"""
+    """Right wheel angle, rad. [>= -1e+06, <= 1e+06]"""
     wheel_rate_left_rad_s: float
     """Left wheel rate, rad/s. [>= -100000, <= 100000]"""
     wheel_rate_right_rad_s: float
@@ -460,9 +460,9 @@ class State(TypedDict, total=False):
     velocity_y_m_s: float
     """World y velocity, m/s. [>= -100, <= 100]"""
     wheel_angle_left_rad: float
-    """Left wheel angle, rad. [>= -10000, <= 10000]"""
+    """Left wheel angle, rad. [>= -1e+06, <= 1e+06]"""
     wheel_angle_right_rad: float
-    """Right wheel angle, rad. [>= -10000, <= 10000]"""
+    """Right wheel angle, rad. [>= -1e+06, <= 1e+06]"""
     wheel_rate_left_rad_s: float
     """Left wheel rate, rad/s. [>= -100000, <= 100000]"""
     wheel_rate_right_rad_s: float
