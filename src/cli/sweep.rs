@@ -190,7 +190,9 @@ fn shown(arguments: &SweepArguments, folders: &[PathBuf]) -> anyhow::Result<Exit
 /// exit code where there is no such map.
 fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<Option<ExitCode>> {
     if !index.header.columns.is_empty() {
-        write_beside(&folder.join(CSV_FILE), |output| Ok(sweep::write_csv(index, output)?))?;
+        for empty in write_beside(&folder.join(CSV_FILE), |output| Ok(sweep::write_csv(index, output)?))? {
+            tell(&empty);
+        }
     }
     let Some(of) = &arguments.figure else { return Ok(None) };
     let svg = match sweep::map(index, of) {
@@ -207,13 +209,14 @@ fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyh
 }
 
 /// Writes a file that another one may read meanwhile: whole or not at all.
-fn write_beside(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<()>) -> anyhow::Result<()> {
+fn write_beside<T>(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<T>) -> anyhow::Result<T> {
     let beside = path.with_extension("new");
-    let written = || -> anyhow::Result<()> {
+    let written = || -> anyhow::Result<T> {
         let mut output = BufWriter::new(File::create(&beside)?);
-        write(&mut output)?;
+        let told = write(&mut output)?;
         output.flush()?;
-        Ok(fs::rename(&beside, path)?)
+        fs::rename(&beside, path)?;
+        Ok(told)
     };
     written().with_context(|| format!("{} cannot be written", path.display()))
 }

@@ -41,7 +41,7 @@ use rows::{Rows, Source};
 pub use runner::{Ended, Finished, RowRunner, run, service_settings};
 use sha2::{Digest, Sha256};
 pub use shard::Shard;
-pub use table::{TableError, write_csv};
+pub use table::{EmptyColumn, TableError, write_csv};
 
 use crate::contract::{BodyLimit, ErrorCode, Problem, hexadecimal};
 use crate::jobs::Jobs;

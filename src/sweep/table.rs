@@ -1,6 +1,6 @@
 //! Chosen columns of the results as CSV.
 
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 use std::io::{self, Write};
 
 use serde_json::Value;
@@ -19,22 +19,43 @@ pub enum TableError {
     Io(#[from] io::Error),
 }
 
+/// A column that is empty although there are answers, such as a misspelt one: before the sweep has run, nobody knows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EmptyColumn {
+    /// The path in the answers.
+    pub column: String,
+    /// How many answers there are.
+    pub answers: u64,
+}
+
+impl fmt::Display for EmptyColumn {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "empty column: none of the {} answers has `{}`", self.answers, self.column)
+    }
+}
+
 /// Writes the table: a row per result in order, with its number, the fields of the axes, the columns of the answer, and
-/// why there is no answer. What an answer does not have is empty; arrays and objects are JSON.
+/// why there is no answer. What an answer does not have is empty; arrays and objects are JSON. Gives the columns that no
+/// answer has.
 ///
 /// # Errors
 /// When the results cannot be read, or the table cannot be written.
-pub fn write_csv(index: &Index, output: &mut impl Write) -> Result<(), TableError> {
+pub fn write_csv(index: &Index, output: &mut impl Write) -> Result<Vec<EmptyColumn>, TableError> {
     let (fields, columns) = (index.fields()?, &index.header.columns);
     let names = ["row"].into_iter().chain(fields.iter().chain(columns).map(String::as_str)).chain(["problem"]);
     let head: Vec<_> = names.map(|name| quoted(name.to_owned())).collect();
     writeln!(output, "{}", head.join(","))?;
     let paths: Vec<_> = columns.iter().map(|column| FieldPath::parse(column)).collect();
+    let (mut answers, mut has_value) = (0, vec![false; paths.len()]);
     for row in index.rows() {
         let row = row?;
         let mut line = row.row.to_string();
         let of_axes = fields.iter().map(|field| row.axes.get(field));
-        let of_answer = paths.iter().map(|path| path.as_ref()?.of(row.answer.as_ref()?));
+        let of_answer: Vec<_> = paths.iter().map(|path| path.as_ref()?.of(row.answer.as_ref()?)).collect();
+        answers += u64::from(row.answer.is_some());
+        for (has_value, value) in has_value.iter_mut().zip(&of_answer) {
+            *has_value |= value.is_some();
+        }
         let problem = row.problem.as_ref().and_then(|problem| problem.get("code"));
         for value in of_axes.chain(of_answer).chain([problem]) {
             // Writing to a string cannot fail.
@@ -42,7 +63,8 @@ pub fn write_csv(index: &Index, output: &mut impl Write) -> Result<(), TableErro
         }
         writeln!(output, "{line}")?;
     }
-    Ok(())
+    let empty = columns.iter().zip(has_value).filter(|(_, has_value)| answers > 0 && !has_value);
+    Ok(empty.map(|(column, _)| EmptyColumn { column: column.clone(), answers }).collect())
 }
 
 fn cell(value: &Value) -> String {

@@ -281,7 +281,9 @@ fn tables_and_maps_are_made_of_whole_and_of_unfinished_sweeps() {
     let more = json!({"axes": axes, "columns": ["status", "final_time_s", "no.such"], "chunk_rows": 1});
     let (file, out) = (written(&folder, "map.json", &drives(1, &more)), folder.file("out"));
     let of = "goal.y_m,wheel_friction_coefficient,final_time_s";
-    done(&[&file, "--out", &out, "--shard", "0/2", "--figure", of]);
+    let said = done(&[&file, "--out", &out, "--shard", "0/2", "--figure", of]);
+    assert!(said.ends_with("empty column: none of the 3 answers has `no.such`\n"), "{said}");
+    assert_eq!(said.matches("empty column").count(), 1, "{said}");
     let map = folder.read("out/map.svg");
     for words in ["Final time over goal y and wheel friction coefficient", "goal y (m)", "not run yet", "3 of 3 rows"] {
         assert!(map.contains(words), "{words} is missing in {map}");
