@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -86,6 +87,19 @@ def test_exception_in_the_callback_stops_the_solve(client: Client, server: Serve
 
 def test_deadline_gives_the_best_plan(client: Client) -> None:
     assert client.solve(LONG, deadline_s=1.0).stop_reason == "deadline"
+
+
+def test_infinity_is_no_deadline_and_nan_is_refused(client: Client, tmp_path: Path) -> None:
+    assert client.solve(FORWARD, deadline_s=math.inf).status == "converged"
+    (result,) = client.solve_many([FORWARD], tmp_path / "results.ndjson", deadline_s=math.inf)
+    assert result.solution is not None and result.solution.status == "converged"
+    for deadline_s in (math.nan, -math.inf):
+        for on_progress in (None, print):
+            with pytest.raises(ValueError, match="`deadline_s` is .*, must be a number of seconds"):
+                client.solve(FORWARD, deadline_s=deadline_s, on_progress=on_progress)
+        with pytest.raises(ValueError, match="`deadline_s`"):
+            client.solve_many([FORWARD], tmp_path / "none.ndjson", deadline_s=deadline_s)
+    assert not (tmp_path / "none.ndjson").exists()
 
 
 def test_validation_completes_the_request(client: Client) -> None:

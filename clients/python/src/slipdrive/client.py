@@ -19,7 +19,7 @@ from .exports import Exported
 from .figures import Figures, body_of, plan_of
 from .many import Result, Results, SolveMany
 from .solutions import Simulation, Solution, Validated
-from .wire import deadline_header, decode, encode, events
+from .wire import deadline_header, deadline_of, decode, encode, events
 
 T = TypeVar("T")
 # What a server may need beside the time to solve: to send an answer over a slow line.
@@ -116,6 +116,7 @@ class Client:
         requests would fail, as with a wrong API key. Without `concurrency` each worker of the server has one request,
         and one that waits.
         """
+        deadline_s = deadline_of(deadline_s)
         many = SolveMany(
             settings=self._settings,
             timeout_s=self.timeout_s if deadline_s is None else deadline_s + _GRACE_S,
@@ -213,6 +214,7 @@ class Client:
 
     def _retried(self, once: Callable[[float | None], T], deadline_s: float | None) -> T:
         """The answer of a call, which may be made several times."""
+        deadline_s = deadline_of(deadline_s)
         begin = time.monotonic()
         for attempt in range(1, self.attempts + 1):
             left_s = None if deadline_s is None else deadline_s - (time.monotonic() - begin)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import math
 import types
 from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -86,6 +87,15 @@ def events(chunks: Iterable[bytes]) -> Iterator[tuple[str, bytes]]:
             elif not field and not value and data:
                 yield name, data
                 name, data = "message", b""
+
+
+def deadline_of(deadline_s: float | None) -> float | None:
+    """The deadline of a call, if it has one: infinity is none."""
+    if deadline_s is None or deadline_s == math.inf:
+        return None
+    if not math.isfinite(deadline_s):
+        raise ValueError(f"`deadline_s` is {deadline_s}, must be a number of seconds; infinity or None for no deadline")
+    return deadline_s
 
 
 def deadline_header(deadline_s: float) -> dict[str, str]:
