@@ -29,7 +29,7 @@ pub struct AcceptedSolve {
     pub view: View,
     /// SHA-256 of the completed request, in hexadecimal.
     pub input_hash: String,
-    /// The request with every field present.
+    /// The request with what absent fields mean; `ValidateResponse` says which ones stay absent.
     pub completed: SolveRequest,
 }
 
@@ -335,6 +335,21 @@ mod tests {
         assert_eq!(again.input.settings, accepted.input.settings);
         let fixed = Solve::read(br#"{"grid": {"steps": 200}}"#, &Limits::default()).unwrap();
         assert_ne!(fixed.input_hash, accepted.input_hash);
+    }
+
+    #[test]
+    fn what_is_as_its_absence_is_left_out_of_the_completed_body() {
+        let body = br#"{"robot": {"wheel_viscous_friction_n_m_s": 0, "footprint": []}, "maneuver": {"slip": "allowed", "keep_in": []},
+                        "solver": {"choose": "fastest", "choose_within": 0.01}}"#;
+        let given = Solve::read(body, &Limits::default()).unwrap();
+        assert_eq!(given.completed, Solve::read(b"{}", &Limits::default()).unwrap().completed);
+        let completed = serde_json::to_value(given.completed).unwrap();
+        let names = |object: &serde_json::Value| object.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+        assert_eq!(names(&completed), ["grid", "maneuver", "robot", "solver", "view"]);
+        assert_eq!(names(&completed["grid"]), ["control_intervals"]);
+        assert_eq!(names(&completed["maneuver"]["limits"]), ["normal_load_share"]);
+        // The other 16 of the robot, and all ten of the start.
+        assert_eq!((names(&completed["robot"]).len(), names(&completed["maneuver"]["start"]).len()), (16, 10));
     }
 
     #[test]

@@ -25,7 +25,7 @@ class Validated:
     """A request that the server accepts."""
 
     request: requests.SolveRequest
-    """The request with all defaults filled in."""
+    """The completed request: absent fields have the values that they mean."""
     input_hash: str
     """SHA-256 of the completed request, which the solution has too."""
 
