@@ -14,6 +14,13 @@ macro_rules! by_component {
             }
         }
 
+        impl From<message::EndState> for State {
+            fn from(said: message::EndState) -> Self {
+                let message::EndState { $($field),* } = said;
+                Self::from_vector(&[$($field),*].into())
+            }
+        }
+
         impl From<&State> for message::State {
             fn from(state: &State) -> Self {
                 let [$($field),*] = state.to_vector().into();

@@ -108,20 +108,29 @@ pub(in crate::jobs) fn other_end(end_difference: f64) -> String {
 
 /// Largest difference in any component; two values that are no numbers are alike.
 fn difference(end: &State, said: EndState) -> f64 {
-    let (end, said) = (EndState::from(end), said);
-    let pairs = [
-        (end.x_m, said.x_m),
-        (end.y_m, said.y_m),
-        (end.heading_rad, said.heading_rad),
-        (end.wheel_angle_left_rad, said.wheel_angle_left_rad),
-        (end.wheel_angle_right_rad, said.wheel_angle_right_rad),
-        (end.velocity_x_m_s, said.velocity_x_m_s),
-        (end.velocity_y_m_s, said.velocity_y_m_s),
-        (end.yaw_rate_rad_s, said.yaw_rate_rad_s),
-        (end.wheel_rate_left_rad_s, said.wheel_rate_left_rad_s),
-        (end.wheel_rate_right_rad_s, said.wheel_rate_right_rad_s),
-    ];
-    let of = |(end, said): (f64, f64)| if end.is_finite() || said.is_finite() { (end - said).abs() } else { 0.0 };
-    // NaN, which `max` would drop, is the largest.
-    pairs.map(of).into_iter().fold(0.0, |largest, of| if of.is_nan() { f64::NAN } else { of.max(largest) })
+    let (end, said) = (end.to_vector(), State::from(said).to_vector());
+    let of = |end: f64, said: f64| if end.is_finite() || said.is_finite() { (end - said).abs() } else { 0.0 };
+    // NaN, which `max` would drop, is the largest, and stays.
+    end.zip_map(&said, of).iter().fold(0.0, |worst, &of| if of > worst || of.is_nan() { of } else { worst })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_single_component_without_a_number_cannot_be_compared() {
+        let end = State::default();
+        let said = EndState::from(&end);
+        assert_eq!(difference(&end, EndState { yaw_rate_rad_s: -0.5, ..said }), 0.5);
+        assert!(difference(&end, EndState { x_m: f64::NAN, ..said }).is_nan());
+        assert!(difference(&end, EndState { wheel_rate_right_rad_s: f64::NAN, ..said }).is_nan());
+    }
+
+    #[test]
+    fn two_ends_without_a_number_are_alike() {
+        let mut end = State::default();
+        end.configuration.x = f64::NAN;
+        assert_eq!(difference(&end, EndState { x_m: f64::NAN, ..EndState::from(&State::default()) }), 0.0);
+    }
 }
