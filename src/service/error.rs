@@ -16,7 +16,7 @@ pub enum ServiceError {
     /// One of several callers has all in flight that it may.
     #[error(
         "the share of this caller is used up: {capacity} of its jobs may run and wait beside those of others, try again in \
-         {} s", .retry_after.as_secs()
+         {} s", seconds(.retry_after)
     )]
     ShareUsedUp {
         /// When it is worth trying again.
@@ -68,7 +68,7 @@ pub enum ServiceError {
 }
 
 /// Whole seconds: who waits as long as the text says is not too early.
-fn seconds(wait: &Duration) -> u64 {
+pub(crate) fn seconds(wait: &Duration) -> u64 {
     wait.as_secs() + u64::from(wait.subsec_nanos() > 0)
 }
 

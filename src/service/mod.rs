@@ -19,6 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 pub use error::ServiceError;
+pub(crate) use error::seconds;
 pub use job::{Class, Done, Job, JobControl, Stopped};
 use pace::Pace;
 pub use pace::{Cost, WorkDone};

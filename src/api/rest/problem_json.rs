@@ -3,12 +3,13 @@
 //! A handler returns a [`Problem`]; it travels in the response's extensions to
 //! [`super::middleware`], which knows the request and writes the body.
 
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::contract::{FieldError, Problem};
+use crate::service::seconds;
 
 /// The body that the caller of `instance` gets.
 pub(super) fn body(problem: &Problem, instance: &str, request_id: &str) -> Vec<u8> {
@@ -61,10 +62,7 @@ impl IntoResponse for Problem {
         let status = StatusCode::from_u16(self.code().entry().http_status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         let mut response = status.into_response();
         if let Some(wait) = self.retry_after() {
-            // The header counts whole seconds; rounding up keeps callers from coming too early.
-            let seconds = wait.as_secs_f64().ceil().max(1.0);
-            let value = HeaderValue::try_from(format!("{seconds:.0}"));
-            response.headers_mut().insert(header::RETRY_AFTER, value.unwrap_or(HeaderValue::from_static("1")));
+            response.headers_mut().insert(header::RETRY_AFTER, seconds(&wait).max(1).into());
         }
         response.extensions_mut().insert(self);
         response
@@ -81,10 +79,16 @@ mod tests {
     #[test]
     fn retry_after_is_whole_seconds_of_at_least_one() {
         for (milliseconds, seconds) in [(1, "1"), (2000, "2"), (2851, "3")] {
-            let error = ServiceError::Unavailable { retry_after: Duration::from_millis(milliseconds) };
-            assert!(error.to_string().ends_with(&format!("try again in {seconds} s")), "{error}");
-            let response = Problem::from(error).into_response();
-            assert_eq!(response.headers()[header::RETRY_AFTER], seconds);
+            let retry_after = Duration::from_millis(milliseconds);
+            for error in [
+                ServiceError::QueueFull { retry_after, capacity: 4 },
+                ServiceError::ShareUsedUp { retry_after, capacity: 4 },
+                ServiceError::Unavailable { retry_after },
+            ] {
+                assert!(error.to_string().ends_with(&format!("try again in {seconds} s")), "{error}");
+                let response = Problem::from(error).into_response();
+                assert_eq!(response.headers()[header::RETRY_AFTER], seconds);
+            }
         }
     }
 }
