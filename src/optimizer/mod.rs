@@ -2,12 +2,12 @@
 
 mod elastic_program;
 mod evaluation;
-#[cfg(test)]
-mod linear_problem;
 mod linear_program;
 mod nelder_mead;
 mod pseudo_solve;
 mod sequential_linear;
+#[cfg(test)]
+mod small_problem;
 mod switching;
 
 pub use elastic_program::{ElasticProgram, ElasticSolution};

@@ -56,26 +56,17 @@ pub fn sign_violations(
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::DMatrix;
-
     use super::*;
-    use crate::optimizer::linear_problem::LinearProblem;
+    use crate::optimizer::small_problem::SmallProblem;
 
-    /// Minimise the last variable; the first two must sum to it and lie between -1 and 1.
-    fn sum() -> LinearProblem {
-        let bound = DVector::from_vec(vec![1.0, 1.0, 10.0]);
-        LinearProblem {
-            cost: DVector::from_vec(vec![0.0, 0.0, 1.0]),
-            lower: -&bound,
-            upper: bound,
-            matrix: DMatrix::from_row_slice(1, 3, &[1.0, 1.0, -1.0]),
-            target: DVector::zeros(1),
-            residual_count: 1,
-        }
+    /// `(x + y) / 10 - t`. In a box of equal widths the tenth makes t basic: with a coefficient of 1 it may as well be x or y.
+    fn tenth_of_sum(x: &[f64]) -> (f64, Vec<f64>) {
+        (0.1 * (x[0] + x[1]) - x[2], vec![0.1, 0.1, -1.0])
     }
 
     fn violations(x: [f64; 3], penalty_parameter: f64) -> usize {
-        let (mut problem, x) = (sum(), DVector::from_row_slice(&x));
+        let mut problem = SmallProblem::new(&[(-1.0, 1.0); 2], &[tenth_of_sum], &[]);
+        let x = DVector::from_row_slice(&x);
         let mut model = Linearisation::new(problem.constraints(), x.len());
         problem.linearise((&x, 1.0), &mut model, Stop::never()).unwrap();
         sign_violations(&problem, &x, &model, penalty_parameter, Stop::never()).unwrap()
@@ -83,18 +74,18 @@ mod tests {
 
     #[test]
     fn the_optimum_contradicts_no_sign() {
-        assert_eq!(violations([-1.0, -1.0, -2.0], 5.0), 0);
+        assert_eq!(violations([-1.0, -1.0, -0.2], 5.0), 0);
     }
 
     #[test]
     fn variables_that_could_gain_are_counted() {
         assert_eq!(violations([-1.0, 1.0, 0.0], 5.0), 1);
-        assert_eq!(violations([0.5, 0.5, 1.0], 5.0), 2);
+        assert_eq!(violations([0.5, 0.5, 0.1], 5.0), 2);
     }
 
     #[test]
     fn what_the_cost_counts_is_no_torque() {
         // Below the multiplier of the sum the penalty gives it up for a smaller last variable.
-        assert_eq!(violations([-1.0, -1.0, -2.0], 0.5), 0);
+        assert_eq!(violations([-1.0, -1.0, -0.2], 0.5), 0);
     }
 }

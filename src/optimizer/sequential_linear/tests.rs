@@ -6,15 +6,14 @@
 
 mod criticality;
 mod functions;
-mod small_problem;
 
 use std::f64::consts::TAU;
 use std::sync::atomic::AtomicBool;
 
 use functions::*;
-use small_problem::{PLENTY, SmallProblem, settings};
 
 use super::*;
+use crate::optimizer::small_problem::{PLENTY, SmallProblem, settings};
 
 /// Wide bounds.
 const WIDE: (f64, f64) = (-10.0, 10.0);

@@ -2,12 +2,11 @@
 
 use std::sync::atomic::AtomicBool;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use super::functions::*;
-use super::small_problem::{PLENTY, SmallProblem, settings};
 use super::{SMALLEST_RADIUS, WIDE};
-use crate::optimizer::linear_problem::LinearProblem;
+use crate::optimizer::small_problem::{PLENTY, SmallProblem, settings};
 use crate::optimizer::{
     Budget, CriticalityMeasure, ElasticSolver, FIRST_RADIUS, Interruption, SequentialLinearSettings,
     criticality_measure,
@@ -116,14 +115,12 @@ fn with_few_rollouts_the_measure_is_a_bound() {
     }
 }
 
-/// Minimise the only variable, which should be 1, or at least 1.
-fn to_one(at_least: bool) -> LinearProblem {
-    let [cost, lower, upper, target] = [1.0, 0.0, 10.0, -1.0].map(|value| DVector::repeat(1, value));
-    let matrix = DMatrix::repeat(1, 1, -1.0);
-    LinearProblem { cost, lower, upper, matrix, target, residual_count: usize::from(!at_least) }
+/// `1 - t`: t should be 1, or at least 1.
+fn short_of_one(x: &[f64]) -> (f64, Vec<f64>) {
+    (1.0 - x[0], vec![-1.0])
 }
 
-fn decrease_at(mut problem: LinearProblem, x: f64, tolerance: f64) -> f64 {
+fn decrease_at(mut problem: SmallProblem, x: f64, tolerance: f64) -> f64 {
     let settings = SequentialLinearSettings {
         penalty_parameter: 50.0,
         first_radius: FIRST_RADIUS,
@@ -141,13 +138,13 @@ fn decrease_at(mut problem: LinearProblem, x: f64, tolerance: f64) -> f64 {
 
 #[test]
 fn accepted_violations_need_not_be_taken_back() {
-    for at_least in [true, false] {
-        assert!(decrease_at(to_one(at_least), 0.999, 1e-2) < 1e-12);
-        assert!(decrease_at(to_one(at_least), 0.999, 1e-4) > 0.04);
-    }
+    let problems =
+        || [SmallProblem::new(&[], &[], &[short_of_one]), SmallProblem::new(&[], &[short_of_one], &[])].into_iter();
+    assert!(problems().all(|problem| decrease_at(problem, 0.999, 1e-2) < 1e-12));
+    assert!(problems().all(|problem| decrease_at(problem, 0.999, 1e-4) > 0.04));
 }
 
 #[test]
 fn slack_of_an_inequality_still_counts() {
-    assert!((decrease_at(to_one(true), 1.001, 1e-2) - 0.001).abs() < 1e-12);
+    assert!((decrease_at(SmallProblem::new(&[], &[], &[short_of_one]), 1.001, 1e-2) - 0.001).abs() < 1e-12);
 }

@@ -1,10 +1,10 @@
-//! Problems of a few variables, written down as functions.
+//! Problems of a few variables, written down as functions, for tests.
 
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::optimizer::{
+use super::{
     Budget, Constraints, ElasticSolver, Linearisation, Problem, SequentialLinearResult, SequentialLinearSettings,
     StepRatios, minimise_sequentially,
 };
