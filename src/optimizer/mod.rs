@@ -13,7 +13,7 @@ mod switching;
 pub use elastic_program::{ElasticProgram, ElasticSolution};
 pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem, larger};
 pub use linear_program::ElasticSolver;
-pub use nelder_mead::{NelderMeadResult, NelderMeadSettings, minimise_by_nelder_mead};
+pub use nelder_mead::{NelderMeadResult, minimise_by_nelder_mead};
 pub use sequential_linear::{
     CriticalityMeasure, Ending, FIRST_RADIUS, PENALTY_GROWTH, SequentialLinearResult, SequentialLinearSettings,
     StepRatios, criticality_measure, minimise_sequentially,

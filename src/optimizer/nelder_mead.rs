@@ -12,33 +12,17 @@ use nalgebra::DVector;
 use super::evaluation::{Budget, Interruption};
 use crate::stop::{Stop, Stopped};
 
-/// Size of the search.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NelderMeadSettings {
-    /// Edge of the first simplex per variable.
-    pub edge: DVector<f64>,
-    /// Most restarts about the best point, each with a new simplex.
-    pub restart_limit: usize,
-    /// A simplex whose values differ by less has converged.
-    pub value_tolerance: f64,
-    /// Restarts that gain less, several times in a row, end the search.
-    pub smallest_gain: f64,
-}
-
-impl NelderMeadSettings {
-    /// Restarts about the best point until those are idle, with a first simplex of this part of each variable's scale.
-    pub fn of_scale(variable_scale: &DVector<f64>) -> Self {
-        Self { edge: variable_scale * EDGE, restart_limit: usize::MAX, value_tolerance: 1e-6, smallest_gain: 1e-5 }
-    }
-}
-
 /// First edge of the simplex, as a fraction of each variable's scale.
 const EDGE: f64 = 0.2;
 /// Later simplices shrink by this factor, so that restarts search ever closer.
 const RESTART_SHRINKAGE: f64 = 0.7;
 /// Smallest edge of a restarted simplex, relative to the first.
 const SMALLEST_EDGE: f64 = 0.05;
-/// Restarts without gain that end the search.
+/// A simplex whose values differ by no more has converged: those of plans are final times, s, of which no more need be known.
+const VALUE_TOLERANCE: f64 = 1e-6;
+/// Restarts that gain less are idle: ten times what is left where a simplex has converged.
+const SMALLEST_GAIN: f64 = 1e-5;
+/// So many idle restarts in a row end the search.
 const IDLE_RESTARTS: usize = 3;
 /// Iterations per dimension after which a slowly converging simplex is restarted.
 const CYCLE_LENGTH: usize = 400;
@@ -48,8 +32,6 @@ const CYCLE_LENGTH: usize = 400;
 pub struct NelderMeadResult {
     /// The point.
     pub x: DVector<f64>,
-    /// Its value.
-    pub value: f64,
     /// Moves of the simplex.
     pub iterations: u64,
     /// What ended the search early, if anything.
@@ -59,20 +41,21 @@ pub struct NelderMeadResult {
 /// A function to minimise, which ends early when it is stopped.
 type Value<'a> = dyn FnMut(&DVector<f64>, Stop) -> Result<f64, Stopped> + 'a;
 
-/// Minimises `value` from `start`; each call of `value` takes one rollout from the budget.
+/// Minimises `value` from `start`, with restarts about the best point until those are idle; each call of `value` takes one rollout
+/// from the budget. `scale` is how far each variable may sensibly move.
 ///
 /// `on_improvement` is called with each new best point.
 pub fn minimise_by_nelder_mead(
     value: &mut Value,
     start: &DVector<f64>,
-    settings: &NelderMeadSettings,
+    scale: &DVector<f64>,
     budget: &mut Budget,
     on_improvement: &mut dyn FnMut(&DVector<f64>),
 ) -> NelderMeadResult {
     let mut search =
         Search { value, budget, on_improvement, best: start.clone(), best_value: f64::INFINITY, iterations: 0 };
-    let interruption = search.run(settings).err();
-    NelderMeadResult { x: search.best, value: search.best_value, iterations: search.iterations, interruption }
+    let interruption = search.run(&(scale * EDGE)).err();
+    NelderMeadResult { x: search.best, iterations: search.iterations, interruption }
 }
 
 struct Search<'a, 'b> {
@@ -90,29 +73,16 @@ struct Simplex {
     sum: DVector<f64>,
 }
 
-struct Coefficients {
-    expansion: f64,
-    contraction: f64,
-    shrinkage: f64,
-}
-
-impl Coefficients {
-    fn adaptive(dimension: f64) -> Self {
-        Self { expansion: 1.0 + 2.0 / dimension, contraction: 0.75 - 0.5 / dimension, shrinkage: 1.0 - 1.0 / dimension }
-    }
-}
-
 impl Search<'_, '_> {
-    fn run(&mut self, settings: &NelderMeadSettings) -> Result<(), Interruption> {
+    fn run(&mut self, edge: &DVector<f64>) -> Result<(), Interruption> {
         let mut relative_edge = 1.0;
         let mut idle = 0;
-        for restart in 0..=settings.restart_limit {
+        // Alternating orientation: the new simplex does not repeat the directions of the last.
+        for orientation in [1.0, -1.0].into_iter().cycle() {
             let before = self.best_value;
-            // Alternating orientation: the new simplex does not repeat the directions of the last.
-            let orientation = if restart % 2 == 0 { 1.0 } else { -1.0 };
-            let mut simplex = self.simplex_about_best(&(&settings.edge * (orientation * relative_edge)))?;
-            self.descend(&mut simplex, settings.value_tolerance)?;
-            idle = if before - self.best_value < settings.smallest_gain { idle + 1 } else { 0 };
+            let mut simplex = self.simplex_about_best(&(edge * (orientation * relative_edge)))?;
+            self.descend(&mut simplex)?;
+            idle = if before - self.best_value < SMALLEST_GAIN { idle + 1 } else { 0 };
             if idle >= IDLE_RESTARTS {
                 break;
             }
@@ -132,33 +102,28 @@ impl Search<'_, '_> {
         Ok(Simplex::new(vertices))
     }
 
-    fn descend(&mut self, simplex: &mut Simplex, value_tolerance: f64) -> Result<(), Interruption> {
-        let dimension = self.best.len();
-        let coefficients = Coefficients::adaptive(dimension as f64);
-        for _ in 0..CYCLE_LENGTH * dimension {
-            if simplex.spread() <= value_tolerance {
+    fn descend(&mut self, simplex: &mut Simplex) -> Result<(), Interruption> {
+        for _ in 0..CYCLE_LENGTH * self.best.len() {
+            if simplex.spread() <= VALUE_TOLERANCE {
                 break;
             }
             self.iterations += 1;
-            match self.replacement(simplex, &coefficients)? {
+            match self.replacement(simplex)? {
                 Some((value, vertex)) => simplex.replace_worst(value, vertex),
-                None => self.shrink(simplex, coefficients.shrinkage)?,
+                None => self.shrink(simplex)?,
             }
         }
         Ok(())
     }
 
     /// Reflection, expansion or contraction of the worst vertex; none when the simplex must shrink.
-    fn replacement(
-        &mut self,
-        simplex: &Simplex,
-        coefficients: &Coefficients,
-    ) -> Result<Option<(f64, DVector<f64>)>, Interruption> {
+    fn replacement(&mut self, simplex: &Simplex) -> Result<Option<(f64, DVector<f64>)>, Interruption> {
+        let dimension = self.best.len() as f64;
         let (best, second_worst, worst) = simplex.key_values();
         let reflected = simplex.along_centroid(1.0);
         let reflected_value = self.evaluate(&reflected)?;
         if reflected_value < best {
-            let expanded = simplex.along_centroid(coefficients.expansion);
+            let expanded = simplex.along_centroid(1.0 + 2.0 / dimension);
             let expanded_value = self.evaluate(&expanded)?;
             let expansion_wins = expanded_value < reflected_value;
             return Ok(Some(if expansion_wins { (expanded_value, expanded) } else { (reflected_value, reflected) }));
@@ -167,15 +132,16 @@ impl Search<'_, '_> {
             return Ok(Some((reflected_value, reflected)));
         }
         let outside = reflected_value < worst;
-        let factor = if outside { coefficients.contraction } else { -coefficients.contraction };
-        let contracted = simplex.along_centroid(factor);
+        let contraction = 0.75 - 0.5 / dimension;
+        let contracted = simplex.along_centroid(if outside { contraction } else { -contraction });
         let contracted_value = self.evaluate(&contracted)?;
         let bound = if outside { reflected_value } else { worst };
         Ok((contracted_value <= bound).then_some((contracted_value, contracted)))
     }
 
     /// Pulls all vertices towards the best one.
-    fn shrink(&mut self, simplex: &mut Simplex, shrinkage: f64) -> Result<(), Interruption> {
+    fn shrink(&mut self, simplex: &mut Simplex) -> Result<(), Interruption> {
+        let shrinkage = 1.0 - 1.0 / self.best.len() as f64;
         let best = simplex.vertices[0].1.clone();
         let mut vertices = vec![simplex.vertices[0].clone()];
         for (_, vertex) in &simplex.vertices[1..] {
@@ -243,49 +209,47 @@ mod tests {
 
     use super::*;
 
-    fn minimise(value: impl Fn(&DVector<f64>) -> f64, start: &[f64]) -> NelderMeadResult {
+    /// Values count as 1e10 times as much: the tolerance of 1e-6 is one of 1e-16.
+    const UNIT: f64 = 1e10;
+
+    /// The minimum of a function, from a first simplex with an edge of 0.5.
+    fn minimum(function: impl Fn(&DVector<f64>) -> f64, start: &[f64]) -> NelderMeadResult {
         let stop = AtomicBool::new(false);
-        let settings = NelderMeadSettings {
-            edge: DVector::repeat(start.len(), 0.5),
-            restart_limit: 20,
-            value_tolerance: 1e-16,
-            smallest_gain: 1e-14,
-        };
-        let mut budget = Budget::new(&stop, 200_000);
-        let start = DVector::from_column_slice(start);
-        minimise_by_nelder_mead(&mut |x, _| Ok(value(x)), &start, &settings, &mut budget, &mut |_| {})
+        let (start, scale) = (DVector::from_column_slice(start), DVector::repeat(start.len(), 2.5));
+        let mut value = |x: &DVector<f64>, _: Stop| Ok(UNIT * function(x));
+        minimise_by_nelder_mead(&mut value, &start, &scale, &mut Budget::new(&stop, 200_000), &mut |_| {})
     }
 
     #[test]
     fn rosenbrock_valley_is_followed_to_its_minimum() {
-        let result = minimise(|x| (1.0 - x[0]).powi(2) + 100.0 * (x[1] - x[0] * x[0]).powi(2), &[-1.2, 1.0]);
-        // The value tolerance of 1e-16 leaves sqrt(1e-16) in x.
+        let result = minimum(|x| (1.0 - x[0]).powi(2) + 100.0 * (x[1] - x[0] * x[0]).powi(2), &[-1.2, 1.0]);
+        // A tolerance of 1e-16 leaves sqrt(1e-16) in x.
         assert!((result.x - DVector::from_vec(vec![1.0, 1.0])).amax() < 1e-6);
         assert_eq!(result.interruption, None);
     }
 
     #[test]
     fn quadratic_in_thirty_dimensions_does_not_collapse() {
-        let result =
-            minimise(|x| x.iter().enumerate().map(|(i, v)| (i + 1) as f64 * (v - 1.0).powi(2)).sum(), &[0.0; 30]);
-        assert!(result.value < 1e-8, "value {}", result.value);
+        let quadratic = |x: &DVector<f64>| -> f64 {
+            x.iter().enumerate().map(|(index, value)| (index + 1) as f64 * (value - 1.0).powi(2)).sum()
+        };
+        let value = quadratic(&minimum(quadratic, &[0.0; 30]).x);
+        assert!(value < 1e-8, "value {value}");
     }
 
     #[test]
     fn budget_ends_the_search_with_the_best_point() {
         let stop = AtomicBool::new(false);
-        let settings = NelderMeadSettings {
-            edge: DVector::repeat(2, 0.5),
-            restart_limit: 1000,
-            value_tolerance: 0.0,
-            smallest_gain: 0.0,
-        };
-        let mut budget = Budget::new(&stop, 25);
+        let mut last = f64::INFINITY;
         let mut value = |x: &DVector<f64>, _: Stop| Ok(x.norm_squared());
-        let start = DVector::from_vec(vec![3.0, 4.0]);
-        let result = minimise_by_nelder_mead(&mut value, &start, &settings, &mut budget, &mut |_| {});
+        let mut falls = |x: &DVector<f64>| {
+            assert!(x.norm_squared() < last);
+            last = x.norm_squared();
+        };
+        let (start, scale) = (DVector::from_vec(vec![3.0, 4.0]), DVector::repeat(2, 2.5));
+        let result = minimise_by_nelder_mead(&mut value, &start, &scale, &mut Budget::new(&stop, 25), &mut falls);
         assert_eq!(result.interruption, Some(Interruption::RolloutLimit));
-        assert!(result.value < 25.0);
-        assert_eq!(result.value, result.x.norm_squared());
+        assert!(last < 25.0);
+        assert_eq!(last, result.x.norm_squared());
     }
 }

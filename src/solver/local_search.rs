@@ -9,9 +9,8 @@ use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, improves,
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
-    Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, NelderMeadSettings, PENALTY_GROWTH, Problem,
-    SequentialLinearResult, SequentialLinearSettings, StepRatios, criticality_measure, minimise_by_nelder_mead,
-    minimise_sequentially,
+    Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, SequentialLinearResult,
+    SequentialLinearSettings, StepRatios, criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{GoalScales, Penalty, ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
@@ -162,7 +161,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     }
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let settings = NelderMeadSettings::of_scale(&self.problem.variable_scale(guess));
+        let scale = self.problem.variable_scale(guess);
         let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
         let tolerance = self.settings.goal_tolerance;
         let last = Cell::new((f64::NAN, true));
@@ -186,7 +185,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
                 report(control, start, x, best.0);
             }
         };
-        let result = minimise_by_nelder_mead(&mut value, guess, &settings, &mut self.budget, &mut report_improvement);
+        let result = minimise_by_nelder_mead(&mut value, guess, &scale, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
         let (goal_error, breaks_limits) = best;
