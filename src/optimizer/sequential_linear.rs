@@ -91,16 +91,6 @@ const HALVINGS: i32 = 3;
 /// that this rule ends had a sixteenth of the gain, and it saves two thirds of the rollouts.
 const HOPE: f64 = 2.0;
 
-/// Why the iteration ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ending {
-    /// The linear model predicts no further decrease, or none that the merit confirms in the smallest trust region, a kink; or the
-    /// iteration limit.
-    Done,
-    /// The merit to beat is out of reach.
-    Hopeless,
-}
-
 /// The best point found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SequentialLinearResult {
@@ -110,8 +100,8 @@ pub struct SequentialLinearResult {
     pub constraints: Constraints,
     /// Linear programs solved.
     pub iterations: u64,
-    /// Why it ended, or what of the budget ended it.
-    pub ending: Result<Ending, Interruption>,
+    /// What of the budget ended it, if anything did.
+    pub ending: Result<(), Interruption>,
 }
 
 /// Minimises `cost' x` subject to `residual = 0`, `inequality <= 0` and the bounds, from `start`.
@@ -185,18 +175,17 @@ impl<'a> Search<'a> {
         &mut self,
         budget: &mut Budget,
         on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
-    ) -> Result<Ending, Interruption> {
+    ) -> Result<(), Interruption> {
         // A start that meets the constraints is a plan, even where the descent loses them.
         self.linearise(budget)?;
         on_improvement(&self.x, &self.model.constraints);
         loop {
-            let ending = self.descend(budget, on_improvement)?;
-            if ending == Ending::Hopeless || !self.settings.restores {
-                return Ok(ending);
+            if !self.descend(budget, on_improvement)? || !self.settings.restores {
+                return Ok(());
             }
             self.restore(budget)?;
             if self.is_met() || !self.tightens() {
-                return Ok(ending);
+                return Ok(());
             }
             self.radius = self.settings.first_radius;
             // Rows that no step within the last radius violates are left out of the model.
@@ -204,11 +193,13 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Descends until the linear model predicts no further decrease, or none that the merit confirms in the smallest trust region, a
+    /// kink; false where the merit to beat is out of reach.
     fn descend(
         &mut self,
         budget: &mut Budget,
         on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
-    ) -> Result<Ending, Interruption> {
+    ) -> Result<bool, Interruption> {
         for _ in 0..self.settings.iteration_limit {
             self.linearise(budget)?;
             let merit = self.merit(&self.x, &self.model.constraints);
@@ -220,10 +211,10 @@ impl<'a> Search<'a> {
                 if self.model.constraints.violation() > RESTORABLE && self.tightens() {
                     continue;
                 }
-                return Ok(Ending::Done);
+                return Ok(true);
             }
             if merit - HOPE * prediction > self.settings.merit_to_beat {
-                return Ok(Ending::Hopeless);
+                return Ok(false);
             }
             let good_merit = merit - self.settings.step_ratios.correct * prediction;
             let trial = self.try_step(&step, good_merit, budget)?;
@@ -235,10 +226,10 @@ impl<'a> Search<'a> {
                 on_improvement(&self.x, &self.model.constraints);
             }
             if self.radius < SMALLEST_RADIUS {
-                return Ok(Ending::Done);
+                return Ok(true);
             }
         }
-        Ok(Ending::Done)
+        Ok(true)
     }
 
     /// Makes the penalty parameter larger, if it may be.

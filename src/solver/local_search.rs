@@ -128,7 +128,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         if let Some(passed) = passed.filter(|_| !candidate.is_feasible(tolerance)) {
             self.note(&passed);
         }
-        result.ending.map(|_| candidate)
+        result.ending.map(|()| candidate)
     }
 
     /// The settings of a descent to the goal.
