@@ -63,11 +63,9 @@ enum Slot {
     Done { outcome: Box<PartOutcome>, limit: u64 },
 }
 
-/// The outcome of all parts.
+/// What the parts of all rounds came to, beside their local optima.
 #[derive(Debug, Default)]
 pub(super) struct Total {
-    /// The local optima with the numbers of their parts, in order.
-    pub(super) locals: Vec<(usize, Candidate)>,
     /// Why some parts have no local optimum.
     pub(super) interruption: Option<Interruption>,
     pub(super) best: Option<Candidate>,
@@ -76,22 +74,12 @@ pub(super) struct Total {
 }
 
 impl Total {
-    /// Adds the outcome of a later search, whose interruption replaces this one's.
-    pub(super) fn follow(&mut self, later: Self, goal_tolerance: f64) {
-        self.iterations += later.iterations;
-        self.rollouts += later.rollouts;
-        self.interruption = later.interruption;
-        note(&mut self.best, later.best, goal_tolerance);
-    }
-
-    fn add(&mut self, (index, outcome): (usize, PartOutcome), goal_tolerance: f64) {
+    /// Adds the outcome of a part; gives its local optimum.
+    fn add(&mut self, outcome: PartOutcome, goal_tolerance: f64) -> Option<Candidate> {
         self.iterations += outcome.iterations;
         self.rollouts += outcome.rollouts;
         note(&mut self.best, outcome.best, goal_tolerance);
-        match outcome.local {
-            Ok(local) => self.locals.push((index, local)),
-            Err(interruption) => self.interruption = Some(interruption),
-        }
+        outcome.local.map_err(|interruption| self.interruption = Some(interruption)).ok()
     }
 }
 
@@ -105,38 +93,37 @@ impl<'a> Parts<'a> {
         Self { progress, rollout_limit, run, state: Mutex::new(state), is_cancelled: AtomicBool::new(false) }
     }
 
-    /// Runs all parts, with the helpers of the control.
-    pub(super) fn total(self) -> Total {
+    /// Runs all parts, with the helpers of the control, and adds them to what was found; the local optima with the numbers of their
+    /// parts, in order.
+    pub(super) fn run_into(self, found: &mut Total) -> Vec<(usize, Candidate)> {
         let Self { progress, rollout_limit, run, .. } = self;
         let BestProgress { control, goal_tolerance, .. } = *progress;
         control.share(&self);
         let State { slots, given_back } = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let mut total = Total::default();
+        let (before, mut locals) = (found.rollouts, Vec::new());
         let mut slots = slots.into_iter().enumerate();
         while let Some((index, slot)) = slots.next() {
-            let share = rollout_limit - total.rollouts;
+            let share = rollout_limit - (found.rollouts - before);
             let outcome = match slot {
                 Slot::Done { outcome, limit } if outcome.holds_under(share, limit) => *outcome,
                 slot if control.is_stopped() => {
-                    note(&mut total.best, given_back, goal_tolerance);
+                    note(&mut found.best, given_back, goal_tolerance);
                     for (index, slot) in iter::once((index, slot)).chain(slots) {
                         if let Slot::Done { outcome, .. } = slot {
-                            total.add((index, *outcome), goal_tolerance);
+                            locals.extend(found.add(*outcome, goal_tolerance).map(|local| (index, local)));
                         }
                     }
-                    total.interruption = Some(Interruption::Stopped);
-                    return total;
+                    found.interruption = Some(Interruption::Stopped);
+                    break;
                 }
                 Slot::Open | Slot::UnderWay | Slot::Done { .. } => {
                     run(index, &control.of_part(control.stop(), progress), share)
                 }
             };
-            total.add((index, outcome), goal_tolerance);
-            if total.interruption.is_some() {
-                break;
-            }
+            let Some(local) = found.add(outcome, goal_tolerance) else { break };
+            locals.push((index, local));
         }
-        total
+        locals
     }
 
     fn state(&self) -> MutexGuard<'_, State> {

@@ -211,12 +211,8 @@ impl<'a> Race<'a> {
             let (best, iterations, rollouts) = local_search.into_parts();
             PartOutcome { local, best, iterations, rollouts }
         };
-        let tolerance = self.input.settings.goal_tolerance;
         let left = self.rollout_limit - self.found.rollouts;
-        let mut total = Parts::new(self.progress, left, (count, run_part)).total();
-        let locals = std::mem::take(&mut total.locals);
-        self.found.follow(total, tolerance);
-        locals
+        Parts::new(self.progress, left, (count, run_part)).run_into(&mut self.found)
     }
 }
 
@@ -261,8 +257,7 @@ impl Smoothed {
 
 /// How often the best one of sorted optima was found.
 fn times_found(smoothed: &[Smoothed]) -> usize {
-    let Some(best) = smoothed.first() else { return 0 };
-    let are_best = smoothed.iter().take_while(|other| !is_distinct(best.local.merit, other.local.merit));
+    let are_best = smoothed.iter().take_while(|other| !is_distinct(smoothed[0].local.merit, other.local.merit));
     are_best.map(|smoothed| smoothed.times_found).sum()
 }
 
