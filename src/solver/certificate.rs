@@ -168,16 +168,9 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
         Refinement::UntilConfirmed { .. } => RefinementOutcome::StepLimit,
     };
     let result = SearchResult {
-        best: None,
-        stop_reason: StopReason::Finished,
-        step_count: 0,
-        iterations: 0,
-        rollouts: 0,
-        starts_tried: 0,
         distinct_optima: vec![DistinctOptimum { final_time: 0.0, count: 1, friction_shift: None }],
-        plans: Vec::new(),
         refinement,
-        replayed: None,
+        ..SearchResult::default()
     };
     let optimality = Optimality { measure: 0.0, is_stationary: true, sign_violations: 0 };
     let shown = Certificate {

@@ -16,18 +16,18 @@ use super::solution::StopReason;
 use crate::shooting::{ShootingProblem, decision_from_schedule, schedule_from_decision};
 use crate::simulation::{Simulator, TorqueSchedule};
 
-/// Searches on a grid of so many steps, where there is no guess on fewer control intervals first.
+/// Searches on the grid of the problem, where there is no guess on fewer control intervals first.
 pub(super) fn search(
     input: &SolveInput,
     (simulator, problem): (&Simulator, &ShootingProblem),
-    (step_count, rollout_limit): (usize, u64),
+    rollout_limit: u64,
     control: &RunControl,
 ) -> SearchResult {
     let Some(coarse) = with_fewer_intervals(input) else {
-        return search::search(input, problem, (step_count, rollout_limit), control);
+        return search::search(input, problem, rollout_limit, control);
     };
-    let (coarse_problem, _) = problem_on(&coarse, simulator, step_count);
-    let mut result = search::search(&coarse, &coarse_problem, (step_count, rollout_limit), control);
+    let (coarse_problem, _) = problem_on(&coarse, simulator, problem.step_count());
+    let mut result = search::search(&coarse, &coarse_problem, rollout_limit, control);
     for plan in result.best.iter_mut().chain(&mut result.plans) {
         resample(plan, input);
     }
@@ -189,7 +189,7 @@ mod tests {
         let (input, control) = (steadiest(80), RunControl::unattended());
         let simulator = Simulator::new(&input.robot);
         let (problem, _) = problem_on(&input, &simulator, 160);
-        let mut result = search(&input, (&simulator, &problem), (160, u64::MAX), &control);
+        let mut result = search(&input, (&simulator, &problem), u64::MAX, &control);
         let mut settled = result.best.clone().unwrap();
         settled.stationarity = None;
         result.best = Some(settled.clone());

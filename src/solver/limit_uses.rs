@@ -42,15 +42,11 @@ pub(super) fn motion_with_limits(
     let maxima = |law, quantities: &[PathQuantity]| simulator.path_maxima(rollout, law, quantities, stop);
     let mut motion = maxima(FrictionLaw::Exact, &quantities)?;
     let is_grip = |quantity: &PathQuantity| matches!(quantity, PathQuantity::GripUtilization { .. });
-    if limits.forbids_slip && motion.slips {
-        let held = maxima(FrictionLaw::Held(0.0), &quantities)?;
-        for ((quantity, maximum), held) in quantities.iter().zip(&mut motion.maxima).zip(held.maxima) {
-            if is_grip(quantity) {
-                *maximum = held;
-            }
-        }
-    } else if simulator.robot().parameters().wheel_friction_coefficient == 0.0 {
-        for (_, maximum) in quantities.iter().zip(&mut motion.maxima).filter(|(quantity, _)| is_grip(quantity)) {
+    if let Some(grip) = quantities.iter().position(is_grip) {
+        let maximum = &mut motion.maxima[grip];
+        if limits.forbids_slip && motion.slips {
+            *maximum = maxima(FrictionLaw::Held(0.0), &quantities[grip..=grip])?.maxima[0];
+        } else if simulator.robot().parameters().wheel_friction_coefficient == 0.0 {
             maximum.value = larger(1.0, maximum.value);
         }
     }

@@ -70,8 +70,7 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopp
     let simulator = Simulator::new(&input.robot);
     let settings = &input.settings;
     let (mut problem, mut bound) = problem_on(input, &simulator, settings.step_count);
-    let grid = (settings.step_count, settings.rollout_limit);
-    let mut result = control_grid::search(input, (&simulator, &problem), grid, control);
+    let mut result = control_grid::search(input, (&simulator, &problem), settings.rollout_limit, control);
     if let Refinement::UntilConfirmed { .. } = settings.refinement {
         refinement::refine(input, &simulator, control, &mut result);
         (problem, bound) = problem_on(input, &simulator, result.step_count);
@@ -93,8 +92,7 @@ fn fallback(input: &SolveInput, problem: &mut ShootingProblem, stop: Stop) -> Re
     let mut constraints = problem.constraints();
     problem.evaluate(&decision, &mut constraints, stop)?;
     let goal_error = problem.goal_scales().largest_goal_error(&constraints.residual);
-    let breaks_limits = problem.breaks_limits(&constraints);
-    let candidate = Candidate::new(decision, goal_error, breaks_limits, start.goal_heading);
+    let candidate = Candidate::new(decision, goal_error, true, start.goal_heading);
     Ok(goal_error.is_finite().then_some(candidate))
 }
 

@@ -93,7 +93,7 @@ impl Refiner<'_, '_> {
             step_count = (FACTORS.1 * step_count).min(self.finest());
             let (problem, _) = problem_on(self.input, self.simulator, step_count);
             let left = self.input.settings.rollout_limit - self.result.rollouts;
-            let finer = search(self.input, (self.simulator, &problem), (step_count, left), &self.control);
+            let finer = search(self.input, (self.simulator, &problem), left, &self.control);
             self.result.follow(finer, self.input.settings.goal_tolerance);
         }
     }

@@ -15,7 +15,7 @@ use crate::shooting::{ShootingProblem, schedule_from_decision};
 use crate::stop::{Stop, Stopped};
 
 /// The result of the search, and its cost.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct SearchResult {
     /// The best decision; none when the search was stopped before its first rollout.
     pub(super) best: Option<Candidate>,
@@ -93,11 +93,12 @@ impl SearchResult {
     }
 }
 
-/// Searches on a grid from every start, then polishes the best local optima; the result does not depend on the helpers.
+/// Searches on the grid of the problem from every start, then polishes the best local optima; the result does not depend on the
+/// helpers.
 pub(super) fn search(
     input: &SolveInput,
     problem: &ShootingProblem<'_>,
-    (step_count, rollout_limit): (usize, u64),
+    rollout_limit: u64,
     control: &RunControl,
 ) -> SearchResult {
     let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
@@ -119,13 +120,12 @@ pub(super) fn search(
         plans,
         best: found.best,
         stop_reason: found.interruption.map_or(StopReason::Finished, StopReason::from),
-        step_count,
+        step_count: problem.step_count(),
         iterations: found.iterations,
         rollouts: found.rollouts,
         starts_tried,
         distinct_optima: grouped(&optima),
-        refinement: RefinementOutcome::Fixed,
-        replayed: None,
+        ..SearchResult::default()
     };
     if result.stop_reason != StopReason::Stopped && result.weigh(input, &optima, control.stop()).is_err() {
         result.stop_reason = StopReason::Stopped;
@@ -203,7 +203,7 @@ mod tests {
         let input = SolveInput::new(parameters).unwrap();
         let (simulator, control) = (Simulator::new(&input.robot), RunControl::unattended());
         let (problem, _) = problem_on(&input, &simulator, input.settings.step_count);
-        let mut result = search(&input, &problem, (input.settings.step_count, 10), &control);
+        let mut result = search(&input, &problem, 10, &control);
         // As after the searches of several grids; the method has one start.
         result.starts_tried = 3;
         assert!(further_optima(&input, &problem, &mut result, &control).is_empty());

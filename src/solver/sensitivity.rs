@@ -59,7 +59,7 @@ impl EndShift {
     }
 }
 
-/// All changes of a plan, smaller values first; nothing where nothing moves.
+/// All changes of a plan, smaller values first.
 ///
 /// # Errors
 /// When it was stopped before the end.
@@ -68,9 +68,6 @@ pub(super) fn sensitivity(
     (schedule, step_count): (&TorqueSchedule, usize),
     stop: Stop,
 ) -> Result<Vec<Sensitivity>, Stopped> {
-    if schedule.control_count() == 0 {
-        return Ok(Vec::new());
-    }
     let plan = Plan::new(input, (schedule, step_count), stop)?;
     let changes = CHANGES.into_iter();
     changes.flat_map(|(parameter, size)| [-size, size].map(|change| plan.under(parameter, change, stop))).collect()

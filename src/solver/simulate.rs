@@ -142,29 +142,17 @@ impl SimulateInput {
         let mut checks = Checks::new();
         let aisle = parameters.check(&mut checks);
         checks.finish()?;
-        let SimulateParameters {
-            robot: bare_robot,
-            payload,
-            reference_point,
-            start,
-            limits,
-            aisle: _,
-            schedule,
-            step_count,
-            contact_method,
-        } = parameters;
-        let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
         Ok(Self {
-            robot,
-            bare_robot,
-            payload,
-            reference_point,
-            start,
-            limits,
+            robot: Robot::new(joined(&parameters.robot, parameters.payload.as_ref()))?,
+            bare_robot: parameters.robot,
+            payload: parameters.payload,
+            reference_point: parameters.reference_point,
+            start: parameters.start,
+            limits: parameters.limits,
             aisle,
-            schedule,
-            step_count,
-            contact_method,
+            schedule: parameters.schedule,
+            step_count: parameters.step_count,
+            contact_method: parameters.contact_method,
         })
     }
 }

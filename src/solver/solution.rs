@@ -33,9 +33,10 @@ impl Status {
 }
 
 /// Why the search ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StopReason {
     /// The whole search asked for was done.
+    #[default]
     Finished,
     /// The stop flag was set from outside.
     Stopped,
@@ -106,9 +107,10 @@ impl LowerBoundAssumption {
 }
 
 /// How the number of steps of the plan's grid was determined.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RefinementOutcome {
     /// The caller chose them.
+    #[default]
     Fixed,
     /// Automatic: the replay is within tolerance.
     WithinTolerance,
