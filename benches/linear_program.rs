@@ -75,7 +75,7 @@ fn by_elastic_simplex(solver: &mut ElasticSolver, data: &Data) -> f64 {
 fn programs(criterion: &mut Criterion) {
     for rows in ROWS {
         let programs: Vec<Data> = (0..20).map(|seed| random_program(rows, seed)).collect();
-        let mut solver = ElasticSolver::new();
+        let mut solver = ElasticSolver::default();
         for data in &programs {
             let (own, library) = (by_elastic_simplex(&mut solver, data), by_library(data));
             assert!((own - library).abs() < 1e-9, "{own} against {library}");

@@ -50,7 +50,7 @@ pub(super) const TOLERANCE: f64 = 1e-9;
 /// Iterations per variable and row after which the simplex gives up.
 const ITERATION_FACTOR: usize = 20;
 
-/// Memory of the simplex: the vertex of the last program, from which the next one begins.
+/// Memory of the simplex: the vertex of the last program, from which the next one begins; at first there is none.
 #[derive(Debug, Clone, Default)]
 pub struct ElasticSolver {
     /// Names and places of the last program's rows, names ascending.
@@ -97,11 +97,6 @@ enum Rest {
 }
 
 impl ElasticSolver {
-    /// A solver without memory yet.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Solves a program; at least as good as x = 0.
     ///
     /// # Errors
@@ -154,41 +149,29 @@ impl ElasticSolver {
         Ok(ElasticSolution { gap, ..best })
     }
 
-    /// Sizes the memory and computes the ranges of the rows.
+    /// Sizes the memory, and computes the rows at x = 0 and their ranges.
     fn prepare(&mut self, program: &ElasticProgram) {
         let (rows, columns) = program.matrix.shape();
-        for (vector, len) in [
-            (&mut self.multiplier, rows),
-            (&mut self.direction, rows),
-            (&mut self.value, rows),
-            (&mut self.range, rows),
-            (&mut self.gradient, columns),
-            (&mut self.slope, columns),
-            (&mut self.x, columns),
-        ] {
-            vector.resize_vertically_mut(len, 0.0);
-        }
+        [self.multiplier, self.direction] = [rows; 2].map(DVector::zeros);
+        [self.gradient, self.slope, self.x] = [columns; 3].map(DVector::zeros);
+        self.value = -program.target;
         self.by_row = program.matrix.transpose();
         let width = program.upper - program.lower;
-        for (range, coefficients) in self.range.as_mut_slice().iter_mut().zip(self.by_row.column_iter()) {
+        let ranges = self.by_row.column_iter().map(|coefficients| -> f64 {
             let coefficients = coefficients.as_slice().iter().zip(width.as_slice());
-            *range = coefficients.map(|(coefficient, width)| coefficient.abs() * width).sum();
-        }
+            coefficients.map(|(coefficient, width)| coefficient.abs() * width).sum()
+        });
+        self.range = DVector::from_iterator(rows, ranges);
         self.largest_range = self.range.amax();
         self.small_gradient = GRADIENT_TOLERANCE * program.cost.amax();
         self.basis.is_kept = rows > Basis::SMALL;
-        self.is_basic.clear();
-        self.is_basic.resize(columns, false);
-        self.rest.clear();
-        self.rest.resize(columns, Rest::Zero);
+        self.is_basic = vec![false; columns];
+        self.rest = vec![Rest::Zero; columns];
     }
 
     /// Climbs to the maximum of D; false when the basis became singular or the iterations ran out.
     fn climb(&mut self, program: &ElasticProgram, iterations: &mut usize, stop: Stop) -> Result<bool, Stopped> {
         let (rows, columns) = program.matrix.shape();
-        self.value.copy_from(program.target);
-        self.value.neg_mut();
-        self.x.as_mut_slice().fill(0.0);
         self.perturbation = Perturbation::default();
         let (mut stalled, mut was_perturbed, mut is_afresh) = (0, false, true);
         for _ in 0..ITERATION_FACTOR * (rows + columns) {
@@ -357,9 +340,7 @@ impl ElasticSolver {
                 *x = new;
             }
         }
-        let missing =
-            DVector::from_iterator(self.basis.tight.len(), self.basis.tight.iter().map(|row| self.value[*row]));
-        let basic = &self.basis.inverse * missing;
+        let basic = &self.basis.inverse * self.value.select_rows(&self.basis.tight);
         for (column, x) in self.basis.basic.iter().zip(basic.iter()) {
             self.x[*column] -= x;
             add_multiple(&mut self.value, -x, program.matrix.column(*column).as_slice());
@@ -373,8 +354,7 @@ impl ElasticSolver {
             Leaving::Basic { position, sign } => self.basis.inverse.row(position).transpose() * sign,
             Leaving::Row { row, sign } => {
                 self.direction[row] = sign;
-                let coefficients = self.basis.basic.iter().map(|column| -sign * program.matrix[(row, *column)]);
-                self.basis.inverse.tr_mul(&DVector::from_iterator(self.basis.basic.len(), coefficients))
+                self.basis.inverse.tr_mul(&(self.basis.basic_part(program, row) * -sign))
             }
         };
         for (row, change) in self.basis.tight.iter().zip(tight.iter()) {

@@ -63,7 +63,7 @@ impl SmallProblem {
         let start = DVector::from_row_slice(start);
         minimise_sequentially(
             self,
-            (&start, &mut ElasticSolver::new()),
+            (&start, &mut ElasticSolver::default()),
             settings,
             &mut Budget::new(&stop, PLENTY),
             &mut |_, _| {},
@@ -83,7 +83,7 @@ impl SmallProblem {
         let mut merits = Vec::new();
         let result = minimise_sequentially(
             self,
-            (&start, &mut ElasticSolver::new()),
+            (&start, &mut ElasticSolver::default()),
             settings,
             &mut budget,
             &mut |x, constraints| {

@@ -41,7 +41,7 @@ pub fn sign_violations(
         upper: &above.zip_map(&scale, |room, scale| room.min(RADIUS * scale).max(0.0)),
         penalty_parameter,
     };
-    let multiplier = ElasticSolver::new().solve(&program, stop)?.multiplier;
+    let multiplier = ElasticSolver::default().solve(&program, stop)?.multiplier;
     let reduced_cost = (problem.cost() - model.jacobian.tr_mul(&multiplier)).component_mul(&scale);
 
     let zero = ZERO * reduced_cost.amax();

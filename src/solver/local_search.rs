@@ -63,7 +63,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             settings,
             control,
             budget: Budget::new(control.stop(), rollout_limit),
-            programs: ElasticSolver::new(),
+            programs: ElasticSolver::default(),
             coarse_step_count: usize::MAX,
             start: (0, 0),
             goal_heading: None,
@@ -75,7 +75,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     /// Has so many torques per wheel from now on; the last vertex of a linear program says nothing of the next one.
     pub(super) fn set_control_count(&mut self, control_count: usize) {
         self.problem.set_control_count(control_count);
-        self.programs = ElasticSolver::new();
+        self.programs = ElasticSolver::default();
     }
 
     pub(super) fn into_parts(self) -> (Option<Candidate>, u64, u64) {
@@ -252,7 +252,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 /// What linear programs begin from: with limits, where most of their rows are tight and stay so, where the last one ended.
 pub(super) fn linear_programs<'a>(problem: &ShootingProblem, last: &'a mut ElasticSolver) -> &'a mut ElasticSolver {
     if !problem.has_path_limits() {
-        *last = ElasticSolver::new();
+        *last = ElasticSolver::default();
     }
     last
 }

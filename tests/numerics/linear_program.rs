@@ -118,7 +118,7 @@ fn by_library(data: &Data) -> f64 {
 
 #[test]
 fn elastic_simplex_is_as_good_as_a_general_solver() {
-    let mut solver = ElasticSolver::new();
+    let mut solver = ElasticSolver::default();
     for seed in 0..2000 {
         let data = random_program(seed);
         let solution = solver.solve(&data.program(), Stop::never()).unwrap();
@@ -185,11 +185,11 @@ fn many_limits_are_met_as_well_as_by_a_general_solver() {
         for rows in [Rows::Scattered, Rows::InOnePoint] {
             let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed as u64);
             let mut data = crowded_program(limits, rows, &mut rng);
-            let mut warm = ElasticSolver::new();
+            let mut warm = ElasticSolver::default();
             for step in 0..3 {
                 let expected = by_library(&data);
                 let tolerance = AGREEMENT * expected.abs();
-                for (start, solver) in [("warm", &mut warm), ("cold", &mut ElasticSolver::new())] {
+                for (start, solver) in [("warm", &mut warm), ("cold", &mut ElasticSolver::default())] {
                     let label = format!("{limits} limits, {rows:?}, step {step}, {start}");
                     let solution = solver.solve(&data.program(), Stop::never()).unwrap();
                     let objective = data.optimal_objective(&solution, tolerance, &label);

@@ -82,7 +82,7 @@ impl Basis {
         if !self.may_keep() {
             return;
         }
-        let change = &self.inverse * self.tight_part(program, column);
+        let change = &self.inverse * program.matrix.column(column).select_rows(&self.tight);
         if self.may_update(change[position], change.amax()) {
             let row = self.inverse.row(position) / change[position];
             self.inverse.ger(-1.0, &change, &row.transpose(), 1.0);
@@ -110,14 +110,13 @@ impl Basis {
             return self.push(row, column);
         }
         let size = self.tight.len();
-        let of_column = self.tight_part(program, column);
+        let of_column = program.matrix.column(column).select_rows(&self.tight);
         let of_row = self.basic_part(program, row);
         let by_column = &self.inverse * &of_column;
         let by_row = self.inverse.tr_mul(&of_row);
         let corner = program.matrix[(row, column)];
         let pivot = corner - of_row.dot(&by_column);
-        self.tight.push(row);
-        self.basic.push(column);
+        self.push(row, column);
         if self.may_update(pivot, corner.abs().max(of_row.amax())) {
             self.inverse.ger(1.0 / pivot, &by_column, &by_row, 1.0);
             self.inverse.resize_mut(size + 1, size + 1, 1.0 / pivot);
@@ -156,13 +155,8 @@ impl Basis {
         self.is_inverted
     }
 
-    /// The entries of a column in the tight rows.
-    fn tight_part(&self, program: &ElasticProgram, column: usize) -> DVector<f64> {
-        DVector::from_iterator(self.tight.len(), self.tight.iter().map(|row| program.matrix[(*row, column)]))
-    }
-
     /// The entries of a row in the basic columns.
-    fn basic_part(&self, program: &ElasticProgram, row: usize) -> DVector<f64> {
+    pub(super) fn basic_part(&self, program: &ElasticProgram, row: usize) -> DVector<f64> {
         DVector::from_iterator(self.basic.len(), self.basic.iter().map(|column| program.matrix[(row, *column)]))
     }
 }

@@ -10,9 +10,8 @@ impl ElasticSolver {
     /// All rows violated or slack as at x = 0.
     pub(super) fn begin_cold(&mut self, program: &ElasticProgram) {
         self.basis.clear();
-        self.place.clear();
-        self.place
-            .extend(program.target.iter().map(|target| if *target < 0.0 { RowPlace::High } else { RowPlace::Low }));
+        let place = |target: &f64| if *target < 0.0 { RowPlace::High } else { RowPlace::Low };
+        self.place = program.target.iter().map(place).collect();
     }
 
     /// The rows and variables of the last program, as far as they are there and independent.
@@ -61,8 +60,7 @@ impl ElasticSolver {
     }
 
     pub(super) fn remember(&mut self, program: &ElasticProgram) {
-        self.known.clear();
-        self.known.extend(program.row_name.iter().copied().zip(self.place.iter().copied()));
+        self.known = program.row_name.iter().copied().zip(self.place.iter().copied()).collect();
     }
 }
 

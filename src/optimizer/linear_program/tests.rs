@@ -13,7 +13,7 @@ fn solve(matrix: &DMatrix<f64>, target: &[f64], cost: &[f64], bound: f64, penalt
         upper: &DVector::repeat(n, bound),
         penalty_parameter,
     };
-    ElasticSolver::new().solve(&program, Stop::never()).unwrap()
+    ElasticSolver::default().solve(&program, Stop::never()).unwrap()
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn smaller_trust_regions_have_the_same_solutions() {
                 upper: &DVector::repeat(columns, 1.0),
                 penalty_parameter: 30.0,
             };
-            ElasticSolver::new().solve(&program, Stop::never()).unwrap()
+            ElasticSolver::default().solve(&program, Stop::never()).unwrap()
         };
         let (whole, small) = (solved(1.0), solved(2.0_f64.powi(-20)));
         for solution in [&whole, &small] {
@@ -133,11 +133,11 @@ fn each_iteration_asks_whether_it_is_stopped() {
         upper: &bound,
         penalty_parameter: 10.0,
     };
-    let (solution, asked) = probe::unstopped(|stop| ElasticSolver::new().solve(&program, stop));
+    let (solution, asked) = probe::unstopped(|stop| ElasticSolver::default().solve(&program, stop));
     let iterations = solution.unwrap().iterations as u64;
     assert!(iterations > 10 && asked >= iterations, "{asked} questions in {iterations} iterations");
     for question in 1..=asked {
-        let (solution, asked) = probe::stopped_at(question, |stop| ElasticSolver::new().solve(&program, stop));
+        let (solution, asked) = probe::stopped_at(question, |stop| ElasticSolver::default().solve(&program, stop));
         assert_eq!((solution, asked), (Err(Stopped), question));
     }
 }
@@ -163,8 +163,8 @@ fn rows_out_of_reach_change_no_solution() {
     let reached = program.rows_within_reach();
     assert!(reached.len() < rows / 4, "{} rows", reached.len());
     let (solution, of_all) = (
-        ElasticSolver::new().solve(&program, Stop::never()).unwrap(),
-        ElasticSolver::new().solve_rows(&program, Stop::never()).unwrap(),
+        ElasticSolver::default().solve(&program, Stop::never()).unwrap(),
+        ElasticSolver::default().solve_rows(&program, Stop::never()).unwrap(),
     );
     assert!((&solution.x - &of_all.x).amax() < 1e-14);
     assert!((solution.objective - of_all.objective).abs() < 1e-14);

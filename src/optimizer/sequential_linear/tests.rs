@@ -238,7 +238,7 @@ fn the_start_is_passed_on_too() {
     let start = DVector::from_row_slice(&[0.6, 0.8, -0.6]);
     let (stop, mut passed) = (AtomicBool::new(false), Vec::new());
     let mut budget = Budget::new(&stop, PLENTY);
-    let mut programs = ElasticSolver::new();
+    let mut programs = ElasticSolver::default();
     minimise_sequentially(&mut problem, (&start, &mut programs), &settings(), &mut budget, &mut |x, _| {
         passed.push(x.clone());
     });

@@ -27,7 +27,7 @@ fn measured_within(rollouts: u64, problem: &mut SmallProblem, x: &[f64]) -> Resu
         ..settings()
     };
     let stop = AtomicBool::new(false);
-    let from = (&DVector::from_row_slice(x), &mut ElasticSolver::new());
+    let from = (&DVector::from_row_slice(x), &mut ElasticSolver::default());
     criticality_measure(problem, from, &settings, &mut Budget::new(&stop, rollouts))
 }
 
@@ -131,7 +131,7 @@ fn decrease_at(mut problem: SmallProblem, x: f64, tolerance: f64) -> f64 {
     };
     let stop = AtomicBool::new(false);
     let mut budget = Budget::new(&stop, 100);
-    criticality_measure(&mut problem, (&DVector::repeat(1, x), &mut ElasticSolver::new()), &settings, &mut budget)
+    criticality_measure(&mut problem, (&DVector::repeat(1, x), &mut ElasticSolver::default()), &settings, &mut budget)
         .unwrap()
         .prediction
 }
