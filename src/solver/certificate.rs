@@ -329,14 +329,17 @@ fn replay_of_miss(
 ) -> Replay {
     let of = |component: StateComponent| miss[component.index()].abs();
     let distance = |x, y| finite_or_largest(of(x).hypot(of(y)));
-    let wheel_rate = of(StateComponent::WheelRateLeft).max(of(StateComponent::WheelRateRight));
+    let wheel_radius = input.robot.parameters().wheel_radius;
+    // Of the wheel that misses more, by its rim, so that angles count as places do and rates as speeds.
+    let rim = |left, right| finite_or_largest(wheel_radius * of(left).max(of(right)));
     let mut replay = Replay {
         step_count,
-        miss_position: distance(StateComponent::X, StateComponent::Y),
+        miss_position: distance(StateComponent::X, StateComponent::Y)
+            .max(rim(StateComponent::WheelAngleLeft, StateComponent::WheelAngleRight)),
         miss_heading: of(StateComponent::Heading),
         miss_speed: distance(StateComponent::VelocityX, StateComponent::VelocityY),
         miss_yaw_rate: of(StateComponent::YawRate),
-        miss_wheel_speed: finite_or_largest(input.robot.parameters().wheel_radius * wheel_rate),
+        miss_wheel_speed: rim(StateComponent::WheelRateLeft, StateComponent::WheelRateRight),
         separations,
         limit_excess,
         within_tolerance: false,
@@ -399,6 +402,18 @@ mod tests {
             assert_eq!((solution.status, solution.report.refinement), (Status::Converged, outcome));
             assert_eq!(solution.replay_confirmed, outcome == RefinementOutcome::WithinTolerance);
         }
+    }
+
+    #[test]
+    fn a_replay_misses_fixed_wheel_angles_by_the_rim() {
+        let mut parameters = SolveParameters::default();
+        // The start, at rest with all angles 0, meets the goal by this alone.
+        parameters.settings.goal_tolerance = 0.1;
+        parameters.maneuver.goal = Goal::at_rest(0.0, 0.0, 0.0);
+        parameters.maneuver.goal.set(StateComponent::WheelAngleRight, Some(0.1));
+        let solution = certified_standstill(&SolveInput::new(parameters).unwrap());
+        // 0.1 rad of a wheel of 60 mm, with a tolerance of 1 mm.
+        assert_eq!((solution.report.replay.unwrap().miss_position, solution.replay_confirmed), (0.06 * 0.1, false));
     }
 
     #[test]

@@ -143,7 +143,8 @@ impl RefinementOutcome {
 pub struct Replay {
     /// Number of steps of the fine grid.
     pub step_count: usize,
-    /// Distance of its end from the goal position, m.
+    /// The larger of the distance of its end from the goal position and of what a wheel's rim misses where the goal fixes wheel
+    /// angles, m.
     pub miss_position: f64,
     /// Difference of its heading, rad.
     pub miss_heading: f64,

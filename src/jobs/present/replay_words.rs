@@ -2,15 +2,16 @@
 
 use super::words::short;
 use crate::contract::message::{Replay, Report};
-use crate::solver::{REPLAY_EXCESS, SolverSettings};
+use crate::shooting::StateComponent;
+use crate::solver::{REPLAY_EXCESS, SolveInput};
 
 /// Where the replay ends, and what keeps it from being within its tolerances.
-pub(super) fn replay(report: &Report, settings: &SolverSettings) -> String {
+pub(super) fn replay(report: &Report, asked: &SolveInput) -> String {
     let Some(replay) = &report.replay else {
         return "Replay: not computed in time, so the plan is not confirmed on a finer grid.".to_owned();
     };
-    let (position, heading) = (settings.replay_tolerance_position, settings.replay_tolerance_heading);
-    let beyond = beyond_tolerance(report, replay, (position, heading));
+    let (position, heading) = (asked.settings.replay_tolerance_position, asked.settings.replay_tolerance_heading);
+    let beyond = beyond_tolerance(report, replay, asked);
     let verdict =
         if beyond.is_empty() { String::new() } else { format!(" Beyond what is tolerated: {}.", beyond.join(", ")) };
     format!(
@@ -24,9 +25,12 @@ pub(super) fn replay(report: &Report, settings: &SolverSettings) -> String {
     )
 }
 
-fn beyond_tolerance(report: &Report, replay: &Replay, (position, heading): (f64, f64)) -> Vec<String> {
+fn beyond_tolerance(report: &Report, replay: &Replay, asked: &SolveInput) -> Vec<String> {
+    let (position, heading) = (asked.settings.replay_tolerance_position, asked.settings.replay_tolerance_heading);
+    let wheel_angles = [StateComponent::WheelAngleLeft, StateComponent::WheelAngleRight];
+    let fixes_angle = wheel_angles.into_iter().any(|angle| asked.maneuver.goal.value(angle).is_some());
     let misses = [
-        ("the place", replay.miss_m, position, 1e3, "mm"),
+        (if fixes_angle { "the place or a wheel's rim" } else { "the place" }, replay.miss_m, position, 1e3, "mm"),
         ("the heading", replay.miss_heading_rad, heading, 1.0, "rad"),
         ("the speed", replay.miss_speed_m_s, position, 1e3, "mm/s"),
         ("the yaw rate", replay.miss_yaw_rate_rad_s, heading, 1.0, "rad/s"),

@@ -174,7 +174,7 @@ fn certificate(asked: &SolveInput, answer: &Solution, error: (&str, f64)) -> Vec
     let mut said = vec![goal_met(error, settings)];
     said.push(contact_law(report.worst_contact_residual, report.indeterminate_steps));
     said.push(loads(report));
-    said.push(replay(report, settings));
+    said.push(replay(report, asked));
     said.extend(lower_bound(answer.final_time_s, report));
     said.extend(criticality(report));
     said.extend(report.limits.iter().map(limit_used));

@@ -702,7 +702,9 @@ class Replay:
     miss_heading_rad: float | None
     """Difference of its heading, rad."""
     miss_m: float | None
-    """Distance of its end from the goal position, m."""
+    """The larger of the distance of its end from the goal position and of what a wheel's rim misses where the goal
+    fixes wheel angles, m.
+    """
     miss_speed_m_s: float | None
     """Difference of its velocity, m/s."""
     miss_wheel_speed_m_s: float | None

@@ -426,7 +426,9 @@ class Solver(TypedDict, total=False):
     method: Method
     """The optimiser."""
     replay_tolerance_m: float
-    """Largest accepted replay miss of the position, m; default 0.001. [>= 1e-09, <= 100]"""
+    """Largest accepted replay miss of the position, and of a wheel's rim where the goal fixes wheel angles, m;
+    default 0.001. [>= 1e-09, <= 100]
+    """
     replay_tolerance_rad: float
     """Largest accepted replay miss of the heading, rad; default 0.001. [>= 1e-09, <= 100]"""
     rollout_limit: int
