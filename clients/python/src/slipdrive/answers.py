@@ -530,7 +530,8 @@ class ManeuverLimits:
     """Largest share of the grip of each wheel that its friction force may use, below 1; forbids slip."""
     normal_load_share: float | None = None
     """Least normal force of each contact as a share of the robot's weight, at most half of the contact's share at
-    rest; 0 for no more than no separation; default 0.01.
+    rest; 0 for no more than no separation; default 0.01. Kept on the plan's grid; its replay asks only that no
+    contact lifts off.
     """
     speed_m_s: float | None = None
     """Largest speed, m/s."""
@@ -948,7 +949,7 @@ class Solution:
     """The first requirement that cannot be met, where the goal is missed or impossible, or a limit exceeded."""
     replay_confirmed: bool
     """Goal errors within tolerance, no separation on either grid, replay within tolerance and within half a percent
-    of all limits; false where the certificate was cut off.
+    of all `limits`; false where the certificate was cut off. Least normal loads are kept on the plan's grid alone.
     """
     report: Report
     """What the plan states about itself."""

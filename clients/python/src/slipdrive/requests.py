@@ -221,7 +221,8 @@ class ManeuverLimits(TypedDict, total=False):
     """
     normal_load_share: float
     """Least normal force of each contact as a share of the robot's weight, at most half of the contact's share at
-    rest; 0 for no more than no separation; default 0.01. [>= 0, <= 0.5]
+    rest; 0 for no more than no separation; default 0.01. Kept on the plan's grid; its replay asks only that no
+    contact lifts off. [>= 0, <= 0.5]
     """
     speed_m_s: float
     """Largest speed, m/s. [>= 0.0001, <= 100]"""
