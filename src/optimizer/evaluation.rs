@@ -46,7 +46,7 @@ pub struct Constraints {
 impl Constraints {
     /// The largest violation; NaN if a value is NaN.
     pub fn violation(&self) -> f64 {
-        self.residual.iter().map(|value| value.abs()).fold(self.largest_inequality_violation(), larger)
+        larger(self.largest_inequality_violation(), self.largest_residual())
     }
 
     pub(super) fn subtract(&mut self, offset: &Self) {
@@ -58,6 +58,11 @@ impl Constraints {
     pub fn violation_sum(&self) -> f64 {
         let violated: f64 = self.inequality.as_slice().iter().map(|value| larger(0.0, *value)).sum();
         self.residual.lp_norm(1) + violated
+    }
+
+    /// The largest magnitude of a residual; NaN if one is NaN.
+    pub(super) fn largest_residual(&self) -> f64 {
+        self.residual.iter().map(|value| value.abs()).fold(0.0, larger)
     }
 
     /// The largest violation of an inequality, at least 0; NaN if one is NaN.

@@ -245,7 +245,7 @@ impl<'a> Search<'a> {
     fn is_met(&self) -> bool {
         let constraints = &self.model.constraints;
         let is_kept = constraints.largest_inequality_violation() <= self.settings.inequality_tolerance;
-        constraints.residual.amax() <= self.settings.feasibility_tolerance && is_kept
+        constraints.largest_residual() <= self.settings.feasibility_tolerance && is_kept
     }
 
     fn linearise(&mut self, budget: &mut Budget) -> Result<(), Interruption> {

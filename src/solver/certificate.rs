@@ -17,7 +17,7 @@ use super::solution::{
     DistinctOptimum, LimitUse, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
 };
 use crate::contact::ContactName;
-use crate::optimizer::{Interruption, sign_violations};
+use crate::optimizer::{Interruption, larger, sign_violations};
 use crate::robot::State;
 use crate::shooting::{
     LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision,
@@ -227,7 +227,8 @@ impl Motion {
     fn missed(&self, input: &SolveInput, stop_reason: StopReason) -> Option<Reason> {
         // What is not a number is missed.
         let misses = |value: f64, tolerance: f64| value > tolerance || value.is_nan();
-        if misses(self.goal_error.amax(), input.settings.goal_tolerance) {
+        let goal_error = self.goal_error.iter().map(|error| error.abs()).fold(0.0, larger);
+        if misses(goal_error, input.settings.goal_tolerance) {
             return Some(goal_missed(input, &self.schedule, &self.goal_error, stop_reason));
         }
         misses(largest_excess(&self.limits), LIMIT_TOLERANCE).then(|| limit_missed(&self.limits))
@@ -388,6 +389,17 @@ mod tests {
         let decision = DVector::from_element(decision_len(40), 1.5);
         let unknown = Optimality::unknown(&decision);
         assert_eq!((unknown.measure, unknown.is_stationary, unknown.sign_violations), (1.5, false, 80));
+    }
+
+    #[test]
+    fn an_end_that_is_not_a_number_misses_the_goal() {
+        let input = SolveInput::new(SolveParameters::forward_drive()).unwrap();
+        let end = Trajectory::default();
+        let goal_error = input.maneuver.goal_error(&end.end_state).map(|_| f64::NAN);
+        let (schedule, limits) = (TorqueSchedule::empty(), Vec::new());
+        let motion = Motion { schedule, trajectory: end, goal_error, limits, sticks: true };
+        let reason = motion.missed(&input, StopReason::Finished).unwrap();
+        assert!(reason.field.starts_with("maneuver.goal.") && reason.value.is_nan(), "{reason:?}");
     }
 
     #[test]
