@@ -97,11 +97,18 @@ impl<'a, const N: usize> InteriorPoint<'a, N> {
         let weight = problem.weight_impulse();
         let lift_smoothing = [LIFT_SMOOTHING * weight * weight; 2];
         let at = evaluation(operator, problem, &[Contact::default(); 3], lift_smoothing[0]);
-        let contacts = [0, 1, 2].map(|contact| first_contact(operator, &at, contact));
+        let mut contacts = [Contact::default(); 3];
+        for contact in rubbing(operator) {
+            contacts[contact] = first_contact(operator, &at, contact);
+        }
         let mut point = Self { operator, problem, weight, contacts, at, lift_smoothing, target: 1.0 };
         for _ in 0..START_LIMIT {
             point.at = evaluation(operator, problem, &point.contacts, lift_smoothing[0]);
-            if point.at.discs().iter().all(|disc| disc.room > 0.1 * disc.radius * disc.radius) {
+            let is_inside = |contact: usize| {
+                let Disc { radius, room, .. } = point.at.discs[contact];
+                room > 0.1 * radius * radius
+            };
+            if rubbing(operator).all(is_inside) {
                 break;
             }
             for contact in &mut point.contacts {
@@ -150,9 +157,9 @@ impl<'a, const N: usize> InteriorPoint<'a, N> {
     /// Scales of the products. Contacts that lift keep larger ones: they are decided last.
     fn scales(&self) -> [f64; 3] {
         let mut scales = [1.0; 3];
-        for (contact, scale) in scales.iter_mut().enumerate().take(contact_count::<N>()) {
+        for contact in rubbing(self.operator) {
             let radius = self.operator.friction_coefficient()[contact] * self.weight;
-            *scale =
+            scales[contact] =
                 radius * radius * (radius / self.at.discs[contact].radius).sqrt() / self.operator.prox_step()[contact];
         }
         scales
@@ -171,17 +178,14 @@ impl<'a, const N: usize> InteriorPoint<'a, N> {
         };
         let mut changes = [Change::default(); 3];
         let lateral = self.lateral_split(&total, [growth(0), growth(1)]);
-        changes[0].impulse = [total[0], lateral[0]];
-        changes[1].impulse = [total[1], lateral[1]];
-        if N == 5 {
-            changes[2].impulse = [total[ROWS[2][0]], total[ROWS[2][1]]];
-        }
-        for (contact, change) in changes.iter_mut().enumerate().take(contact_count::<N>()) {
+        for contact in rubbing(self.operator) {
+            let [a, b] = ROWS[contact];
+            let change = &mut changes[contact];
+            change.impulse = [total[a], if b == AXLE { lateral[contact] } else { total[b] }];
             let Contact { impulse: [x, y], multiplier } = self.contacts[contact];
             let disc = &self.at.discs[contact];
             let (squared, along) = (x * x + y * y, x * change.impulse[0] + y * change.impulse[1]);
             change.room = growth(contact) - along;
-            let [a, b] = ROWS[contact];
             // Both equations give it: each is accurate where its divisor is large.
             change.multiplier = if disc.room > 0.5 * squared {
                 (disc.product - multiplier * (disc.room + change.room)) / disc.room
@@ -199,7 +203,7 @@ impl<'a, const N: usize> InteriorPoint<'a, N> {
         let mut rows = [[0.0; N]; N];
         let mut value = SVector::<f64, N>::zeros();
         let mut stiffness = [0.0; N];
-        for contact in 0..contact_count::<N>() {
+        for contact in rubbing(self.operator) {
             let Contact { impulse: [x, y], multiplier } = self.contacts[contact];
             let disc = &self.at.discs[contact];
             let inverse = 1.0 / (disc.room + x * x + y * y);
@@ -232,8 +236,8 @@ impl<'a, const N: usize> InteriorPoint<'a, N> {
         by_elimination(rows, value)
     }
 
-    /// Changes of the wheels' lateral impulses. Their sum is known, and the lateral slip that they share follows from it: computed
-    /// from the sum, since for sticking wheels rounding would dominate it.
+    /// Changes of the lateral impulses of wheels with friction. Their sum is known, and the lateral slip that they share follows from
+    /// it: computed from the sum, since for sticking wheels rounding would dominate it.
     fn lateral_split(&self, total: &SVector<f64, N>, growth: [f64; 2]) -> [f64; 2] {
         let mut at_rest = [0.0; 2];
         let mut by_slip = [0.0; 2];
@@ -255,7 +259,7 @@ impl<'a, const N: usize> InteriorPoint<'a, N> {
         for _ in 0..HALVING_LIMIT {
             let (contacts, next) = self.moved(changes, share);
             let stays = |contact: usize| next.discs[contact].room > 1e-3 * self.at.discs[contact].room;
-            if (0..contact_count::<N>()).all(stays) && mean_product(&contacts, &next.discs, scales) <= largest_mean {
+            if rubbing(self.operator).all(stays) && mean_product(&contacts, &next.discs, scales) <= largest_mean {
                 return Some((share, contacts, next));
             }
             share *= 0.5;
@@ -308,10 +312,10 @@ impl<'a, const N: usize> InteriorPoint<'a, N> {
     }
 }
 
-impl<const N: usize> Evaluation<N> {
-    fn discs(&self) -> &[Disc] {
-        &self.discs[..contact_count::<N>()]
-    }
+/// The contacts with friction. The others have neither multiplier nor room.
+fn rubbing<const N: usize>(operator: &DelassusOperator<N>) -> impl Iterator<Item = usize> {
+    let friction = operator.friction_coefficient();
+    (0..contact_count::<N>()).filter(move |contact| friction[*contact] > 0.0)
 }
 
 /// Mean of the products of multiplier and room, relative to their scales; contacts without friction count as zero.
@@ -334,9 +338,6 @@ fn total<const N: usize>(contacts: &[Contact; 3]) -> SVector<f64, N> {
 
 /// Half of full friction against the slip.
 fn first_contact<const N: usize>(operator: &DelassusOperator<N>, at: &Evaluation<N>, contact: usize) -> Contact {
-    if contact >= contact_count::<N>() {
-        return Contact::default();
-    }
     let slip = ROWS[contact].map(|row| at.slip[row]);
     let multiplier = slip[0].hypot(slip[1]) / at.discs[contact].radius + 1.0 / operator.prox_step()[contact];
     Contact { impulse: slip.map(|slip| -0.5 * slip / multiplier), multiplier }

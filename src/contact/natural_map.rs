@@ -21,7 +21,7 @@ use super::solution::{ContactImpulse, ContactSolution};
 /// lateral impulses as accurately.
 const UNDETERMINED_DIRECTION: f64 = 1e-4;
 
-/// Relative residual of the friction law at given impulses per contact.
+/// Relative residual of the friction law at given impulses per contact; NaN if a value is NaN.
 #[inline]
 pub fn residual<const N: usize>(
     operator: &DelassusOperator<N>,
@@ -35,7 +35,9 @@ pub fn residual<const N: usize>(
         let point = prox_argument(operator, contact, impulse, impact_slip);
         let nearest = project_onto_disc(point, friction_radius(operator, contact, normal_impulse));
         let miss = [impulse[0] - nearest[0], impulse[1] - nearest[1]];
-        worst = worst.max(miss[0] * miss[0] + miss[1] * miss[1]);
+        let squared = miss[0] * miss[0] + miss[1] * miss[1];
+        // What is not a number stays: it keeps no law.
+        worst = if squared > worst || squared.is_nan() { squared } else { worst };
     }
     worst.sqrt() / problem.weight_impulse()
 }

@@ -1,8 +1,8 @@
 //! How often rollouts ask whether they are stopped, with robots whose friction is hard to resolve.
 
 use super::*;
-use crate::robot::RobotParameters;
 use crate::robot::unlucky::short_track;
+use crate::robot::{Configuration, RobotParameters};
 use crate::simulation::{EndSensitivity, FrictionLaw};
 use crate::stop::probe;
 
@@ -103,4 +103,51 @@ fn motion_that_diverges_has_no_residual() {
         let trajectory = simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap();
         assert!(trajectory.worst_contact_residual.is_nan(), "{}", trajectory.worst_contact_residual);
     });
+}
+
+/// Wheels that grip nothing on a front support that does.
+fn without_grip(front_friction_coefficient: f64, tangential_restitution: f64) -> RobotParameters {
+    let wheel_friction_coefficient = 0.0;
+    let reference = RobotParameters::default();
+    RobotParameters { wheel_friction_coefficient, front_friction_coefficient, tangential_restitution, ..reference }
+}
+
+#[test]
+fn wheels_without_friction_spin_and_leave_the_robot_at_rest() {
+    for (front, restitution) in [(1e-3, 0.0), (0.3, 0.0), (0.3, 0.4), (1.0, 0.4), (1.0, 1.0)] {
+        for torque in [0.0, 0.5] {
+            let robot = without_grip(front, restitution);
+            with_rollout(robot, |simulator, rollout| {
+                let schedule = TorqueSchedule { final_time: 1.0, left: vec![torque], right: vec![torque] };
+                let rollout = Rollout { schedule: &schedule, step_count: 200, ..*rollout };
+                let trajectory = simulator.trajectory(&rollout, ContactMethod::Exact, Stop::never()).unwrap();
+                assert_eq!(trajectory.worst_contact_residual, 0.0);
+                let (end, rate) = (trajectory.end_state, torque / robot.wheel_spin_inertia);
+                let Configuration { x, y, heading, .. } = end.configuration;
+                assert_eq!([x, y, heading], [0.0; 3]);
+                for wheel_rate in [end.velocity.wheel_rate.left, end.velocity.wheel_rate.right] {
+                    // 200 sums round.
+                    assert!((wheel_rate - rate).abs() <= 1e-12 * rate, "{wheel_rate}, not {rate}");
+                }
+            });
+        }
+    }
+}
+
+#[test]
+fn front_support_alone_brakes_as_the_fixed_point_says() {
+    let mut start = State::default();
+    (start.velocity.x, start.velocity.y, start.velocity.yaw_rate) = (0.2, 0.5, -1.0);
+    for (front, restitution) in [(1e-3, 0.0), (0.3, 0.0), (0.3, 0.4), (1.0, 0.4), (1.0, 1.0)] {
+        with_rollout(without_grip(front, restitution), |simulator, _| {
+            let schedule = TorqueSchedule { final_time: 1.0, left: vec![0.3], right: vec![-0.1] };
+            let rollout = Rollout { start: &start, schedule: &schedule, step_count: 200 };
+            let [exact, reference] = [ContactMethod::Exact, ContactMethod::FixedPoint]
+                .map(|method| simulator.trajectory(&rollout, method, Stop::never()).unwrap());
+            assert!(exact.worst_contact_residual <= 1e-10, "{}", exact.worst_contact_residual);
+            // Of the wheel rates, 100 rad/s, both methods leave rounding.
+            let difference = (exact.end_state.to_vector() - reference.end_state.to_vector()).amax();
+            assert!(difference <= 1e-9, "{front}, {restitution}: {difference}");
+        });
+    }
 }
