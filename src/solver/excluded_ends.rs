@@ -89,7 +89,7 @@ impl End {
         [
             ("wheel_rate_rad_s", wheel_rate, limits.wheel_rate, self.has(&WHEEL_RATES), 1.0),
             ("yaw_rate_rad_s", velocity.yaw_rate.abs(), limits.yaw_rate, self.has(&VELOCITY[2..]), 1.0),
-            ("speed_m_s", speed, limits.speed, self.has(&VELOCITY), play),
+            ("speed_m_s", speed, limits.speed, self.has(&VELOCITY) && !self.is_turned(input), play),
         ]
         .into_iter()
         .find_map(|(field, value, limit, is_given, play)| {
@@ -97,6 +97,13 @@ impl End {
             let slack = LIMIT_TOLERANCE * limit + play * input.settings.goal_tolerance;
             (value > limit + slack).then(|| self.reason(field, value, limit))
         })
+    }
+
+    /// Whether the velocity is another one than that of the last node, of which limits speak: that of a goal with restitution, unless
+    /// the robot does not yaw.
+    fn is_turned(&self, input: &SolveInput) -> bool {
+        let has_restitution = input.robot.parameters().tangential_restitution > 0.0;
+        self.name == "goal" && has_restitution && self.state.velocity.yaw_rate != 0.0
     }
 
     fn reason(&self, field: &str, value: f64, limit: f64) -> Reason {
@@ -212,6 +219,22 @@ mod tests {
         let footprint = [[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]].map(Vector2::from).to_vec();
         let keep_in = footprint.iter().map(|corner| turn * corner).collect();
         parameters.aisle = AisleCorners { keep_in, footprint };
+    }
+
+    #[test]
+    fn a_goal_on_a_curve_may_be_faster_than_its_last_node_with_restitution() {
+        for (restitution, yaw_rate, is_excluded) in
+            [(0.0, 0.5, true), (0.4, 0.0, true), (0.4, 0.5, false), (1.0, -0.5, false)]
+        {
+            let mut parameters = SolveParameters::forward_drive();
+            parameters.robot.tangential_restitution = restitution;
+            parameters.maneuver.limits.speed = Some(0.9);
+            let goal = &mut parameters.maneuver.goal;
+            goal.set(StateComponent::VelocityY, Some(1.0));
+            goal.set(StateComponent::YawRate, Some(yaw_rate));
+            let excluded = excluded_end(&SolveInput::new(parameters).unwrap());
+            assert_eq!(excluded.is_some(), is_excluded, "{restitution}, {yaw_rate}: {excluded:?}");
+        }
     }
 
     #[test]
