@@ -44,6 +44,11 @@ impl FixedPointSolver {
         Self { settings, impulse: [[0.0; 2]; 3], sweeps: 0 }
     }
 
+    /// A solver that starts from these impulses.
+    pub(super) fn starting_at(impulse: [ContactImpulse; 3], settings: FixedPointSettings) -> Self {
+        Self { settings, impulse, sweeps: 0 }
+    }
+
     /// Sweeps done so far.
     pub fn sweeps(&self) -> u64 {
         self.sweeps
