@@ -87,29 +87,55 @@ type Pair = (Vector2<f64>, Vector2<f64>);
 /// The corners of what is known of torques and normal forces.
 fn vertices(bounds: &[Bound], norm_squared: f64, loads: &Loads) -> Vec<Pair> {
     let torques = torques(loads);
-    let mut pairs = Vec::new();
-    for sides in bounds.windows(2) {
-        let mut corners = torques.map(|torque| crossing(&sides[0], &sides[1], torque, norm_squared));
-        for wheel in 0..2 {
-            // Affine in the torques, or constant: otherwise the corners of the torques would not decide.
-            let least = loads.least_of_wheel(wheel);
-            if corners.iter().any(|corner| corner[wheel] < least) {
-                for corner in &mut corners {
-                    corner[wheel] = least;
-                }
-            }
-        }
-        pairs.extend(torques.into_iter().zip(corners));
-    }
-    pairs
+    let crossings = |sides: &[Side]| torques.iter().copied().zip(crossing(&sides[0], &sides[1])).collect::<Vec<_>>();
+    sides(bounds, norm_squared, loads).windows(2).flat_map(crossings).collect()
 }
 
-/// The normal forces at which two bounds hold with equality.
-fn crossing(one: &Bound, other: &Bound, torque: Vector2<f64>, norm_squared: f64) -> Vector2<f64> {
+/// A lower bound on a weighted sum of the normal forces at one norm, for torques at each corner of their limits.
+struct Side {
+    weights: Vector2<f64>,
+    least: [f64; 4],
+}
+
+/// Bounds that neighbours by weights cross where no wheel has less than it keeps. Any of them say enough, if the outermost are those of
+/// single wheels.
+fn sides(bounds: &[Bound], norm_squared: f64, loads: &Loads) -> Vec<Side> {
+    let side = |bound: &Bound| Side {
+        weights: bound.weights,
+        least: torques(loads).map(|torque| bound.at(torque, norm_squared)),
+    };
+    let mut sides: Vec<Side> = bounds.iter().map(side).collect();
+    let kept = [0, 1].map(|wheel| loads.least_of_wheel(wheel));
+    for (place, kept) in [(0, kept[0]), (sides.len() - 1, kept[1])] {
+        // Affine in the torques, or constant: otherwise the corners of the torques would not decide.
+        if sides[place].least.iter().any(|least| *least < kept) {
+            sides[place].least = [kept; 4];
+        }
+    }
+    let mut place = 0;
+    while place + 1 < sides.len() {
+        let corners = crossing(&sides[place], &sides[place + 1]);
+        let has_less = |wheel: usize| corners.iter().any(|corner| corner[wheel] < kept[wheel]);
+        if place > 0 && has_less(0) {
+            sides.remove(place);
+            place -= 1;
+        } else if place + 2 < sides.len() && has_less(1) {
+            sides.remove(place + 1);
+        } else {
+            place += 1;
+        }
+    }
+    sides
+}
+
+/// The normal forces at which two bounds hold with equality, for each corner of the torques.
+fn crossing(one: &Side, other: &Side) -> [Vector2<f64>; 4] {
     let (a, b) = (one.weights, other.weights);
-    let (x, y) = (one.at(torque, norm_squared), other.at(torque, norm_squared));
     let determinant = a.x * b.y - a.y * b.x;
-    Vector2::new(b.y * x - a.y * y, a.x * y - b.x * x) / determinant
+    std::array::from_fn(|corner| {
+        let (x, y) = (one.least[corner], other.least[corner]);
+        Vector2::new(b.y * x - a.y * y, a.x * y - b.x * x) / determinant
+    })
 }
 
 fn rate(norm: &DriveNorm, loads: &Loads, pairs: &[Pair]) -> f64 {
