@@ -30,15 +30,17 @@ pub fn residual<const N: usize>(
     impact_slip: &SVector<f64, N>,
     normal_impulse: &Vector3<f64>,
 ) -> f64 {
-    let mut worst = 0.0_f64;
+    let (mut worst, mut sum) = (0.0_f64, 0.0_f64);
     for (contact, &impulse) in contact_impulse.iter().enumerate().take(contact_count::<N>()) {
         let point = prox_argument(operator, contact, impulse, impact_slip);
         let nearest = project_onto_disc(point, friction_radius(operator, contact, normal_impulse));
         let miss = [impulse[0] - nearest[0], impulse[1] - nearest[1]];
         let squared = miss[0] * miss[0] + miss[1] * miss[1];
-        // What is not a number stays: it keeps no law.
-        worst = if squared > worst || squared.is_nan() { squared } else { worst };
+        worst = if squared > worst { squared } else { worst };
+        sum += squared;
     }
+    // The sum keeps what is not a number, which the comparisons drop.
+    let worst = if sum.is_nan() { sum } else { worst };
     worst.sqrt() / problem.weight_impulse()
 }
 
