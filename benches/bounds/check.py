@@ -30,6 +30,7 @@ ERROR_SPANS = 16
 # The largest value of sin^3 x cos x is sqrt(27) / 16.
 YAW_BESIDE_TRANSLATION = iv.sqrt(27) / 16
 Interval = Any
+Side = tuple[tuple[float, float], list[Interval]]  # weights of the wheels, and what their sum is at least with each torque
 
 
 def low(x: Interval) -> float:
@@ -212,21 +213,30 @@ class DriveNorm:
     def corners(self) -> list[list[Interval]]:
         return [[a * self.robot.limits[0], b * self.robot.limits[1]] for a in (1, -1) for b in (1, -1)]
 
-    def crossing(self, pair: int, torque: list[Interval], norm_squared: Interval) -> list[Interval]:
-        (a, b), sides = (WEIGHTS[pair], WEIGHTS[pair + 1]), self.bounds[pair:pair + 2]
-        x, y = (rest[0] + rest[1] * torque[0] + rest[2] * torque[1] - relief * norm_squared for rest, relief in sides)
-        determinant = a[0] * b[1] - a[1] * b[0]
-        return [(b[1] * x - a[1] * y) / determinant, (a[0] * y - b[0] * x) / determinant]
+    def sides(self, norm_squared: Interval) -> list[Side]:
+        """Bounds that neighbours cross where no wheel has less than nothing: any of them say enough."""
+        sides = []
+        for weights, (rest, relief) in zip(WEIGHTS, self.bounds):
+            known = [rest[0] + rest[1] * left + rest[2] * right - relief * norm_squared for left, right in self.corners()]
+            is_single = 0 in weights
+            sides.append((weights, [iv.mpf(0)] * 4 if is_single and any(low(value) < 0 for value in known) else known))
+        place = 0
+        while place + 1 < len(sides):
+            normals = crossings(*sides[place:place + 2])
+            less = [any(low(normal[wheel]) < 0 for normal in normals) for wheel in (0, 1)]
+            if place > 0 and less[0]:
+                del sides[place]
+                place -= 1
+            elif place + 2 < len(sides) and less[1]:
+                del sides[place + 1]
+            else:
+                place += 1
+        return sides
 
     def rate(self, norm_squared: Interval) -> Interval:
-        rates = []
-        for pair in range(len(WEIGHTS) - 1):
-            normals = [self.crossing(pair, torque, norm_squared) for torque in self.corners()]
-            for wheel in (0, 1):
-                if any(low(normal[wheel]) < 0 for normal in normals):
-                    for normal in normals:
-                        normal[wheel] = iv.mpf(0)
-            for torque, normal in zip(self.corners(), normals):
+        rates, sides = [], self.sides(norm_squared)
+        for neighbours in zip(sides, sides[1:]):
+            for torque, normal in zip(self.corners(), crossings(*neighbours)):
                 limits = [max(low(self.robot.friction * n), 0.0) for n in normal]
                 rates.append(self.at_most(self.rolling_forces(torque, limits), torque))
         return largest(*rates)
@@ -251,6 +261,13 @@ class DriveNorm:
         squares = [max(ends) * index / LEVELS for index in range(1, LEVELS + 1)]
         levels = [(low(iv.sqrt(iv.mpf(s))), self.margin + self.rate(iv.mpf(s))) for s in squares]
         return [*levels, (INFINITY, self.margin + dot(self.gains, self.robot.limits))]
+
+
+def crossings(one: Side, other: Side) -> list[list[Interval]]:
+    """Normal forces at which two bounds hold with equality, for each corner of the torques."""
+    (a, left), (b, right) = one, other
+    determinant = a[0] * b[1] - a[1] * b[0]
+    return [[(b[1] * x - a[1] * y) / determinant, (a[0] * y - b[0] * x) / determinant] for x, y in zip(left, right)]
 
 
 @dataclass

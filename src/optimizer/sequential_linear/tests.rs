@@ -248,7 +248,8 @@ fn the_start_is_passed_on_too() {
 #[test]
 fn what_is_not_a_number_is_not_met() {
     let mut problem = SmallProblem::new(&[WIDE; 2], &[circle], &[]);
-    let (start, mut programs, settings) = (DVector::from_row_slice(&[0.6, 0.8, 0.0]), ElasticSolver::new(), settings());
+    let (start, mut programs, settings) =
+        (DVector::from_row_slice(&[0.6, 0.8, 0.0]), ElasticSolver::default(), settings());
     let mut search = Search::new(&mut problem, (&start, &mut programs), &settings);
     for (residual, is_met) in [(f64::NAN, false), (0.0, true)] {
         search.model.constraints.residual.fill(residual);
