@@ -25,8 +25,8 @@ pub struct Problem {
     errors: Vec<FieldError>,
 }
 
-/// How long a body may be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// How long a body may be; shorter ones come first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct BodyLimit {
     /// Largest body, bytes.
     pub bytes: usize,

@@ -62,7 +62,7 @@ impl Constraints {
 
     /// The largest magnitude of a residual; NaN if one is NaN.
     pub(super) fn largest_residual(&self) -> f64 {
-        self.residual.iter().map(|value| value.abs()).fold(0.0, larger)
+        largest_magnitude(self.residual.iter().copied())
     }
 
     /// The largest violation of an inequality, at least 0; NaN if one is NaN.
@@ -74,6 +74,11 @@ impl Constraints {
 /// The larger of two, or NaN: a point without values meets nothing.
 pub fn larger(worst: f64, value: f64) -> f64 {
     if value > worst || value.is_nan() { value } else { worst }
+}
+
+/// The largest magnitude, at least 0; NaN if a value is NaN, which `max` would drop.
+pub fn largest_magnitude(values: impl Iterator<Item = f64>) -> f64 {
+    values.map(f64::abs).fold(0.0, larger)
 }
 
 /// A linear model of the constraints.

@@ -11,7 +11,7 @@ mod small_problem;
 mod switching;
 
 pub use elastic_program::{ElasticProgram, ElasticSolution};
-pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem, larger};
+pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem, larger, largest_magnitude};
 pub use linear_program::ElasticSolver;
 pub use nelder_mead::{NelderMeadResult, minimise_by_nelder_mead};
 pub use sequential_linear::{

@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 
 use super::maneuver::{Maneuver, StateComponent};
-use crate::optimizer::larger;
+use crate::optimizer::largest_magnitude;
 use crate::robot::RobotParameters;
 
 /// Wheel rates count this many times as much as the speeds of their rims: their errors are judged in rad/s, which are smaller,
@@ -25,8 +25,7 @@ pub struct GoalScales(pub(super) Vec<f64>);
 impl GoalScales {
     /// Largest magnitude of the goal errors (m, rad, m/s, rad/s) behind scaled residuals; NaN if any is NaN.
     pub fn largest_goal_error(&self, residual: &DVector<f64>) -> f64 {
-        let errors = residual.iter().zip(&self.0).map(|(value, scale)| (value / scale).abs());
-        errors.fold(0.0, larger)
+        largest_magnitude(residual.iter().zip(&self.0).map(|(value, scale)| value / scale))
     }
 
     /// The largest scale: if every goal error is within `goal_tolerance`, every residual is within

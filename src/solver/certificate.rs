@@ -17,7 +17,7 @@ use super::solution::{
     DistinctOptimum, LimitUse, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
 };
 use crate::contact::ContactName;
-use crate::optimizer::{Interruption, larger, sign_violations};
+use crate::optimizer::{Interruption, largest_magnitude, sign_violations};
 use crate::robot::State;
 use crate::shooting::{
     LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision,
@@ -227,8 +227,7 @@ impl Motion {
     fn missed(&self, input: &SolveInput, stop_reason: StopReason) -> Option<Reason> {
         // What is not a number is missed.
         let misses = |value: f64, tolerance: f64| value > tolerance || value.is_nan();
-        let goal_error = self.goal_error.iter().map(|error| error.abs()).fold(0.0, larger);
-        if misses(goal_error, input.settings.goal_tolerance) {
+        if misses(largest_magnitude(self.goal_error.iter().copied()), input.settings.goal_tolerance) {
             return Some(goal_missed(input, &self.schedule, &self.goal_error, stop_reason));
         }
         misses(largest_excess(&self.limits), LIMIT_TOLERANCE).then(|| limit_missed(&self.limits))

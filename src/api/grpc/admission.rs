@@ -96,8 +96,7 @@ impl Methods {
 
     /// The longest message of any method.
     pub(super) fn longest_message(&self) -> BodyLimit {
-        let limits = self.known.iter().map(|(.., limit)| *limit);
-        limits.max_by_key(|limit| limit.bytes).unwrap_or(self.limits.body())
+        self.known.iter().map(|(.., limit)| *limit).max().unwrap_or(self.limits.body())
     }
 
     fn find(&self, path: &str) -> Option<CallNeeds> {

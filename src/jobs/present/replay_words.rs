@@ -10,7 +10,6 @@ pub(super) fn replay(report: &Report, asked: &SolveInput) -> String {
     let Some(replay) = &report.replay else {
         return "Replay: not computed in time, so the plan is not confirmed on a finer grid.".to_owned();
     };
-    let (position, heading) = (asked.settings.replay_tolerance_position, asked.settings.replay_tolerance_heading);
     let beyond = beyond_tolerance(report, replay, asked);
     let verdict =
         if beyond.is_empty() { String::new() } else { format!(" Beyond what is tolerated: {}.", beyond.join(", ")) };
@@ -20,8 +19,8 @@ pub(super) fn replay(report: &Report, asked: &SolveInput) -> String {
         replay.steps,
         short(1e3 * replay.miss_m),
         short(replay.miss_heading_rad),
-        short(1e3 * position),
-        short(heading),
+        short(1e3 * asked.settings.replay_tolerance_position),
+        short(asked.settings.replay_tolerance_heading),
     )
 }
 

@@ -88,7 +88,7 @@ type Pair = (Vector2<f64>, Vector2<f64>);
 fn vertices(bounds: &[Bound], norm_squared: f64, loads: &Loads) -> Vec<Pair> {
     let torques = torques(loads);
     let crossings = |sides: &[Side]| torques.iter().copied().zip(crossing(&sides[0], &sides[1])).collect::<Vec<_>>();
-    sides(bounds, norm_squared, loads).windows(2).flat_map(crossings).collect()
+    sides(bounds, (&torques, norm_squared), loads).windows(2).flat_map(crossings).collect()
 }
 
 /// A lower bound on a weighted sum of the normal forces at one norm, for torques at each corner of their limits.
@@ -99,11 +99,9 @@ struct Side {
 
 /// Bounds that neighbours by weights cross where no wheel has less than it keeps. Any of them say enough, if the outermost are those of
 /// single wheels.
-fn sides(bounds: &[Bound], norm_squared: f64, loads: &Loads) -> Vec<Side> {
-    let side = |bound: &Bound| Side {
-        weights: bound.weights,
-        least: torques(loads).map(|torque| bound.at(torque, norm_squared)),
-    };
+fn sides(bounds: &[Bound], (torques, norm_squared): (&[Vector2<f64>; 4], f64), loads: &Loads) -> Vec<Side> {
+    let side =
+        |bound: &Bound| Side { weights: bound.weights, least: torques.map(|torque| bound.at(torque, norm_squared)) };
     let mut sides: Vec<Side> = bounds.iter().map(side).collect();
     let kept = [0, 1].map(|wheel| loads.least_of_wheel(wheel));
     for (place, kept) in [(0, kept[0]), (sides.len() - 1, kept[1])] {

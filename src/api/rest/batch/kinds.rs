@@ -70,10 +70,7 @@ impl Kinds {
 
 impl Visitor for Kinds {
     fn visit<K: Kind>(&mut self, kind: &Arc<K>) {
-        let limit = K::body_limit(&self.limits);
-        if limit.bytes > self.longest_body.bytes {
-            self.longest_body = limit;
-        }
+        self.longest_body = self.longest_body.max(K::body_limit(&self.limits));
         self.by_name.push((K::NAME, Arc::new(OfKind(Arc::clone(kind)))));
     }
 }
