@@ -13,14 +13,11 @@ use crate::shooting::{ShootingProblem, schedule_from_decision};
 
 /// Where too few starts lead to the best merit, more are tried: up to this multiple of the requested number.
 pub(super) const MORE_STARTS: usize = 3;
-/// One in so many of the requested starts must lead to the best merit: what is found less often is seldom the best there is.
-const STARTS_A_FIND: usize = 6;
-/// For so many starts the best smoothed plan so far is spun once, in each round of spins.
-const STARTS_A_SPIN: usize = 3;
-/// For so many starts one optimum goes on under the exact law and is polished.
+/// For so many of the requested starts one optimum goes on under the exact law and is polished, the best smoothed plan so far is spun
+/// once in each round of spins, and one must lead to the best merit: what is found less often is seldom the best there is.
 const STARTS_A_PLAN: usize = 4;
-/// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
-const THOROUGH: (usize, usize) = (2, 3);
+/// An optimum slower than the best one by more than this share is not polished: it seldom becomes the best.
+const LARGEST_LAG: f64 = 0.05;
 /// Fewest steps per control interval of the grid on which starts are compared.
 const COARSE_STEPS: usize = 2;
 /// Its longest step, as a share of the robot's natural time.
@@ -59,7 +56,7 @@ impl<'a> Race<'a> {
         let mut smoothed = Vec::new();
         for block in starts.chunks(settings.start_count) {
             self.block(block, &mut smoothed, optima);
-            let is_found_again = smoothed.is_empty() || times_found(&smoothed) * STARTS_A_FIND >= settings.start_count;
+            let is_found_again = smoothed.is_empty() || times_found(&smoothed) * STARTS_A_PLAN >= settings.start_count;
             let has_plan = optima.iter().any(|optimum| optimum.is_feasible(settings.goal_tolerance));
             if is_found_again && has_plan || self.is_too_coarse() || self.found.interruption.is_some() {
                 return;
@@ -72,7 +69,7 @@ impl<'a> Race<'a> {
         let (first, count) = (self.tried, starts.len());
         let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
         self.tried += self.heats((starts, &numbers), smoothed, optima);
-        self.spins(count / STARTS_A_SPIN, smoothed, optima);
+        self.spins(count / STARTS_A_PLAN, smoothed, optima);
         self.descend(smoothed, optima);
     }
 
@@ -121,7 +118,7 @@ impl<'a> Race<'a> {
             }
         }
         best_first(&mut rough, |rough| &rough.local);
-        rough.truncate((THOROUGH.0 * starts.len()).div_ceil(THOROUGH.1));
+        rough.truncate(starts.len().div_ceil(2));
         let mut arrived = self.heat(&rough, Heat::FirstLaw);
         arrived.dedup_by(|next, kept| kept.takes_in(next));
         let is_first = smoothed.is_empty();
@@ -159,7 +156,7 @@ impl<'a> Race<'a> {
         optima.extend(self.heat(&chosen, Heat::Descend).into_iter().map(|arrived| arrived.local));
     }
 
-    /// Improves the fastest distinct optima, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
+    /// Improves the fastest distinct optima, of those that come near the best, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
     /// Talwalkar 2016). Patience begins with a half of what one without rivals has.
     pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
         let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(STARTS_A_PLAN), PATIENCE / 2);
@@ -168,7 +165,9 @@ impl<'a> Race<'a> {
                 return;
             }
             best_first(optima, |optimum| optimum);
+            let slowest = (1.0 + LARGEST_LAG) * optima.first().map_or(0.0, |best| best.merit);
             let mut chosen = distinct(optima, |optimum| optimum.merit);
+            chosen.retain(|index| optima[*index].merit <= slowest);
             chosen.truncate(count);
             let polish =
                 |index: usize, search: &mut LocalSearch| search.polish(optima[chosen[index]].clone(), patience, round);
