@@ -16,6 +16,8 @@ pub(super) const MORE_STARTS: usize = 3;
 /// For so many of the requested starts one optimum goes on under the exact law and is polished, the best smoothed plan so far is spun
 /// once in each round of spins, and one must lead to the best merit: what is found less often is seldom the best there is.
 const STARTS_A_PLAN: usize = 4;
+/// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
+const THOROUGH: (usize, usize) = (2, 3);
 /// An optimum slower than the best one by more than this share is not polished: it seldom becomes the best.
 const LARGEST_LAG: f64 = 0.05;
 /// Fewest steps per control interval of the grid on which starts are compared.
@@ -118,7 +120,7 @@ impl<'a> Race<'a> {
             }
         }
         best_first(&mut rough, |rough| &rough.local);
-        rough.truncate(starts.len().div_ceil(2));
+        rough.truncate((THOROUGH.0 * starts.len()).div_ceil(THOROUGH.1));
         let mut arrived = self.heat(&rough, Heat::FirstLaw);
         arrived.dedup_by(|next, kept| kept.takes_in(next));
         let is_first = smoothed.is_empty();

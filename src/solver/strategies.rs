@@ -16,7 +16,7 @@ use crate::shooting::decision_from_schedule;
 
 /// Slip smoothings between a start and the exact law, as shares of the maneuver's speed: they remove the kinks where contacts
 /// change their modes. Under the exact law alone the search stops at such kinks, with final times up to 20 % longer.
-const SMOOTHING: [f64; 3] = [1.0 / 4.0, 1.0 / 16.0, 1.0 / 64.0];
+const SMOOTHING: [f64; 3] = [0.24, 0.08, 0.024];
 /// Most linear programs of a start under the first smoothing, before starts are compared, and under each smoothing afterwards.
 const ROUGH_ITERATION_LIMIT: usize = 10;
 const SMOOTHED_ITERATION_LIMIT: usize = 2 * ROUGH_ITERATION_LIMIT;
