@@ -13,8 +13,11 @@ use crate::shooting::{ShootingProblem, schedule_from_decision};
 
 /// Where too few starts lead to the best merit, more are tried: up to this multiple of the requested number.
 pub(super) const MORE_STARTS: usize = 3;
-/// For so many of the requested starts one optimum goes on under the exact law and is polished, the best smoothed plan so far is spun
-/// once in each round of spins, and one must lead to the best merit: what is found less often is seldom the best there is.
+/// One in so many of the requested starts must lead to the best merit: what is found less often is seldom the best there is.
+const STARTS_A_FIND: usize = 6;
+/// For so many starts the best smoothed plan so far is spun once, in each round of spins.
+const STARTS_A_SPIN: usize = 3;
+/// For so many starts one optimum goes on under the exact law and is polished.
 const STARTS_A_PLAN: usize = 4;
 /// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
 const THOROUGH: (usize, usize) = (2, 3);
@@ -58,7 +61,7 @@ impl<'a> Race<'a> {
         let mut smoothed = Vec::new();
         for block in starts.chunks(settings.start_count) {
             self.block(block, &mut smoothed, optima);
-            let is_found_again = smoothed.is_empty() || times_found(&smoothed) * STARTS_A_PLAN >= settings.start_count;
+            let is_found_again = smoothed.is_empty() || times_found(&smoothed) * STARTS_A_FIND >= settings.start_count;
             let has_plan = optima.iter().any(|optimum| optimum.is_feasible(settings.goal_tolerance));
             if is_found_again && has_plan || self.is_too_coarse() || self.found.interruption.is_some() {
                 return;
@@ -71,7 +74,7 @@ impl<'a> Race<'a> {
         let (first, count) = (self.tried, starts.len());
         let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
         self.tried += self.heats((starts, &numbers), smoothed, optima);
-        self.spins(count / STARTS_A_PLAN, smoothed, optima);
+        self.spins(count / STARTS_A_SPIN, smoothed, optima);
         self.descend(smoothed, optima);
     }
 
