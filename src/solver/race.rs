@@ -161,8 +161,8 @@ impl<'a> Race<'a> {
         optima.extend(self.heat(&chosen, Heat::Descend).into_iter().map(|arrived| arrived.local));
     }
 
-    /// Improves the fastest distinct optima, of those that come near the best, ever fewer of them and ever more thoroughly (successive halving: Jamieson &
-    /// Talwalkar 2016). Patience begins with a half of what one without rivals has.
+    /// Improves the fastest distinct optima that come near the best, ever fewer of them and ever more thoroughly (successive halving:
+    /// Jamieson & Talwalkar 2016). Patience begins with a half of what one without rivals has.
     pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
         let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(STARTS_A_PLAN), PATIENCE / 2);
         for round in 0.. {
