@@ -14,7 +14,7 @@ use crate::shooting::{ShootingProblem, schedule_from_decision};
 /// Where too few starts lead to the best merit, more are tried: up to this multiple of the requested number.
 pub(super) const MORE_STARTS: usize = 3;
 /// One in so many of the requested starts must lead to the best merit: what is found less often is seldom the best there is.
-const STARTS_A_FIND: usize = 6;
+const STARTS_A_FIND: usize = 8;
 /// For so many starts the best smoothed plan so far is spun once, in each round of spins.
 const STARTS_A_SPIN: usize = 3;
 /// For so many starts one optimum goes on under the exact law and is polished.
