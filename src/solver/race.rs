@@ -18,7 +18,7 @@ const STARTS_A_FIND: usize = 8;
 /// For so many starts the best smoothed plan so far is spun once, in each round of spins.
 const STARTS_A_SPIN: usize = 3;
 /// For so many starts one optimum goes on under the exact law and is polished.
-const STARTS_A_PLAN: usize = 4;
+const STARTS_A_PLAN: usize = 3;
 /// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
 const THOROUGH: (usize, usize) = (2, 3);
 /// An optimum slower than the best one by more than this share is not polished: it seldom becomes the best.
@@ -117,15 +117,17 @@ impl<'a> Race<'a> {
         let tried = locals.len();
         let mut rough = Vec::new();
         for (index, local) in locals {
-            match starts[index].strategy {
-                Strategy::Smoothed => rough.push(Smoothed::new(numbers[index], local)),
-                Strategy::Warm | Strategy::Direct => optima.push(local),
+            let strategy = starts[index].strategy;
+            if strategy.is_smoothed() {
+                rough.push(Smoothed::new(numbers[index], strategy, local));
+            } else {
+                optima.push(local);
             }
         }
-        best_first(&mut rough, |rough| &rough.local);
-        rough.truncate((THOROUGH.0 * starts.len()).div_ceil(THOROUGH.1));
-        let mut arrived = self.heat(&rough, Heat::FirstLaw);
-        arrived.dedup_by(|next, kept| kept.takes_in(next));
+        // Merits under different laws do not compare.
+        let (rough, sharper): (Vec<_>, Vec<_>) =
+            rough.into_iter().partition(|rough| rough.strategy == Strategy::Smoothed);
+        let arrived: Vec<_> = [rough, sharper].into_iter().flat_map(|rough| self.first_law(rough)).collect();
         let is_first = smoothed.is_empty();
         smoothed.extend(self.heat(&arrived, Heat::OtherLaws));
         best_first(smoothed, |smoothed| &smoothed.local);
@@ -136,14 +138,23 @@ impl<'a> Race<'a> {
         tried
     }
 
+    /// Where the first law of their strategy leads the better ones, each optimum once.
+    fn first_law(&mut self, mut rough: Vec<Smoothed>) -> Vec<Smoothed> {
+        best_first(&mut rough, |rough| &rough.local);
+        rough.truncate((THOROUGH.0 * rough.len()).div_ceil(THOROUGH.1));
+        let mut arrived = self.heat(&rough, Heat::FirstLaw);
+        arrived.dedup_by(|next, kept| kept.takes_in(next));
+        arrived
+    }
+
     /// Where a heat leads these, best first; none of them once the search is interrupted.
     fn heat(&mut self, entrants: &[Smoothed], heat: Heat) -> Vec<Smoothed> {
         if self.found.interruption.is_some() {
             return Vec::new();
         }
         let go_on = |index: usize, search: &mut LocalSearch| {
-            let Smoothed { number, local, .. } = &entrants[index];
-            search.go_on(local, heat, *number)
+            let Smoothed { number, strategy, local, .. } = &entrants[index];
+            search.go_on(local, (heat, *strategy), *number)
         };
         let locals = self.round(entrants.len(), &go_on).into_iter();
         let mut arrived: Vec<_> = locals.map(|(index, local)| Smoothed { local, ..entrants[index].clone() }).collect();
@@ -238,6 +249,7 @@ type StartNumber = (usize, usize);
 pub(super) struct Smoothed {
     /// That of the start, or of the one whose spin it was.
     number: StartNumber,
+    strategy: Strategy,
     local: Candidate,
     /// How many starts led here.
     times_found: usize,
@@ -246,8 +258,8 @@ pub(super) struct Smoothed {
 }
 
 impl Smoothed {
-    fn new(number: StartNumber, local: Candidate) -> Self {
-        Self { number, local, times_found: 1, has_gone_on: false }
+    fn new(number: StartNumber, strategy: Strategy, local: Candidate) -> Self {
+        Self { number, strategy, local, times_found: 1, has_gone_on: false }
     }
 
     /// Whether the next one by merit is where this one is, as closely as descents end: side by side they would find the same. What
@@ -280,7 +292,7 @@ mod tests {
     fn an_optimum_is_found_again_by_its_merit() {
         let smoothed = |merit: f64| {
             let local = Candidate { merit, ..Candidate::new(DVector::from_element(1, 1.0), 0.0, true, None) };
-            Smoothed::new((1, 1), local)
+            Smoothed::new((1, 1), Strategy::Smoothed, local)
         };
         assert_eq!(times_found(&[]), 0);
         assert_eq!(times_found(&[2.000, 2.001, 2.01].map(smoothed)), 2);

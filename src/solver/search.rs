@@ -9,7 +9,7 @@ use super::run_control::RunControl;
 use super::sensitivity::friction_shift;
 use super::settings::{Choice, SolveInput, SolverSettings};
 use super::solution::{DistinctOptimum, RefinementOutcome, StopReason};
-use super::starts::{Strategy, starts};
+use super::starts::starts;
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 use crate::stop::{Stop, Stopped};
@@ -106,7 +106,7 @@ pub(super) fn search(
     let mut race = Race::new(input, problem, rollout_limit, &progress);
     let mut optima = Vec::new();
     race.starts(&starts, &mut optima);
-    let is_smoothed = starts[..race.tried].iter().any(|start| start.strategy == Strategy::Smoothed);
+    let is_smoothed = starts[..race.tried].iter().any(|start| start.strategy.is_smoothed());
     if is_smoothed && !race.is_too_coarse() {
         race.finals(&mut optima);
     }

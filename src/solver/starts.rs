@@ -7,14 +7,14 @@
 
 mod rolling;
 mod routes;
+mod spins;
 
-use std::f64::consts::TAU;
-
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use rolling::{AMPLITUDES, Rolling};
 use routes::rolling_plans;
+use spins::Spins;
 
 use super::segments::{resampled, schedule_from_segments};
 use super::settings::{Method, SolveInput};
@@ -40,26 +40,23 @@ pub(super) enum Strategy {
     Direct,
     /// Through smoothed laws: slower, and often to a much better local optimum.
     Smoothed,
+    /// From the second of these on: the first one merges optima, and which of them it leads to is not always the best.
+    Sharper,
+}
+
+impl Strategy {
+    /// Whether it goes through smoothed laws, after which such starts are compared.
+    pub(super) fn is_smoothed(self) -> bool {
+        matches!(self, Self::Smoothed | Self::Sharper)
+    }
 }
 
 /// Plans that are tried with spins: the fastest ones.
 const SPUN_PLANS: usize = 2;
 /// Coasting times: the time to the goal at the speed of the start times powers of two, up to so many.
 const COASTING_DOUBLINGS: i32 = 4;
-
-/// Wheels driven against each other for a part of a plan: leads to drifting turns.
-#[derive(Debug, Clone, Copy)]
-struct Spin {
-    /// Begin and end, as shares of the final time.
-    begin: f64,
-    end: f64,
-    /// 1 to the left, -1 to the right.
-    turn: f64,
-    /// Whether all torques are reversed afterwards: turned round, the robot brakes by driving forwards.
-    turns_round: bool,
-    /// Whole turns by which the heading at the goal changes, positive in the sense of the spin.
-    revolutions: f64,
-}
+/// One in so many smoothed starts begins under the second law.
+const SMOOTHED_A_SHARPER: usize = 3;
 
 /// The first starts of a search, at most `count`, in the order in which they are tried: the caller's guess, the fastest
 /// plan directly and through smoothing, then the other plans in turn with spins drawn at random.
@@ -89,10 +86,11 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
                 break;
             }
             starts.extend(others.next().cloned());
-            starts.push(Spin::drawn(&mut rng).of(plan, torque));
+            starts.push(Spins::drawn(&mut rng).of(plan, torque));
         }
     }
     starts.truncate(if is_nelder_mead { 1 } else { count });
+    sharpen(&mut starts);
     starts
 }
 
@@ -100,7 +98,16 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
 pub(super) fn spun(input: &SolveInput, plan: &Start, (count, stream): (usize, u64)) -> Vec<Start> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed.wrapping_add(stream));
     let torque = spin_torque(input);
-    (0..count).map(|_| Spin::drawn(&mut rng).of(plan, torque)).collect()
+    let mut starts: Vec<_> = (0..count).map(|_| Spins::drawn(&mut rng).of(plan, torque)).collect();
+    sharpen(&mut starts);
+    starts
+}
+
+/// One smoothed start in three, but not the first, begins under the second law.
+fn sharpen(starts: &mut [Start]) {
+    let smoothed = starts.iter_mut().filter(|start| start.strategy == Strategy::Smoothed);
+    let chosen = smoothed.skip(SMOOTHED_A_SHARPER - 1).step_by(SMOOTHED_A_SHARPER);
+    chosen.for_each(|start| start.strategy = Strategy::Sharper);
 }
 
 /// As much as the wheels bring to the floor under their loads at rest: more spins them up, which makes slower plans of strong motors.
@@ -127,51 +134,6 @@ fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
         goal_heading,
         strategy: Strategy::Direct,
     })
-}
-
-impl Spin {
-    /// One after which the robot is turned round two times in three, and in one of three with a turn more or less.
-    fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
-        let (one, other) = (rng.random::<f64>(), rng.random::<f64>());
-        Self {
-            begin: one.min(other),
-            end: one.max(other),
-            turn: drawn_from(&[1.0, -1.0], rng),
-            turns_round: drawn_from(&[false, true, true], rng),
-            revolutions: drawn_from(&[0.0, 0.0, 0.0, 0.0, 1.0, -1.0], rng),
-        }
-    }
-
-    /// The plan with this spin under as much torque.
-    fn of(&self, plan: &Start, torque: PerWheel<f64>) -> Start {
-        // The left wheel forwards turns to the right.
-        let torque = PerWheel::new(-self.turn * torque.left, self.turn * torque.right);
-        Start {
-            schedule: self.in_schedule(&plan.schedule, torque),
-            goal_heading: plan.goal_heading.map(|heading| heading + self.turn * self.revolutions * TAU),
-            strategy: plan.strategy,
-        }
-    }
-
-    fn in_schedule(&self, schedule: &TorqueSchedule, torque: PerWheel<f64>) -> TorqueSchedule {
-        let mut schedule = schedule.clone();
-        let count = schedule.control_count();
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of the intervals")]
-        let interval = |share: f64| (share * count as f64) as usize;
-        let begin = interval(self.begin).min(count - 1);
-        let end = interval(self.end).clamp(begin + 1, count);
-        for (torques, torque) in [(&mut schedule.left, torque.left), (&mut schedule.right, torque.right)] {
-            torques[begin..end].fill(torque);
-            if self.turns_round {
-                torques[end..].iter_mut().for_each(|torque| *torque = -*torque);
-            }
-        }
-        schedule
-    }
-}
-
-fn drawn_from<T: Copy>(values: &[T], rng: &mut Xoshiro256PlusPlus) -> T {
-    values[rng.random_range(0..values.len())]
 }
 
 /// Full effort towards the goal in the first half, full braking in the second, as if the goal lay straight ahead.
@@ -203,16 +165,12 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_turned_round_brakes_by_driving_forwards() {
-        let limit = PerWheel::new(3.0, 2.0);
-        let right = Spin { begin: 0.5, end: 0.75, turn: -1.0, turns_round: true, revolutions: -1.0 };
-        let left = Spin { turn: 1.0, ..right }.of(&plan(Some(0.1)), limit);
-        let right = right.of(&plan(Some(0.1)), limit);
-        assert_eq!(right.schedule.left, [1.0, 1.0, 3.0, 1.0]);
-        assert_eq!(right.schedule.right, [1.0, 1.0, -2.0, 1.0]);
-        assert_eq!(right.goal_heading, Some(0.1 + TAU));
-        assert_eq!(left.schedule.left, [1.0, 1.0, -3.0, 1.0]);
-        assert_eq!(left.goal_heading, Some(0.1 - TAU));
+    fn one_smoothed_start_in_three_begins_sharper() {
+        let mut starts = vec![plan(None); 6];
+        starts.insert(1, Start { strategy: Strategy::Direct, ..plan(None) });
+        sharpen(&mut starts);
+        let sharper: Vec<_> = (0..7).filter(|index| starts[*index].strategy == Strategy::Sharper).collect();
+        assert_eq!(sharper, [3, 6]);
     }
 
     #[test]
@@ -222,15 +180,5 @@ mod tests {
         assert_eq!(spins(24).len(), 3);
         assert_eq!(spins(24), spins(24));
         assert_ne!(spins(24), spins(30));
-    }
-
-    #[test]
-    fn spins_fit_into_the_coarsest_grid() {
-        let mut plan = plan(None);
-        plan.schedule.left.truncate(1);
-        plan.schedule.right.truncate(1);
-        let spin = Spin { begin: 1.0, end: 1.0, turn: -1.0, turns_round: false, revolutions: 0.0 };
-        let spun = spin.of(&plan, PerWheel::new(1.0, 1.0));
-        assert_eq!(spun.schedule.left, [1.0]);
     }
 }

@@ -31,12 +31,17 @@ const FEWEST_INTERVALS: usize = 10;
 /// What comes after a start's first look at its merit.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Heat {
-    /// Under the first smoothed law, thoroughly.
+    /// Under the first smoothed law of its strategy, thoroughly.
     FirstLaw,
     /// Through the other smoothed laws.
     OtherLaws,
     /// Under the exact law.
     Descend,
+}
+
+/// The smoothings that starts of this strategy go through, if they do.
+fn laws_of(strategy: Strategy) -> &'static [f64] {
+    if strategy == Strategy::Sharper { &SMOOTHING[1..] } else { &SMOOTHING }
 }
 
 impl LocalSearch<'_, '_, '_> {
@@ -57,8 +62,9 @@ impl LocalSearch<'_, '_, '_> {
             (Method::NelderMead, _) => self.nelder_mead(&guess),
             (Method::SequentialLinear, Strategy::Warm) => self.warmly(&guess, start.goal_heading),
             (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
-            (Method::SequentialLinear, Strategy::Smoothed) => {
-                self.coarsely(|search| search.smoothed(&guess, &SMOOTHING[..1], (START_RADIUS, ROUGH_ITERATION_LIMIT)))
+            (Method::SequentialLinear, Strategy::Smoothed | Strategy::Sharper) => {
+                let law = &laws_of(start.strategy)[..1];
+                self.coarsely(|search| search.smoothed(&guess, law, (START_RADIUS, ROUGH_ITERATION_LIMIT)))
             }
         }
     }
@@ -95,7 +101,7 @@ impl LocalSearch<'_, '_, '_> {
     pub(super) fn go_on(
         &mut self,
         from: &Candidate,
-        heat: Heat,
+        (heat, strategy): (Heat, Strategy),
         number: (usize, usize),
     ) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Start { number: number.0 });
@@ -105,10 +111,10 @@ impl LocalSearch<'_, '_, '_> {
             search.coarsely(|search| search.smoothed(&from.decision, laws, (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT)))
         };
         match heat {
-            Heat::FirstLaw => through(self, &SMOOTHING[..1]),
+            Heat::FirstLaw => through(self, &laws_of(strategy)[..1]),
             // A smooth motion has one law.
             Heat::OtherLaws if self.problem.is_smooth() => Ok(from.clone()),
-            Heat::OtherLaws => through(self, &SMOOTHING[1..]),
+            Heat::OtherLaws => through(self, &laws_of(strategy)[1..]),
             Heat::Descend => self.descend_until(&from.decision, FIRST_RADIUS, (ROUGH, f64::INFINITY)),
         }
     }
