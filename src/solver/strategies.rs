@@ -39,11 +39,6 @@ pub(super) enum Heat {
     Descend,
 }
 
-/// The smoothings that starts of this strategy go through, if they do.
-fn laws_of(strategy: Strategy) -> &'static [f64] {
-    if strategy == Strategy::Sharper { &SMOOTHING[1..] } else { &SMOOTHING }
-}
-
 impl LocalSearch<'_, '_, '_> {
     /// Searches from one start of several: to a local optimum, which is also kept when it is the best so far, or only through the
     /// smoothed laws, to a merit by which such starts are compared.
@@ -63,7 +58,7 @@ impl LocalSearch<'_, '_, '_> {
             (Method::SequentialLinear, Strategy::Warm) => self.warmly(&guess, start.goal_heading),
             (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
             (Method::SequentialLinear, Strategy::Smoothed | Strategy::Sharper) => {
-                let law = &laws_of(start.strategy)[..1];
+                let law = &self.laws_of(start.strategy)[..1];
                 self.coarsely(|search| search.smoothed(&guess, law, (START_RADIUS, ROUGH_ITERATION_LIMIT)))
             }
         }
@@ -110,11 +105,12 @@ impl LocalSearch<'_, '_, '_> {
         let through = |search: &mut Self, laws: &[f64]| {
             search.coarsely(|search| search.smoothed(&from.decision, laws, (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT)))
         };
+        let laws = self.laws_of(strategy);
         match heat {
-            Heat::FirstLaw => through(self, &laws_of(strategy)[..1]),
+            Heat::FirstLaw => through(self, &laws[..1]),
             // A smooth motion has one law.
             Heat::OtherLaws if self.problem.is_smooth() => Ok(from.clone()),
-            Heat::OtherLaws => through(self, &laws_of(strategy)[1..]),
+            Heat::OtherLaws => through(self, &laws[1..]),
             Heat::Descend => self.descend_until(&from.decision, FIRST_RADIUS, (ROUGH, f64::INFINITY)),
         }
     }
@@ -263,6 +259,11 @@ impl LocalSearch<'_, '_, '_> {
         let found = run(self);
         self.problem.set_step_count(step_count);
         found
+    }
+
+    /// The smoothings that starts of this strategy go through, if they do. A smooth motion has one law.
+    fn laws_of(&self, strategy: Strategy) -> &'static [f64] {
+        if strategy == Strategy::Sharper && !self.problem.is_smooth() { &SMOOTHING[1..] } else { &SMOOTHING }
     }
 
     /// Through smoothed laws, with the merit under the last one.
