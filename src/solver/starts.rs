@@ -158,7 +158,7 @@ mod tests {
     use super::*;
     use crate::solver::settings::SolveParameters;
 
-    fn plan(goal_heading: Option<f64>) -> Start {
+    pub(super) fn plan(goal_heading: Option<f64>) -> Start {
         let torques = [1.0, 1.0, -1.0, -1.0].to_vec();
         let schedule = TorqueSchedule { final_time: 2.0, left: torques.clone(), right: torques };
         Start { schedule, goal_heading, strategy: Strategy::Smoothed }

@@ -86,14 +86,8 @@ fn drawn_from<T: Copy>(values: &[T], rng: &mut Xoshiro256PlusPlus) -> T {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Strategy;
+    use super::super::tests::plan;
     use super::*;
-
-    fn plan(goal_heading: Option<f64>) -> Start {
-        let torques = [1.0, 1.0, -1.0, -1.0].to_vec();
-        let schedule = TorqueSchedule { final_time: 2.0, left: torques.clone(), right: torques };
-        Start { schedule, goal_heading, strategy: Strategy::Smoothed }
-    }
 
     #[test]
     fn a_robot_that_turned_round_brakes_by_driving_forwards() {
