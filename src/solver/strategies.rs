@@ -108,8 +108,7 @@ impl LocalSearch<'_, '_, '_> {
         let laws = self.laws_of(strategy);
         match heat {
             Heat::FirstLaw => through(self, &laws[..1]),
-            // A smooth motion has one law.
-            Heat::OtherLaws if self.problem.is_smooth() => Ok(from.clone()),
+            Heat::OtherLaws if laws.len() == 1 => Ok(from.clone()),
             Heat::OtherLaws => through(self, &laws[1..]),
             Heat::Descend => self.descend_until(&from.decision, FIRST_RADIUS, (ROUGH, f64::INFINITY)),
         }
@@ -263,7 +262,13 @@ impl LocalSearch<'_, '_, '_> {
 
     /// The smoothings that starts of this strategy go through, if they do. A smooth motion has one law.
     fn laws_of(&self, strategy: Strategy) -> &'static [f64] {
-        if strategy == Strategy::Sharper && !self.problem.is_smooth() { &SMOOTHING[1..] } else { &SMOOTHING }
+        if self.problem.is_smooth() {
+            &SMOOTHING[..1]
+        } else if strategy == Strategy::Sharper {
+            &SMOOTHING[1..]
+        } else {
+            &SMOOTHING
+        }
     }
 
     /// Through smoothed laws, with the merit under the last one.
