@@ -44,6 +44,9 @@ pub(crate) struct Effort {
     /// Starts of each search; default: the service's.
     #[arg(long, global = true, value_name = "N")]
     pub(crate) starts: Option<usize>,
+    /// Seed of each search; default: the service's.
+    #[arg(long, global = true, value_name = "N")]
+    pub(crate) solver_seed: Option<u64>,
     /// Lets the solver choose the number of steps, instead of 200.
     #[arg(long, global = true)]
     pub(crate) automatic_steps: bool,
@@ -135,6 +138,7 @@ impl Effort {
     /// Sets what was asked for; anything else stays as it is.
     pub(crate) fn apply(&self, settings: &mut SolverSettings) {
         settings.start_count = self.starts.unwrap_or(settings.start_count);
+        settings.seed = self.solver_seed.unwrap_or(settings.seed);
         if self.automatic_steps {
             settings.refinement = Refinement::UntilConfirmed { step_limit: AUTOMATIC_STEP_LIMIT };
         }

@@ -36,16 +36,17 @@ use ratio_test::{Kink, KinkAt};
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
 use crate::stop::{Stop, Stopped};
 
-/// Gradients closer to zero than this share of the largest cost are rounding of the multipliers. Costs are as small as the trust region
-/// of a program: an absolute tolerance passed the perturbation in small ones, and the simplex came back to the same vertices.
-const GRADIENT_TOLERANCE: f64 = 1e-10;
-/// So are those within so many times the largest of a basic variable, which should be zero, where correction leaves one: on motions that
-/// amplify errors beyond all digits.
+/// Gradients within so many times the largest of a basic variable, which should be zero, are rounding, where correction leaves one: on
+/// motions that amplify errors beyond all digits.
 const GRADIENT_MARGIN: f64 = 10.0;
-/// The objective may exceed that of staying by this share of the largest penalty, its own rounding.
-const OBJECTIVE_ROUNDING: f64 = 1e-13;
-/// Smaller shares are rounding: of a variable's or row's range that is violated, of the penalty parameter by which a multiplier
-/// passes its box, of a pivot, between steps, of a variable's scale by which it is off its bound.
+/// The rounding of sums, as a share of what they are sums of: of slopes and pivots, and of the objective. Where rows are nearly
+/// dependent these sums are far larger: with the tolerance of other comparisons the kinks that were passed over let D fall, and the
+/// simplex came back.
+const ROUNDING: f64 = 1e-12;
+/// Smaller shares are rounding: of the largest cost, in gradients (costs are as small as the trust region of a program: an absolute
+/// tolerance passed the perturbation in small ones, and the simplex came back to the same vertices); of a variable's or row's range that
+/// is violated, of the penalty parameter by which a multiplier passes its box, of a pivot, between steps, of a variable's scale by which
+/// it is off its bound.
 pub(super) const TOLERANCE: f64 = 1e-9;
 /// Iterations per variable and row after which the simplex gives up.
 const ITERATION_FACTOR: usize = 20;
@@ -163,7 +164,7 @@ impl ElasticSolver {
         });
         self.range = DVector::from_iterator(rows, ranges);
         self.largest_range = self.range.amax();
-        self.small_gradient = GRADIENT_TOLERANCE * program.cost.amax();
+        self.small_gradient = TOLERANCE * program.cost.amax();
         self.basis.is_kept = rows > Basis::SMALL;
         self.is_basic = vec![false; columns];
         self.rest = vec![Rest::Zero; columns];
@@ -247,7 +248,7 @@ impl ElasticSolver {
 
     /// What the objective may miss.
     fn rounding(&self, program: &ElasticProgram) -> f64 {
-        OBJECTIVE_ROUNDING * program.penalty_parameter * self.largest_range
+        ROUNDING * program.penalty_parameter * self.largest_range
     }
 
     /// Multipliers at their bounds, and those of the tight rows that make the gradients of the basic variables zero.

@@ -80,13 +80,10 @@ const RADIUS_FACTOR: f64 = 2.0;
 const LARGEST_CORRECTION: f64 = 0.2;
 /// The penalty parameter grows by this factor where the optimum of the merit violates constraints.
 pub const PENALTY_GROWTH: f64 = 10.0;
-/// Violations up to this are left to the restoration.
+/// Violations up to this are left to the restoration: rounded goals may be impossible to meet more closely.
 const RESTORABLE: f64 = 1e-4;
-/// Changes of a restoration; a Newton method that converges takes a handful.
-const RESTORATION_LIMIT: usize = 20;
 /// So often a change is halved in a restoration.
 const HALVINGS: i32 = 3;
-
 /// A merit that would not be beaten by this multiple of the prediction is given up: of 400 hops that gained in a search, those
 /// that this rule ends had a sixteenth of the gain, and it saves two thirds of the rollouts.
 const HOPE: f64 = 2.0;
@@ -339,16 +336,12 @@ impl<'a> Search<'a> {
     /// Drives the violations of the final point to zero by least changes of the variables that are off their bounds, as long as
     /// they fall.
     fn restore(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
-        for _ in 0..RESTORATION_LIMIT {
-            let violation = self.model.constraints.violation();
-            if self.is_met() {
-                break;
-            }
+        while !self.is_met() {
             self.linearise(budget)?;
             let rows = self.violated_rows(&self.model.constraints);
             let missed = self.model.rows_of(&self.model.constraints);
-            let Some(change) = self.least_change(&self.x, &rows, &missed) else { return Ok(()) };
-            if !self.shorten_until_better(&change, violation, budget)? {
+            let Some(change) = self.least_change(&self.x, &rows, &missed) else { break };
+            if !self.shorten_until_better(&change, budget)? {
                 break;
             }
         }
@@ -357,12 +350,8 @@ impl<'a> Search<'a> {
 
     /// Takes the change, or a half, a quarter, ... of it: at a kink only a part may reduce the violation. False when none
     /// does.
-    fn shorten_until_better(
-        &mut self,
-        change: &DVector<f64>,
-        violation: f64,
-        budget: &mut Budget,
-    ) -> Result<bool, Interruption> {
+    fn shorten_until_better(&mut self, change: &DVector<f64>, budget: &mut Budget) -> Result<bool, Interruption> {
+        let violation = self.model.constraints.violation();
         for halving in 0..=HALVINGS {
             let trial = self.evaluate(&(&self.x - change * 0.5_f64.powi(halving)), budget)?;
             if trial.constraints.violation() < violation {

@@ -12,6 +12,9 @@ use crate::optimizer::CriticalityMeasure;
 pub(super) const CRITICALITY_TOLERANCE: f64 = 1e-4;
 /// Local optima whose final times differ by less than this share count as one.
 const DISTINCT_FINAL_TIME: f64 = 1e-3;
+/// A plan slower by more than this share is of another kind: an optimum so far behind the best one seldom becomes the best, and a plan of
+/// a similar robot or of another grid that loses so much has left its local optimum.
+pub(super) const LARGEST_LAG: f64 = 0.05;
 
 /// A decision with what the search needs to rank it.
 #[derive(Debug, Clone)]

@@ -1,13 +1,10 @@
 //! The shooting problem of a maneuver on a grid, without final times that no plan reaches.
 
 use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
-use super::settings::SolveInput;
+use super::settings::{ROUNDING, SolveInput};
 use super::starts::starts;
 use crate::shooting::ShootingProblem;
 use crate::simulation::Simulator;
-
-/// Share of the lower bound that is ruled out: slightly less than 1, so that rounding excludes no plan.
-const SHARE_OF_BOUND: f64 = 0.99;
 
 /// The problem on a grid and the lower bound of its final time.
 ///
@@ -21,6 +18,7 @@ pub(super) fn problem_on<'a>(
     let time_unit = starts(input, 1)[0].schedule.final_time.max(bound.time);
     let grid = (step_count, input.settings.control_count);
     let mut problem = ShootingProblem::new(simulator, (&input.maneuver, &input.path_limits()), grid, time_unit);
-    problem.rule_out_before(SHARE_OF_BOUND * bound.time);
+    // But for rounding, which shall exclude no plan.
+    problem.rule_out_before((1.0 - ROUNDING) * bound.time);
     (problem, bound)
 }

@@ -13,8 +13,6 @@ use crate::optimizer::{FIRST_RADIUS, Interruption, Problem};
 
 /// A local optimum without rivals is left after so many hops in a row that gain nothing.
 pub(super) const PATIENCE: usize = 6;
-/// The patience with a direct start.
-pub(super) const DIRECT_PATIENCE: usize = 4;
 
 /// A perturbation of the torques.
 #[derive(Debug, Clone, Copy)]

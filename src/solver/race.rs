@@ -1,6 +1,6 @@
 //! The race of a search: from starts through ever fewer and ever more thorough heats to the best local optimum.
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, distinct, is_distinct};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, distinct, is_distinct};
 use super::hops::PATIENCE;
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
@@ -15,14 +15,9 @@ use crate::shooting::{ShootingProblem, schedule_from_decision};
 pub(super) const MORE_STARTS: usize = 3;
 /// One in so many of the requested starts must lead to the best merit: what is found less often is seldom the best there is.
 const STARTS_A_FIND: usize = 8;
-/// For so many starts the best smoothed plan so far is spun once, in each round of spins.
-const STARTS_A_SPIN: usize = 3;
-/// For so many starts one optimum goes on under the exact law and is polished.
-const STARTS_A_PLAN: usize = 3;
-/// So many starts of so many, those with the better merits, go thoroughly through smoothed laws.
-const THOROUGH: (usize, usize) = (2, 3);
-/// An optimum slower than the best one by more than this share is not polished: it seldom becomes the best.
-const LARGEST_LAG: f64 = 0.05;
+/// One in so many: a round of spins has one for so many starts, one optimum for so many is polished, one start in so many begins under
+/// the second law, and one, of those with the worst merits, is left out of the thorough heats.
+pub(super) const ONE_IN: usize = 3;
 /// Fewest steps per control interval of the grid on which starts are compared.
 const COARSE_STEPS: usize = 2;
 /// Its longest step, as a share of the robot's natural time.
@@ -74,7 +69,7 @@ impl<'a> Race<'a> {
         let (first, count) = (self.tried, starts.len());
         let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
         self.tried += self.heats((starts, &numbers), smoothed, optima);
-        self.spins(count / STARTS_A_SPIN, smoothed, optima);
+        self.spins(count / ONE_IN, smoothed, optima);
         self.descend(smoothed, optima);
     }
 
@@ -141,7 +136,7 @@ impl<'a> Race<'a> {
     /// Where the first law of their strategy leads the better ones, each optimum once.
     fn first_law(&mut self, mut rough: Vec<Smoothed>) -> Vec<Smoothed> {
         best_first(&mut rough, |rough| &rough.local);
-        rough.truncate((THOROUGH.0 * rough.len()).div_ceil(THOROUGH.1));
+        rough.truncate(rough.len() - rough.len() / ONE_IN);
         let mut arrived = self.heat(&rough, Heat::FirstLaw);
         arrived.dedup_by(|next, kept| kept.takes_in(next));
         arrived
@@ -166,7 +161,7 @@ impl<'a> Race<'a> {
     /// a search which is stopped has a plan.
     fn descend(&mut self, smoothed: &mut [Smoothed], optima: &mut Vec<Candidate>) {
         let mut chosen = distinct(smoothed, |smoothed| smoothed.local.merit);
-        chosen.truncate(self.input.settings.start_count.div_ceil(STARTS_A_PLAN));
+        chosen.truncate(self.input.settings.start_count.div_ceil(ONE_IN));
         chosen.retain(|index| !std::mem::replace(&mut smoothed[*index].has_gone_on, true));
         let chosen: Vec<_> = chosen.into_iter().map(|index| smoothed[index].clone()).collect();
         optima.extend(self.heat(&chosen, Heat::Descend).into_iter().map(|arrived| arrived.local));
@@ -175,7 +170,7 @@ impl<'a> Race<'a> {
     /// Improves the fastest distinct optima that come near the best, ever fewer of them and ever more thoroughly (successive halving:
     /// Jamieson & Talwalkar 2016). Patience begins with a half of what one without rivals has.
     pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
-        let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(STARTS_A_PLAN), PATIENCE / 2);
+        let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(ONE_IN), PATIENCE / 2);
         for round in 0.. {
             if self.found.interruption.is_some() {
                 return;

@@ -1,15 +1,14 @@
 //! Rules for torque schedules that callers send.
 
+use super::settings::ROUNDING;
 use crate::robot::PerWheel;
 use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
 
 /// The length of a schedule or of one of its intervals.
 /// Shorter ones move nothing, and the impulses within them come near the smallest numbers there are.
-pub(super) const TIME_RULE: Rule = Rule::at_least(1e-9, "s");
+pub(super) const TIME_RULE: Rule = Rule::at_least(ROUNDING, "s");
 const LENGTH_RULE: Rule = Rule::at_least(1.0, Rule::ITEMS);
-/// Rounding that a schedule may carry above a limit when it is sent back: a few units in the last place.
-const LIMIT_SLACK: f64 = 1e-12;
 
 /// The rules of a schedule with the given names of its time and of its left and right arrays.
 pub(super) fn rules(time_field: &str, (left_field, right_field): (&str, &str)) -> RuleSet {
@@ -44,7 +43,8 @@ fn check_torque(field: &str, torque: f64, limit: Option<f64>, checks: &mut Check
     match limit {
         Some(limit) => {
             let rule = format!("within the torque limit of {} N m", Number(limit));
-            checks.require(field, Number(torque), torque.abs() <= limit * (1.0 + LIMIT_SLACK), &rule, Some(limit));
+            // A schedule may carry rounding when it is sent back.
+            checks.require(field, Number(torque), torque.abs() <= limit * (1.0 + ROUNDING), &rule, Some(limit));
         }
         None => checks.require(field, Number(torque), torque.is_finite(), "finite", None),
     }

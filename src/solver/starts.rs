@@ -16,6 +16,7 @@ use rolling::{AMPLITUDES, Rolling};
 use routes::rolling_plans;
 use spins::Spins;
 
+use super::race::ONE_IN;
 use super::segments::{resampled, schedule_from_segments};
 use super::settings::{Method, SolveInput};
 use crate::robot::PerWheel;
@@ -55,8 +56,6 @@ impl Strategy {
 const SPUN_PLANS: usize = 2;
 /// Coasting times: the time to the goal at the speed of the start times powers of two, up to so many.
 const COASTING_DOUBLINGS: i32 = 4;
-/// One in so many smoothed starts begins under the second law.
-const SMOOTHED_A_SHARPER: usize = 3;
 
 /// The first starts of a search, at most `count`, in the order in which they are tried: the caller's guess, the fastest
 /// plan directly and through smoothing, then the other plans in turn with spins drawn at random.
@@ -106,7 +105,7 @@ pub(super) fn spun(input: &SolveInput, plan: &Start, (count, stream): (usize, u6
 /// One smoothed start in three, but not the first, begins under the second law.
 fn sharpen(starts: &mut [Start]) {
     let smoothed = starts.iter_mut().filter(|start| start.strategy == Strategy::Smoothed);
-    let chosen = smoothed.skip(SMOOTHED_A_SHARPER - 1).step_by(SMOOTHED_A_SHARPER);
+    let chosen = smoothed.skip(ONE_IN - 1).step_by(ONE_IN);
     chosen.for_each(|start| start.strategy = Strategy::Sharper);
 }
 

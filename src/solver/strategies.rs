@@ -2,8 +2,8 @@
 
 use nalgebra::DVector;
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, is_distinct, keep_better};
-use super::hops::{DIRECT_PATIENCE, PATIENCE};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, is_distinct, keep_better};
+use super::hops::PATIENCE;
 use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
 use super::segments::with_intervals;
@@ -23,8 +23,6 @@ const SMOOTHED_ITERATION_LIMIT: usize = 2 * ROUGH_ITERATION_LIMIT;
 /// First trust radius from a start, whose torques are farther from the optimum than those of a plan. Much larger ones leave the family
 /// of plans that the start belongs to, where small changes go far: backwards, a front-heavy robot is unstable.
 const START_RADIUS: f64 = 2.0 * FIRST_RADIUS;
-/// A plan that loses more than this share of its final time on another grid, or on a similar robot, has left its local optimum.
-const LOSS: f64 = 0.02;
 /// Fewest control intervals of the grids on which held wheels begin.
 const FEWEST_INTERVALS: usize = 10;
 
@@ -169,7 +167,7 @@ impl LocalSearch<'_, '_, '_> {
         if self.problem.is_smooth() {
             self.settle(&mut best)?;
         } else {
-            self.hop(&mut best, DIRECT_PATIENCE, 0)?;
+            self.hop(&mut best, PATIENCE, 0)?;
             self.finish(&mut best)?;
         }
         Ok(best)
@@ -194,7 +192,7 @@ impl LocalSearch<'_, '_, '_> {
     /// much time. The other goal heading is for a guess whose motion is unstable: it may end turned round.
     fn warmly(&mut self, guess: &DVector<f64>, other_heading: Option<f64>) -> Result<Candidate, Interruption> {
         let tolerance = self.settings.goal_tolerance;
-        let slowest = (1.0 + LOSS) * guess[guess.len() - 1];
+        let slowest = (1.0 + LARGEST_LAG) * guess[guess.len() - 1];
         let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
         let mut best = self.near(guess)?;
         if !arrived(&best) && self.goal_heading != other_heading {

@@ -1,12 +1,8 @@
 //! The bound flipping ratio test: how far the multipliers move along an edge of the dual, and what stops them.
 
 use super::pricing::Leaving;
-use super::{ElasticSolver, GRADIENT_MARGIN, Rest, TOLERANCE};
+use super::{ElasticSolver, GRADIENT_MARGIN, ROUNDING, Rest, TOLERANCE};
 use crate::optimizer::elastic_program::ElasticProgram;
-
-/// Slopes and pivots below this share of what they are sums of are rounding. Where rows are nearly dependent these sums are far larger:
-/// with the tolerance of other comparisons the kinks that were passed over let D fall, and the simplex came back.
-const SLOPE_ROUNDING: f64 = 1e-12;
 
 /// A kink of D along the edge.
 #[derive(Debug, Clone, Copy)]
@@ -70,7 +66,7 @@ impl ElasticSolver {
         // Slices: nalgebra's iterators look for the end of a column at every element.
         let ranges = self.direction.as_slice().iter().zip(self.range.as_slice());
         let total: f64 = ranges.map(|(change, range)| change.abs() * range).sum();
-        let smallest = SLOPE_ROUNDING * total;
+        let smallest = ROUNDING * total;
         let gradient_tolerance = self.gradient_tolerance();
         let bounds = program.lower.as_slice().iter().zip(program.upper.as_slice());
         let edges = self.gradient.as_slice().iter().zip(self.slope.as_slice()).zip(bounds);

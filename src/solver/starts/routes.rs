@@ -1,6 +1,7 @@
 //! Plans of turns and drives that would reach the goal if the wheels rolled without slip.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
+use std::iter::successors;
 
 use nalgebra::Vector2;
 
@@ -10,9 +11,6 @@ use super::rolling::{AMPLITUDES, Pose, Rolling};
 use super::{Start, Strategy};
 use crate::robot::{RobotParameters, State, Velocity};
 use crate::shooting::{Maneuver, StateComponent, wrapped_angle};
-
-/// Angles between two drives: a right angle, halved up to so often.
-const HALVINGS: i32 = 20;
 
 /// Plans of turns and drives, fastest first.
 pub(super) fn rolling_plans(input: &SolveInput) -> Vec<Start> {
@@ -80,11 +78,12 @@ impl<'a> Route<'a> {
     }
 
     /// There and back again in two directions, one of which is that of the start or of the goal: so a robot moves aside by less than
-    /// its size. Of the angles between both drives, and of their signs, those of the fastest plans.
+    /// its size. Of the angles between both drives, a right one halved again and again, and of their signs, those of the fastest plans.
     fn through_two_drives(&self) -> Vec<(f64, Start)> {
         let mut plans = Vec::new();
         for side in [1.0, -1.0] {
-            let angles = || (0..HALVINGS).map(|halvings| side * FRAC_PI_2 * 0.5_f64.powi(halvings));
+            let halved = |angle: &f64| Some(0.5 * angle).filter(|angle| *angle > ROUNDING);
+            let angles = || successors(Some(FRAC_PI_2), halved).map(|angle| side * angle);
             let first = angles().map(|angle| (self.start.heading + angle, self.goal.heading));
             let second = angles().map(|angle| (self.start.heading, self.goal.heading + angle));
             plans.extend(self.fastest_through(first));
