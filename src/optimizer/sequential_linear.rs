@@ -80,8 +80,6 @@ const RADIUS_FACTOR: f64 = 2.0;
 const LARGEST_CORRECTION: f64 = 0.2;
 /// The penalty parameter grows by this factor where the optimum of the merit violates constraints.
 pub const PENALTY_GROWTH: f64 = 10.0;
-/// Violations up to this are left to the restoration: rounded goals may be impossible to meet more closely.
-const RESTORABLE: f64 = 1e-4;
 /// So often a change is halved in a restoration.
 const HALVINGS: i32 = 3;
 /// A merit that would not be beaten by this multiple of the prediction is given up: of 400 hops that gained in a search, those
@@ -205,7 +203,8 @@ impl<'a> Search<'a> {
             let prediction = merit - self.modelled_merit(&step);
             if prediction <= self.settings.smallest_prediction {
                 // At an optimum of the merit that violates constraints the penalty parameter is too small.
-                if self.model.constraints.violation() > RESTORABLE && self.tightens() {
+                let cost = self.penalty_parameter * self.model.constraints.violation_sum();
+                if cost > self.settings.smallest_prediction && self.tightens() {
                     continue;
                 }
                 return Ok(true);

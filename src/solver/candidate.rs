@@ -88,10 +88,16 @@ pub(super) fn improves(known: Option<&Candidate>, next: &Candidate, goal_toleran
     known.is_none_or(|known| next.is_better_than(known, goal_tolerance))
 }
 
-/// Keeps the better of the best one known and another, the earlier one of equals.
+/// Keeps the better of the best one known and another; of equals the earlier one, with the criticality measure of either.
 pub(super) fn note(known: &mut Option<Candidate>, next: Option<Candidate>, goal_tolerance: f64) {
-    if let Some(next) = next.filter(|next| improves(known.as_ref(), next, goal_tolerance)) {
-        *known = Some(next);
+    let Some(next) = next else { return };
+    match known {
+        Some(known) if !next.is_better_than(known, goal_tolerance) => {
+            if known.decision == next.decision {
+                known.stationarity = next.stationarity.or(known.stationarity.take());
+            }
+        }
+        Some(_) | None => *known = Some(next),
     }
 }
 

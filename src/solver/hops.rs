@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, keep_better};
-use super::local_search::{LocalSearch, ROUGH};
+use super::local_search::{LocalSearch, SMALLEST_PREDICTION};
 use crate::optimizer::{FIRST_RADIUS, Interruption, Problem};
 
 /// A local optimum without rivals is left after so many hops in a row that gain nothing.
@@ -37,7 +37,7 @@ impl LocalSearch<'_, '_, '_> {
             }
             let perturbed = self.perturbed(&best.decision, perturbation, &mut rng);
             let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
-            let next = self.descend_until(&perturbed, FIRST_RADIUS, (ROUGH, time_to_beat))?;
+            let next = self.descend_until(&perturbed, FIRST_RADIUS, (SMALLEST_PREDICTION, time_to_beat))?;
             // Less than what descents end with is no gain.
             let gains = next.is_feasible(tolerance) && next.final_time() < (1.0 - CRITICALITY_TOLERANCE) * time_to_beat;
             in_vain = if gains { 0 } else { in_vain + 1 };

@@ -22,11 +22,9 @@ const PENALTY: f64 = 30.0;
 pub(super) const STRICT_PENALTY: f64 = PENALTY_GROWTH * PENALTY;
 /// Penalty parameters from this one on do not grow.
 pub(super) const LARGEST_PENALTY: f64 = STRICT_PENALTY * PENALTY;
-/// Descents end where less than this share of the unit of time is predicted: the rounding of the merit.
-const FINE: f64 = 1e-7;
-/// The same of rough descents, below which the last third of the rollouts would gain little, and of all descents with limits, where
-/// steps along curved constraints stay short. `converged` allows ten times as much.
-pub(super) const ROUGH: f64 = 1e-5;
+/// Descents end where less than this share of the unit of time is predicted: to gain the rest would take a third of the rollouts, and
+/// more with limits, where steps along curved constraints stay short. `converged` allows ten times as much.
+pub(super) const SMALLEST_PREDICTION: f64 = 1e-5;
 /// Most linear programs of a descent. Of 10,000 one takes more than 600; a descent may crawl along a kink for ever.
 const ITERATION_LIMIT: usize = 1_000;
 /// The tolerance of the restoration, as a share of the goal tolerance.
@@ -84,12 +82,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     /// Descends under the exact law and restores the goal.
     pub(super) fn descend(&mut self, guess: &DVector<f64>, radius: f64) -> Result<Candidate, Interruption> {
-        self.descend_until(guess, radius, (self.fine(), f64::INFINITY))
-    }
-
-    /// The least predicted decrease of each step, as a share of the unit of time.
-    fn fine(&self) -> f64 {
-        if self.problem.has_path_limits() { ROUGH } else { FINE }
+        self.descend_until(guess, radius, (SMALLEST_PREDICTION, f64::INFINITY))
     }
 
     /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, as a share of the unit of
@@ -229,12 +222,10 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         Ok(Stationarity { penalty_parameter, time_unit, measure })
     }
 
-    /// Stores the criticality measure of a candidate, also with the best one if they are the same.
+    /// Stores the criticality measure of a candidate, which may be the best one.
     pub(super) fn note_stationarity(&mut self, candidate: &mut Candidate, stationarity: Stationarity) {
         candidate.stationarity = Some(Arc::new(stationarity));
-        if let Some(best) = self.best.as_mut().filter(|best| best.decision == candidate.decision) {
-            best.stationarity.clone_from(&candidate.stationarity);
-        }
+        note(&mut self.best, Some(candidate.clone()), self.settings.goal_tolerance);
     }
 
     fn note(&mut self, candidate: &Candidate) {

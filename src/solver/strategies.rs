@@ -4,7 +4,7 @@ use nalgebra::DVector;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, is_distinct, keep_better};
 use super::hops::PATIENCE;
-use super::local_search::{LARGEST_PENALTY, LocalSearch, ROUGH, STRICT_PENALTY, linear_programs};
+use super::local_search::{LARGEST_PENALTY, LocalSearch, SMALLEST_PREDICTION, STRICT_PENALTY, linear_programs};
 use super::run_control::Phase;
 use super::segments::with_intervals;
 use super::settings::Method;
@@ -108,7 +108,7 @@ impl LocalSearch<'_, '_, '_> {
             Heat::FirstLaw => through(self, &laws[..1]),
             Heat::OtherLaws if laws.len() == 1 => Ok(from.clone()),
             Heat::OtherLaws => through(self, &laws[1..]),
-            Heat::Descend => self.descend_until(&from.decision, FIRST_RADIUS, (ROUGH, f64::INFINITY)),
+            Heat::Descend => self.descend(&from.decision, FIRST_RADIUS),
         }
     }
 
@@ -132,7 +132,7 @@ impl LocalSearch<'_, '_, '_> {
             self.leave_kinks(&mut best)?;
         }
         self.hop(&mut best, patience, round)?;
-        self.finish(&mut best)?;
+        self.settle(&mut best)?;
         Ok(best)
     }
 
@@ -151,7 +151,7 @@ impl LocalSearch<'_, '_, '_> {
     /// From a local optimum back through smoothed laws, to leave the kink on which it lies, and down to a faster one.
     fn around(&mut self, decision: &DVector<f64>) -> Result<Candidate, Interruption> {
         let smoothed = self.smoothed(decision, &SMOOTHING[1..], (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
-        self.descend_until(&smoothed.decision, FIRST_RADIUS, (ROUGH, f64::INFINITY))
+        self.descend(&smoothed.decision, FIRST_RADIUS)
     }
 
     /// Under the exact law, then from perturbed copies of the best point; through smoothing where the exact law does not lead
@@ -164,12 +164,10 @@ impl LocalSearch<'_, '_, '_> {
             let next = self.descend(&smoothed.decision, FIRST_RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
-        if self.problem.is_smooth() {
-            self.settle(&mut best)?;
-        } else {
+        if !self.problem.is_smooth() {
             self.hop(&mut best, PATIENCE, 0)?;
-            self.finish(&mut best)?;
         }
+        self.settle(&mut best)?;
         Ok(best)
     }
 
@@ -217,13 +215,6 @@ impl LocalSearch<'_, '_, '_> {
         self.descend_until(guess, FIRST_RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY))
     }
 
-    /// Ends the descent to a local optimum.
-    fn finish(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
-        let next = self.descend(&best.decision, FIRST_RADIUS)?;
-        keep_better(best, next, self.settings.goal_tolerance);
-        self.settle(best)
-    }
-
     /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find it
     /// too. Where that leads to no better plan, the merit trades the goal for time, and its penalty parameter is too small.
     fn settle(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
@@ -238,7 +229,7 @@ impl LocalSearch<'_, '_, '_> {
                 self.note_stationarity(best, known);
                 return Ok(());
             };
-            let next = self.descend_until(&better, known.measure.radius, (ROUGH, f64::INFINITY))?;
+            let next = self.descend(&better, known.measure.radius)?;
             if next.is_better_than(best, tolerance) {
                 *best = next;
             } else if penalty_parameter < LARGEST_PENALTY {
@@ -285,7 +276,7 @@ impl LocalSearch<'_, '_, '_> {
                 iteration_limit,
                 step_ratios: StepRatios::CURVES,
                 restores: false,
-                ..self.descent(ROUGH)
+                ..self.descent(SMALLEST_PREDICTION)
             };
             self.problem.set_slip_smoothing(smoothing);
             let from = (&decision, linear_programs(self.problem, &mut self.programs));
