@@ -122,3 +122,30 @@ pub(super) fn distinct<T>(optima: &[T], time: impl Fn(&T) -> f64) -> Vec<usize> 
 pub(super) fn is_distinct(faster: f64, slower: f64) -> bool {
     slower - faster > DISTINCT_FINAL_TIME * faster
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optimizer::{Constraints, Linearisation};
+
+    #[test]
+    fn a_plan_that_was_noted_before_it_was_measured_is_measured() {
+        let plan = |final_time: f64| Candidate::new(DVector::from_element(1, final_time), 0.0, false, None);
+        let measured = |final_time: f64| {
+            let none = Constraints { residual: DVector::zeros(0), inequality: DVector::zeros(0) };
+            let model = Linearisation::new(none, 1);
+            let measure = CriticalityMeasure { prediction: 0.0, better: None, radius: 0.1, interruption: None, model };
+            let stationarity = Some(Arc::new(Stationarity { penalty_parameter: 300.0, time_unit: 1.0, measure }));
+            Candidate { stationarity, ..plan(final_time) }
+        };
+        let noted = |plans: &[Candidate]| {
+            let mut known = None;
+            plans.iter().for_each(|plan| note(&mut known, Some(plan.clone()), 1e-6));
+            known.map(|known| (known.final_time(), known.stationarity.is_some()))
+        };
+        assert_eq!(noted(&[plan(2.0), measured(2.0)]), Some((2.0, true)));
+        assert_eq!(noted(&[measured(2.0), plan(2.0)]), Some((2.0, true)));
+        assert_eq!(noted(&[plan(2.0), measured(2.5)]), Some((2.0, false)));
+        assert_eq!(noted(&[measured(2.0), plan(1.5)]), Some((1.5, false)));
+    }
+}
