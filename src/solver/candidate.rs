@@ -140,7 +140,9 @@ mod tests {
         };
         let noted = |plans: &[Candidate]| {
             let mut known = None;
-            plans.iter().for_each(|plan| note(&mut known, Some(plan.clone()), 1e-6));
+            for plan in plans {
+                note(&mut known, Some(plan.clone()), 1e-6);
+            }
             known.map(|known| (known.final_time(), known.stationarity.is_some()))
         };
         assert_eq!(noted(&[plan(2.0), measured(2.0)]), Some((2.0, true)));
