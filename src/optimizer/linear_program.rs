@@ -42,7 +42,7 @@ const GRADIENT_MARGIN: f64 = 10.0;
 /// The rounding of sums, as a share of what they are sums of: of slopes and pivots, and of the objective. Where rows are nearly
 /// dependent these sums are far larger: with the tolerance of other comparisons the kinks that were passed over let D fall, and the
 /// simplex came back.
-const ROUNDING: f64 = 1e-12;
+const SUM_ROUNDING: f64 = 1e-12;
 /// Smaller shares are rounding: of the largest cost, in gradients (costs are as small as the trust region of a program: an absolute
 /// tolerance passed the perturbation in small ones, and the simplex came back to the same vertices); of a variable's or row's range that
 /// is violated, of the penalty parameter by which a multiplier passes its box, of a pivot, between steps, of a variable's scale by which
@@ -248,7 +248,7 @@ impl ElasticSolver {
 
     /// What the objective may miss.
     fn rounding(&self, program: &ElasticProgram) -> f64 {
-        ROUNDING * program.penalty_parameter * self.largest_range
+        SUM_ROUNDING * program.penalty_parameter * self.largest_range
     }
 
     /// Multipliers at their bounds, and those of the tight rows that make the gradients of the basic variables zero.

@@ -6,7 +6,7 @@ use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
 use super::settings::SolveInput;
-use super::starts::{Start, Strategy, spun};
+use super::starts::{ONE_IN, Start, Strategy, spun};
 use super::strategies::Heat;
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
@@ -15,9 +15,6 @@ use crate::shooting::{ShootingProblem, schedule_from_decision};
 pub(super) const MORE_STARTS: usize = 3;
 /// One in so many of the requested starts must lead to the best merit: what is found less often is seldom the best there is.
 const STARTS_A_FIND: usize = 8;
-/// One in so many: a round of spins has one for so many starts, one optimum for so many is polished, one start in so many begins under
-/// the second law, and one, of those with the worst merits, is left out of the thorough heats.
-pub(super) const ONE_IN: usize = 3;
 /// Fewest steps per control interval of the grid on which starts are compared.
 const COARSE_STEPS: usize = 2;
 /// Its longest step, as a share of the robot's natural time.

@@ -16,7 +16,6 @@ use rolling::{AMPLITUDES, Rolling};
 use routes::rolling_plans;
 use spins::Spins;
 
-use super::race::ONE_IN;
 use super::segments::{resampled, schedule_from_segments};
 use super::settings::{Method, SolveInput};
 use crate::robot::PerWheel;
@@ -56,6 +55,9 @@ impl Strategy {
 const SPUN_PLANS: usize = 2;
 /// Coasting times: the time to the goal at the speed of the start times powers of two, up to so many.
 const COASTING_DOUBLINGS: i32 = 4;
+/// One in so many: a round of spins has one for so many starts, one optimum for so many is polished, one start in so many begins under
+/// the second law, and one, of those with the worst merits, is left out of the thorough heats.
+pub(super) const ONE_IN: usize = 3;
 
 /// The first starts of a search, at most `count`, in the order in which they are tried: the caller's guess, the fastest
 /// plan directly and through smoothing, then the other plans in turn with spins drawn at random.

@@ -1,7 +1,7 @@
 //! The bound flipping ratio test: how far the multipliers move along an edge of the dual, and what stops them.
 
 use super::pricing::Leaving;
-use super::{ElasticSolver, GRADIENT_MARGIN, ROUNDING, Rest, TOLERANCE};
+use super::{ElasticSolver, GRADIENT_MARGIN, Rest, SUM_ROUNDING, TOLERANCE};
 use crate::optimizer::elastic_program::ElasticProgram;
 
 /// A kink of D along the edge.
@@ -66,7 +66,7 @@ impl ElasticSolver {
         // Slices: nalgebra's iterators look for the end of a column at every element.
         let ranges = self.direction.as_slice().iter().zip(self.range.as_slice());
         let total: f64 = ranges.map(|(change, range)| change.abs() * range).sum();
-        let smallest = ROUNDING * total;
+        let smallest = SUM_ROUNDING * total;
         let gradient_tolerance = self.gradient_tolerance();
         let bounds = program.lower.as_slice().iter().zip(program.upper.as_slice());
         let edges = self.gradient.as_slice().iter().zip(self.slope.as_slice()).zip(bounds);
