@@ -30,8 +30,8 @@ const NEWTON_UPDATE: f64 = 1e-8;
 /// take 9, and 99 of 100 take 30.
 const INTERIOR_LIMIT: usize = 60;
 const INTERIOR_PERIOD: usize = 3;
-/// Newton steps from the impulse of the interior point: close to a solution, 4 are usual.
-const NEAR_LIMIT: usize = 8;
+/// Newton steps from the impulse of the interior point: close to a solution no more are usual, and far from one no more help.
+const NEAR_LIMIT: usize = 4;
 /// Residual that answers keep, apart from the exceptions that [`ExactSolver::solve`] names.
 const PROMISED_RESIDUAL: f64 = 1e-10;
 /// Sweeps of the reference solver behind an answer that does not.
@@ -201,25 +201,16 @@ impl<'a, const N: usize> Search<'a, N> {
             .find_map(|pattern| self.in_pattern(pattern, &start))
     }
 
-    /// Follows the [interior point](InteriorPoint), and tries the patterns that it comes to and stays in; also gives its steps.
+    /// Follows the [interior point](InteriorPoint), and tries the patterns that it comes to; also gives its steps.
     #[cold]
     fn by_interior_point(&self) -> (ContactSolution<N>, usize) {
         let mut point = InteriorPoint::new(self.operator, self.problem);
-        let start = self.impulse_against_free_slip();
-        let (mut steps, mut seen, mut tried) = (0, None, None);
+        let mut steps = 0;
         while steps < INTERIOR_LIMIT && point.advance().is_some() {
             steps += 1;
-            if steps % INTERIOR_PERIOD != 0 {
-                continue;
-            }
-            let pattern = point.pattern();
-            if seen.replace(pattern) != Some(pattern) {
-                continue;
-            }
-            // Newton starts where it starts in the other patterns: the way to a pattern leaves no trace in the answer.
-            let is_new = tried.replace(pattern) != Some(pattern);
-            let from_start = if is_new { self.in_pattern(pattern, &start) } else { None };
-            if let Some(solution) = from_start.or_else(|| self.near(pattern, &point.impulse())) {
+            if steps % INTERIOR_PERIOD == 0
+                && let Some(solution) = self.near(point.pattern(), &point.impulse())
+            {
                 return (solution, steps);
             }
         }

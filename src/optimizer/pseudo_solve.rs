@@ -5,8 +5,6 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 /// Rows are dependent where a singular value is below this share of the largest one, or a pivot below this share of the largest entry:
 /// those of a plan that ends sticking are.
 pub(super) const DEPENDENT: f64 = 1e-7;
-/// An 8x8 matrix takes some 20.
-const EIGENVALUE_SWEEPS: usize = 1000;
 
 /// The least-norm solution of `gram w = residual` for a positive semidefinite matrix; none when it is empty or not
 /// finite.
@@ -17,7 +15,9 @@ pub(super) fn pseudo_solve(gram: &DMatrix<f64>, residual: &DVector<f64>) -> Opti
     if gram.is_empty() || !gram.iter().chain(residual.iter()).all(|value| value.is_finite()) {
         return None;
     }
-    let eigen = SymmetricEigen::try_new(gram.clone(), f64::EPSILON, EIGENVALUE_SWEEPS)?;
+    // More than one sweep per eigenvalue and digit is none that converges; an 8x8 matrix takes some 20.
+    let sweep_limit = f64::MANTISSA_DIGITS as usize * gram.nrows();
+    let eigen = SymmetricEigen::try_new(gram.clone(), f64::EPSILON, sweep_limit)?;
     let smallest = DEPENDENT * DEPENDENT * eigen.eigenvalues.amax();
     let mut weights = eigen.eigenvectors.tr_mul(residual);
     for (weight, eigenvalue) in weights.iter_mut().zip(eigen.eigenvalues.iter()) {

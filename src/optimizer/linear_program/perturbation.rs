@@ -3,13 +3,13 @@
 //! Only the final time costs anything, so most gradients are zero at first, and most vertices of the dual degenerate: the simplex may
 //! come back to one. With a perturbation each variable and row has a cost and a bound of its own, and none comes back (Wolfe 1963).
 
+use std::f64::consts::SQRT_2;
+
 use super::ElasticSolver;
 use crate::optimizer::elastic_program::ElasticProgram;
 
 /// Of the largest cost: far below what a search reads from a solution, far above rounding.
 const SHARE: f64 = 1e-6;
-/// Its multiples, less whole numbers, spread evenly.
-const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
 
 /// By its unit, a cost; 0 is none.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -26,8 +26,9 @@ impl Perturbation {
 
     /// What the cost of a variable grows by, or the multiplier bound of a row times its range: one to two units.
     pub(super) fn of(self, index: usize) -> f64 {
-        // Nearly always none, and asked for every row and variable in each iteration.
-        if self.is_none() { 0.0 } else { self.0 * (1.0 + ((index + 1) as f64 * GOLDEN_RATIO).fract()) }
+        // Nearly always none, and asked for every row and variable in each iteration. Multiples of a square root, less whole
+        // numbers, spread evenly.
+        if self.is_none() { 0.0 } else { self.0 * (1.0 + ((index + 1) as f64 * SQRT_2).fract()) }
     }
 }
 
