@@ -8,6 +8,7 @@ use super::largest_normal_force::{Rates, largest_normal_forces};
 use super::lower_bound::{Grid, LowerBound, Wanted, lower_bounds};
 use super::settings::{ROUNDING, SolveInput};
 use super::solution::{LowerBoundAssumption, Reason};
+use super::standstill::stands_still;
 use crate::contact::ContactName;
 use crate::robot::Velocity;
 use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
@@ -81,12 +82,11 @@ fn unloaded(
     })
 }
 
-/// Without torque a robot at rest stays where it is.
+/// Without torque, or with less than friction holds, a robot at rest stays where it is.
 fn cannot_move(input: &SolveInput) -> Option<Reason> {
     let maneuver = &input.maneuver;
     let rests = maneuver.start.velocity == Velocity::default();
-    let has_torque = maneuver.torque_limit.left > 0.0 || maneuver.torque_limit.right > 0.0;
-    (rests && !has_torque).then(|| {
+    (rests && stands_still(&input.robot, maneuver.torque_limit)).then(|| {
         let error = maneuver.goal_error(&maneuver.start);
         let worst = StateComponent::ALL[error.iamax()];
         unreachable_goal(input, worst, "no_torque")

@@ -27,6 +27,7 @@ mod sensitivity;
 mod settings;
 mod simulate;
 mod solution;
+mod standstill;
 mod starts;
 mod strategies;
 

@@ -77,6 +77,11 @@ fn without_torque_kinds() -> Vec<Case> {
             ask(case, VelocityY, 2.0);
             ask(case, YawRate, 0.0);
         }),
+        case("less torque than the front support takes", "no_torque", "maneuver.goal.y_m", |case| {
+            case.robot.front_friction_coefficient = 0.3;
+            case.maneuver.torque_limit = PerWheel::new(0.02, 0.02);
+            ask_rest_at(case, 0.0, 5.0, 0.0);
+        }),
         case("no torque on one wheel and no friction", "no_torque", "maneuver.goal.wheel_rate_left_rad_s", |case| {
             without_friction(case);
             case.maneuver.torque_limit.left = 0.0;
