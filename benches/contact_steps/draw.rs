@@ -30,12 +30,11 @@ pub(crate) struct Drawn<const N: usize> {
 
 impl<const N: usize> Drawn<N> {
     pub(crate) fn new(robot: &Robot) -> Self {
-        let friction = robot.parameters().wheel_friction_coefficient;
         Self {
             operator: DelassusOperator::new(
                 robot.delassus().fixed_view::<N, N>(0, 0).into_owned(),
                 robot.normal_response().fixed_columns::<N>(0).into_owned(),
-                [friction, friction, robot.parameters().front_friction_coefficient],
+                robot.parameters().friction_coefficients(),
             ),
             robot: robot.clone(),
             impulse_response: robot.impulse_response().fixed_columns::<N>(0).into_owned(),

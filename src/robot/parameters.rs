@@ -240,6 +240,11 @@ impl RobotParameters {
         self.chassis_mass + 2.0 * self.wheel_mass
     }
 
+    /// Friction coefficients of left wheel, right wheel and front support.
+    pub fn friction_coefficients(&self) -> [f64; 3] {
+        [self.wheel_friction_coefficient, self.wheel_friction_coefficient, self.front_friction_coefficient]
+    }
+
     /// Contact points of left wheel, right wheel and front support relative to the chassis centre of mass, in the
     /// body frame (right, forward), m.
     pub fn contact_points(&self) -> [Vector2<f64>; 3] {

@@ -76,11 +76,10 @@ impl<const N: usize> StepModel<N> {
         let responses = robot.responses_within(step_length);
         let inverse_spin_inertia = responses.inverse_mass_matrix[(3, 3)];
         let slip_map = robot.tangent_jacobian().matrix().fixed_rows::<N>(0).into_owned();
-        let friction = parameters.wheel_friction_coefficient;
         let operator = DelassusOperator::new(
             responses.delassus.fixed_view::<N, N>(0, 0).into_owned(),
             responses.normal_response.fixed_columns::<N>(0).into_owned(),
-            [friction, friction, parameters.front_friction_coefficient],
+            parameters.friction_coefficients(),
         );
         let unit_rate = responses.inverse_mass_matrix * robot.smooth_force(1.0, [0.0, 0.0]);
         let mut model = Self {

@@ -6,7 +6,7 @@
 //! limits, and their opposites, speak for all torques. Rest is the only motion where steps have unique solutions
 //! (`docs/model.md`); viscous friction only adds to the inertia there.
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, Vector3};
 
 use super::settings::ROUNDING;
 use crate::contact::DelassusOperator;
@@ -26,20 +26,15 @@ fn is_held(robot: &Robot, torque: [f64; 2]) -> bool {
     let balance: Option<BodyVector> = by_slip.lu().solve(&-robot.smooth_force(0.0, torque));
     let Some(forces) = balance else { return false };
     let [left, right, lateral, front_x, front_y] = forces.data.0[0];
-    let parameters = robot.parameters();
     let normal = robot.normal_force_projection().static_force;
-    let grip = |contact: usize, friction: f64| (1.0 - ROUNDING) * friction * normal[contact];
-    let [left_grip, right_grip] = [0, 1].map(|wheel| grip(wheel, parameters.wheel_friction_coefficient));
-    let front_grip = grip(2, parameters.front_friction_coefficient);
+    let grip = Vector3::from(robot.parameters().friction_coefficients()).component_mul(&normal) * (1.0 - ROUNDING);
     // What is left of a wheel's grip beside its lengthwise force; not a number where nothing is.
     let left_over = |grip: f64, force: f64| (grip * grip - force * force).sqrt();
-    lateral.abs() <= left_over(left_grip, left) + left_over(right_grip, right) && front_x.hypot(front_y) <= front_grip
+    lateral.abs() <= left_over(grip[0], left) + left_over(grip[1], right) && front_x.hypot(front_y) <= grip[2]
 }
 
 fn has_unique_motions(robot: &Robot) -> bool {
-    let parameters = robot.parameters();
-    let wheel = parameters.wheel_friction_coefficient;
-    let friction = [wheel, wheel, parameters.front_friction_coefficient];
+    let friction = robot.parameters().friction_coefficients();
     DelassusOperator::<5>::new(*robot.delassus(), *robot.normal_response(), friction).has_unique_solutions()
 }
 

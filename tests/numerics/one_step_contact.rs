@@ -54,12 +54,11 @@ impl<const N: usize> RandomStep<N> {
         let rates = u.yaw_rate * u.yaw_rate * projection.centrifugal
             + u.yaw_rate * (u.wheel_rate.left + u.wheel_rate.right) * projection.gyroscopic;
         let free = start_velocity * (1.0 + parameters.tangential_restitution) + smooth_change;
-        let friction = parameters.wheel_friction_coefficient;
         Self {
             operator: DelassusOperator::new(
                 robot.delassus().fixed_view::<N, N>(0, 0).into_owned(),
                 robot.normal_response().fixed_columns::<N>(0).into_owned(),
-                [friction, friction, parameters.front_friction_coefficient],
+                parameters.friction_coefficients(),
             ),
             problem: OneStepProblem {
                 free_slip: (robot.tangent_jacobian().matrix() * free).fixed_rows::<N>(0).into_owned(),
@@ -496,13 +495,8 @@ const INTERIOR_STEPS: usize = 30;
 #[test]
 fn hard_steps_are_solved_in_few_linear_solves() {
     let robot = Robot::new(unlucky::heavy_wheels()).unwrap();
-    let parameters = robot.parameters();
-    let friction = parameters.wheel_friction_coefficient;
-    let operator = DelassusOperator::<5>::new(
-        *robot.delassus(),
-        *robot.normal_response(),
-        [friction, friction, parameters.front_friction_coefficient],
-    );
+    let friction = robot.parameters().friction_coefficients();
+    let operator = DelassusOperator::<5>::new(*robot.delassus(), *robot.normal_response(), friction);
     for HardStep { story, wheels, front, free_slip, free_normal } in HARD_STEPS {
         let problem = OneStepProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
         let (solution, path) = ExactSolver.solve(&operator, &problem, &Guess::default());
