@@ -1,6 +1,7 @@
 //! Decisions and their ranking.
 
 use std::cmp::Ordering;
+use std::ops::Range;
 use std::sync::Arc;
 
 use nalgebra::DVector;
@@ -32,6 +33,8 @@ pub(super) struct Candidate {
     pub(super) merit: f64,
     /// Its criticality measure, where the search has computed it.
     pub(super) stationarity: Option<Arc<Stationarity>>,
+    /// How many starts, and spins of the best plan, led to it.
+    pub(super) times_found: usize,
 }
 
 /// The criticality measure of a decision.
@@ -54,6 +57,7 @@ impl Candidate {
             margins: Vec::new(),
             merit: f64::INFINITY,
             stationarity: None,
+            times_found: 1,
         }
     }
 
@@ -107,15 +111,16 @@ pub(super) fn keep_better(best: &mut Candidate, next: Candidate, goal_tolerance:
     }
 }
 
-/// The first of each group of sorted optima whose times are nearly equal.
-pub(super) fn distinct<T>(optima: &[T], time: impl Fn(&T) -> f64) -> Vec<usize> {
-    let mut firsts: Vec<usize> = Vec::new();
+/// The groups of sorted optima whose times are nearly equal.
+pub(super) fn distinct<T>(optima: &[T], time: impl Fn(&T) -> f64) -> Vec<Range<usize>> {
+    let mut groups: Vec<Range<usize>> = Vec::new();
     for (index, optimum) in optima.iter().enumerate() {
-        if firsts.last().is_none_or(|first| is_distinct(time(&optima[*first]), time(optimum))) {
-            firsts.push(index);
+        match groups.last_mut() {
+            Some(group) if !is_distinct(time(&optima[group.start]), time(optimum)) => group.end += 1,
+            Some(_) | None => groups.push(index..index + 1),
         }
     }
-    firsts
+    groups
 }
 
 /// Whether two final times belong to different optima.

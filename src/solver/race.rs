@@ -157,10 +157,10 @@ impl<'a> Race<'a> {
     /// The best distinct optima of smoothed laws under the exact law, where they join the others. After each block of starts, so that
     /// a search which is stopped has a plan.
     fn descend(&mut self, smoothed: &mut [Smoothed], optima: &mut Vec<Candidate>) {
-        let mut chosen = distinct(smoothed, |smoothed| smoothed.local.merit);
-        chosen.truncate(self.input.settings.start_count.div_ceil(ONE_IN));
-        chosen.retain(|index| !std::mem::replace(&mut smoothed[*index].has_gone_on, true));
-        let chosen: Vec<_> = chosen.into_iter().map(|index| smoothed[index].clone()).collect();
+        let mut groups = distinct(smoothed, |smoothed| smoothed.local.merit);
+        groups.truncate(self.input.settings.start_count.div_ceil(ONE_IN));
+        groups.retain(|group| !std::mem::replace(&mut smoothed[group.start].has_gone_on, true));
+        let chosen: Vec<_> = groups.into_iter().map(|group| merged(&mut smoothed[group])).collect();
         optima.extend(self.heat(&chosen, Heat::Descend).into_iter().map(|arrived| arrived.local));
     }
 
@@ -174,7 +174,8 @@ impl<'a> Race<'a> {
             }
             best_first(optima, |optimum| optimum);
             let slowest = (1.0 + LARGEST_LAG) * optima.first().map_or(0.0, |best| best.merit);
-            let mut chosen = distinct(optima, |optimum| optimum.merit);
+            let groups = distinct(optima, |optimum| optimum.merit).into_iter();
+            let mut chosen: Vec<_> = groups.map(|group| group.start).collect();
             chosen.retain(|index| optima[*index].merit <= slowest);
             chosen.truncate(count);
             let polish =
@@ -243,30 +244,35 @@ pub(super) struct Smoothed {
     number: StartNumber,
     strategy: Strategy,
     local: Candidate,
-    /// How many starts led here.
-    times_found: usize,
     /// Under the exact law.
     has_gone_on: bool,
 }
 
 impl Smoothed {
     fn new(number: StartNumber, strategy: Strategy, local: Candidate) -> Self {
-        Self { number, strategy, local, times_found: 1, has_gone_on: false }
+        Self { number, strategy, local, has_gone_on: false }
     }
 
     /// Whether the next one by merit is where this one is, as closely as descents end: side by side they would find the same. What
     /// lies farther apart may be distinct under sharper laws.
     fn takes_in(&mut self, next: &Self) -> bool {
         let is_same = next.local.merit <= (1.0 + CRITICALITY_TOLERANCE) * self.local.merit;
-        self.times_found += if is_same { next.times_found } else { 0 };
+        self.local.times_found += if is_same { next.local.times_found } else { 0 };
         is_same
     }
+}
+
+/// The first of a group, which goes on for all of them.
+fn merged(group: &mut [Smoothed]) -> Smoothed {
+    let of_each = group.iter_mut().map(|smoothed| std::mem::take(&mut smoothed.local.times_found));
+    group[0].local.times_found = of_each.sum();
+    group[0].clone()
 }
 
 /// How often the best one of sorted optima was found.
 fn times_found(smoothed: &[Smoothed]) -> usize {
     let are_best = smoothed.iter().take_while(|other| !is_distinct(smoothed[0].local.merit, other.local.merit));
-    are_best.map(|smoothed| smoothed.times_found).sum()
+    are_best.map(|smoothed| smoothed.local.times_found).sum()
 }
 
 /// Sorts by merits: a plan that misses its goal by little may become the best one.
@@ -290,7 +296,10 @@ mod tests {
         assert_eq!(times_found(&[2.000, 2.001, 2.01].map(smoothed)), 2);
         let mut arrived = [2.0000, 2.0001, 2.001, 2.0011, 2.01].map(smoothed).to_vec();
         arrived.dedup_by(|next, kept| kept.takes_in(next));
-        assert_eq!(arrived.iter().map(|smoothed| smoothed.times_found).collect::<Vec<_>>(), [2, 2, 1]);
+        assert_eq!(arrived.iter().map(|smoothed| smoothed.local.times_found).collect::<Vec<_>>(), [2, 2, 1]);
+        assert_eq!(times_found(&arrived), 4);
+        assert_eq!(merged(&mut arrived[..2]).local.times_found, 4);
+        assert_eq!(arrived.iter().map(|smoothed| smoothed.local.times_found).collect::<Vec<_>>(), [4, 0, 1]);
         assert_eq!(times_found(&arrived), 4);
     }
 }

@@ -1,5 +1,7 @@
 //! The search: starts, their local optima, and the best of them.
 
+use std::ops::Range;
+
 use super::candidate::{Candidate, distinct, improves, is_distinct};
 use super::certificate::Replayed;
 use super::local_search::LocalSearch;
@@ -70,7 +72,7 @@ impl SearchResult {
         };
         let shifts: Vec<_> = distinct(optima, Candidate::final_time)
             .into_iter()
-            .map(|first| shift(&optima[first]))
+            .map(|group| shift(&optima[group.start]))
             .collect::<Result<_, _>>()?;
         if input.settings.choice == Choice::Steadiest {
             let fastest = self.plans.first().map_or(0.0, Candidate::final_time);
@@ -175,14 +177,12 @@ impl From<Interruption> for StopReason {
 
 /// The groups of sorted optima.
 fn grouped(optima: &[Candidate]) -> Vec<DistinctOptimum> {
-    let firsts = distinct(optima, Candidate::final_time);
-    let ends = firsts.iter().skip(1).copied().chain([optima.len()]);
-    let of = |(&first, end): (&usize, usize)| DistinctOptimum {
-        final_time: optima[first].final_time(),
-        count: end - first,
+    let of = |group: Range<usize>| DistinctOptimum {
+        final_time: optima[group.start].final_time(),
+        count: optima[group].iter().map(|optimum| optimum.times_found).sum(),
         friction_shift: None,
     };
-    firsts.iter().zip(ends).map(of).collect()
+    distinct(optima, Candidate::final_time).into_iter().map(of).collect()
 }
 
 #[cfg(test)]

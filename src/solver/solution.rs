@@ -66,12 +66,12 @@ impl Reason {
     pub const LIMIT_EXCEEDED: &'static str = "limit_exceeded";
 }
 
-/// A local optimum and how many starts led to it.
+/// A local optimum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DistinctOptimum {
     /// Its final time, s.
     pub final_time: f64,
-    /// Number of starts.
+    /// How many starts, and spins of the best plan, led to it; those that were given up on the way do not count.
     pub count: usize,
     /// Shift of the end of the fastest of them under a tenth less friction; none without motion, or where the search was
     /// stopped.

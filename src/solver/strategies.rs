@@ -104,12 +104,13 @@ impl LocalSearch<'_, '_, '_> {
             search.coarsely(|search| search.smoothed(&from.decision, laws, (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT)))
         };
         let laws = self.laws_of(strategy);
-        match heat {
+        let led_to = match heat {
             Heat::FirstLaw => through(self, &laws[..1]),
             Heat::OtherLaws if laws.len() == 1 => Ok(from.clone()),
             Heat::OtherLaws => through(self, &laws[1..]),
             Heat::Descend => self.descend(&from.decision, FIRST_RADIUS),
-        }
+        }?;
+        Ok(Candidate { times_found: from.times_found, ..led_to })
     }
 
     /// Improves a local optimum by hops, others in each round; in the first one through smoothing before that.
@@ -127,13 +128,13 @@ impl LocalSearch<'_, '_, '_> {
         }
         let _phase = self.control.enter(Phase::Polish);
         self.aim(candidate.goal_heading);
-        let mut best = candidate;
+        let (times_found, mut best) = (candidate.times_found, candidate);
         if round == 0 {
             self.leave_kinks(&mut best)?;
         }
         self.hop(&mut best, patience, round)?;
         self.settle(&mut best)?;
-        Ok(best)
+        Ok(Candidate { times_found, ..best })
     }
 
     /// Back through smoothed laws, as long as that leads to another local optimum.

@@ -305,11 +305,11 @@ fn other_optima(final_time: f64, report: &Report) -> Option<String> {
         0 => None,
         1 if report.starts_tried == 1 => Some("Other optima: only one start was tried.".to_owned()),
         1 => Some(format!(
-            "Other optima: none; {} of {} starts led to this plan, the others to no optimum.",
-            optima[0].count, report.starts_tried
+            "Other optima: none; {} starts were tried, and {} of them or of their spins led to this plan.",
+            report.starts_tried, optima[0].count
         )),
         count => Some(format!(
-            "Other optima: the starts led to {count} local optima, by final time and number of starts {}{more}; this plan takes \
+            "Other optima: the starts led to {count} local optima, by final time and how often found: {}{more}; this plan takes \
              {final_time:.3} s. A faster one may exist that no start led to.",
             list.join(", ")
         )),
