@@ -8,6 +8,7 @@ use nalgebra::{DVector, Dyn, MatrixViewMut, U1};
 use super::maneuver::{ManeuverLimits, static_loads};
 use super::path_limits::{PathLimit, PathLimits};
 use super::torque_rate::TorqueRateConstraints;
+use crate::optimizer::larger;
 use crate::robot::Robot;
 use crate::simulation::{PathDerivative, PathExtremes, TorqueSchedule};
 
@@ -135,14 +136,14 @@ impl PathConstraints {
     /// Sum of the squared violations, as shares of the weight and of what limits allow.
     pub(super) fn squared_violation(&self, extremes: &PathExtremes, values: &DVector<f64>) -> f64 {
         let share = |index| self.of_path(extremes, index).map_or(1.0, |constraint| constraint.share);
-        values.iter().enumerate().map(|(index, value)| (share(index) * value.max(0.0)).powi(2)).sum()
+        values.iter().enumerate().map(|(index, value)| (share(index) * larger(0.0, *value)).powi(2)).sum()
     }
 
-    /// Whether any is missed by more than its tolerance.
+    /// Whether any is missed by more than its tolerance, or is not a number.
     pub(super) fn are_broken(&self, extremes: &PathExtremes, values: &DVector<f64>) -> bool {
         let tolerance =
             |index| self.of_path(extremes, index).map_or(LIMIT_TOLERANCE, |constraint| constraint.tolerance);
-        values.iter().enumerate().any(|(index, value)| *value > tolerance(index))
+        values.iter().enumerate().any(|(index, value)| *value > tolerance(index) || value.is_nan())
     }
 
     /// The constraint of a value, unless that is of a change of torque.

@@ -383,9 +383,12 @@ mod tests {
         let problem =
             ShootingProblem::new(&simulator, (&Maneuver::forward_drive(), &PathLimits::default()), (50, 5), 1.0);
         // A search that is stopped before its first rollout asks for both.
-        let constraints = problem.constraints();
+        let mut constraints = problem.constraints();
         assert_eq!(constraints.inequality.len(), 3 * 5);
         assert!(!problem.breaks_limits(&constraints));
+        // What is not a number keeps no limit.
+        constraints.inequality[4] = f64::NAN;
+        assert!(problem.breaks_limits(&constraints) && problem.squared_path_violation(&constraints).is_nan());
     }
 
     #[test]
