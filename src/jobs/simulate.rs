@@ -124,7 +124,8 @@ impl Kind for Simulate {
 
     fn answer(_accepted: &AcceptedSimulation, done: &Done<Simulation>) -> SimulateResponse {
         // The same request gives the same bytes: the duration goes to the log only.
-        let Simulation { trajectory, contact_modes, separations, slip_reversals, limits } = &done.output;
+        let Simulation { trajectory, contact_modes, separations, slip_reversals, indeterminate_steps, limits } =
+            &done.output;
         SimulateResponse {
             end_state: Some((&trajectory.end_state).into()),
             trajectory: Some(trajectory.into()),
@@ -132,7 +133,7 @@ impl Kind for Simulate {
             contact_modes: contact_modes.iter().map(Into::into).collect(),
             separations: separations.iter().map(Into::into).collect(),
             worst_contact_residual: trajectory.worst_contact_residual,
-            indeterminate_steps: count(trajectory.indeterminate_steps),
+            indeterminate_steps: count(*indeterminate_steps),
             slip_reversals: count(*slip_reversals),
             limits: limits.iter().map(at_root).map(|used| (&used).into()).collect(),
         }
@@ -152,7 +153,7 @@ impl Kind for Simulate {
         row(&mut table, "duration", &format!("{end_time:.6} s in {} steps", trajectory.step_count()));
         row(&mut table, "separations", &separations(&simulation.separations));
         row(&mut table, "slip reversals", &simulation.slip_reversals.to_string());
-        row(&mut table, "indeterminate", &format!("{} steps", trajectory.indeterminate_steps));
+        row(&mut table, "indeterminate", &format!("{} steps", simulation.indeterminate_steps));
         row(&mut table, "contact residual", &format!("{:.1e}", trajectory.worst_contact_residual));
         table.push_str("\nend state\n");
         let values = trajectory.end_state.to_vector();

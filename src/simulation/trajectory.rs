@@ -20,8 +20,6 @@ pub struct Trajectory {
     pub degrees_of_freedom: Vec<u8>,
     /// Largest residual of the contact law over all steps, relative to m g dt.
     pub worst_contact_residual: f64,
-    /// Steps whose friction problem has several solutions.
-    pub indeterminate_steps: usize,
 }
 
 impl Trajectory {

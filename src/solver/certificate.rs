@@ -62,7 +62,10 @@ pub(super) fn certified(
             None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
         };
         let sensitivity = sensitivity(input, (&motion.schedule, step_count), cut)?;
-        Ok((optimality, Certificate { bound, replayed, sensitivity }))
+        let start = input.maneuver.start_at_center_of_mass(input.robot.parameters());
+        let rollout = Rollout { start: &start, schedule: &motion.schedule, step_count };
+        let indeterminate_steps = simulator.indeterminate_steps(&rollout, cut)?;
+        Ok((optimality, Certificate { bound, replayed, sensitivity, indeterminate_steps }))
     };
     let (optimality, shown) = match certificate() {
         Ok((optimality, shown)) => (optimality, Some(shown)),
@@ -76,6 +79,7 @@ struct Certificate {
     bound: LowerBound,
     replayed: Replayed,
     sensitivity: Vec<Sensitivity>,
+    indeterminate_steps: usize,
 }
 
 /// How far a decision is from a local optimum.
@@ -177,6 +181,7 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
         bound: largest_lower_bound(input, Grid::Steps(input.settings.step_count)),
         replayed: Replayed { replay, limits: Vec::new() },
         sensitivity: Vec::new(),
+        indeterminate_steps: 0,
     };
     let schedule = TorqueSchedule::empty();
     let motion = Motion { schedule, trajectory, goal_error, limits: Vec::new(), sticks: true };
@@ -279,7 +284,7 @@ impl Motion {
                 lower_bound_assumption: bound.map(|bound| bound.assumption),
                 separations,
                 least_normal_load: self.trajectory.normal_loads().min_by(|a, b| a.share.total_cmp(&b.share)),
-                indeterminate_steps: self.trajectory.indeterminate_steps,
+                indeterminate_steps: shown.as_ref().map_or(result.step_count, |shown| shown.indeterminate_steps),
                 slip_reversals: self.trajectory.slip_reversals(),
                 switching_sign_violations: optimality.sign_violations,
                 replay,

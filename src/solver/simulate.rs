@@ -168,6 +168,8 @@ pub struct Simulation {
     pub separations: Vec<Separation>,
     /// Slip reversals.
     pub slip_reversals: usize,
+    /// Steps whose friction problem has several solutions, in the motion by the exact contact solver.
+    pub indeterminate_steps: usize,
     /// How far each limit that was given is used.
     pub limits: Vec<LimitUse>,
 }
@@ -185,11 +187,13 @@ pub fn simulate(input: &SimulateInput, stop: Stop) -> Result<Simulation, Stopped
     let limited = (&input.limits, input.reference_point);
     let limits = PathLimits::new(&input.robot, limited, input.payload.as_ref(), input.aisle.as_ref());
     let limits = limit_uses(&simulator, &limits, &rollout, stop)?;
+    let indeterminate_steps = simulator.indeterminate_steps(&rollout, stop)?;
     trajectory.move_states_by(offset);
     Ok(Simulation {
         contact_modes: trajectory.contact_modes(),
         separations: trajectory.separations(),
         slip_reversals: trajectory.slip_reversals(),
+        indeterminate_steps,
         limits,
         trajectory,
     })

@@ -125,11 +125,12 @@ fn assert_all_match(method: ContactMethod) {
         let case = format!("{} with {method:?}", reference.name);
         let rollout =
             Rollout { start: &reference.start, schedule: &reference.schedule, step_count: reference.step_count };
-        let trajectory = Simulator::new(&reference.robot).trajectory(&rollout, method, Stop::never()).unwrap();
+        let simulator = Simulator::new(&reference.robot);
+        let trajectory = simulator.trajectory(&rollout, method, Stop::never()).unwrap();
         println!(
             "{case}: residual {:.1e}, indeterminate {}, separations {}, reversals {}",
             trajectory.worst_contact_residual,
-            trajectory.indeterminate_steps,
+            simulator.indeterminate_steps(&rollout, Stop::never()).unwrap(),
             trajectory.separations().len(),
             trajectory.slip_reversals()
         );

@@ -172,7 +172,7 @@ fn certificate(asked: &SolveInput, answer: &Solution, error: (&str, f64)) -> Vec
     };
     let settings = &asked.settings;
     let mut said = vec![goal_met(error, settings)];
-    said.push(contact_law(report.worst_contact_residual, report.indeterminate_steps));
+    said.push(contact_law(report.worst_contact_residual, report.replay.as_ref().map(|_| report.indeterminate_steps)));
     said.push(loads(report));
     said.push(replay(report, asked));
     said.extend(lower_bound(answer.final_time_s, report));
@@ -184,7 +184,7 @@ fn certificate(asked: &SolveInput, answer: &Solution, error: (&str, f64)) -> Vec
 }
 
 fn certificate_of_motion(answer: &SimulateResponse) -> Vec<String> {
-    let mut said = vec![contact_law(answer.worst_contact_residual, answer.indeterminate_steps)];
+    let mut said = vec![contact_law(answer.worst_contact_residual, Some(answer.indeterminate_steps))];
     said.push(separations(&answer.separations).unwrap_or_else(|| "Loads: no contact ever has to pull.".to_owned()));
     said.extend(answer.limits.iter().map(limit_used));
     said
@@ -195,14 +195,16 @@ fn goal_met((field, error): (&str, f64), settings: &SolverSettings) -> String {
     format!("Goal: met in every component within {tolerance}; the largest error is {} ({field}).", short(error))
 }
 
-fn contact_law(residual: f64, indeterminate_steps: u32) -> String {
+/// Whether the law is kept, and has one solution, where that is known.
+fn contact_law(residual: f64, indeterminate_steps: Option<u32>) -> String {
     let verdict = if residual <= RESIDUAL_TOLERANCE { "kept to rounding" } else { "not kept to rounding" };
     let unique = match indeterminate_steps {
-        0 => "no step was found to have a second solution".to_owned(),
-        steps => format!("{steps} steps have several solutions"),
+        None => String::new(),
+        Some(0) => "; no step was found to have a second solution".to_owned(),
+        Some(steps) => format!("; {steps} steps have several solutions"),
     };
     format!(
-        "Contact law: Coulomb's law with stick and slip is {verdict}, to {} of the weight; {unique}.",
+        "Contact law: Coulomb's law with stick and slip is {verdict}, to {} of the weight{unique}.",
         short(residual)
     )
 }

@@ -151,3 +151,15 @@ fn front_support_alone_brakes_as_the_fixed_point_says() {
         });
     }
 }
+
+#[test]
+fn only_unproved_uniqueness_is_looked_for_step_by_step() {
+    let (_, asked) = with_rollout(RobotParameters::default(), |simulator, rollout| {
+        probe::stopped_at(0, |stop| simulator.indeterminate_steps(rollout, stop))
+    });
+    assert_eq!(asked, 0, "the reference robot's is proved");
+    let (end, asked) = with_rollout(short_track(), |simulator, rollout| {
+        probe::stopped_at(0, |stop| simulator.indeterminate_steps(rollout, stop))
+    });
+    assert_eq!((end.is_ok(), asked), (true, STEPS as u64));
+}

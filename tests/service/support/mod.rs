@@ -103,7 +103,7 @@ impl<F: Fn(&SolveInput, &RunControl<'_>) -> Solution + Send + Sync> ManeuverSolv
     fn simulate(&self, _input: &SimulateInput, _stop: Stop<'_>) -> Result<Simulation, Stopped> {
         let trajectory = Trajectory { time: vec![0.0], state: vec![State::default()], ..Trajectory::default() };
         let (contact_modes, separations, limits) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Simulation { trajectory, contact_modes, separations, slip_reversals: 0, limits })
+        Ok(Simulation { trajectory, contact_modes, separations, slip_reversals: 0, indeterminate_steps: 0, limits })
     }
 }
 

@@ -259,7 +259,7 @@ class DistinctOptimum:
     """A local optimum."""
 
     count: int
-    """How many starts led to it."""
+    """How many starts, and spins of the best plan, led to it; those that were given up on the way do not count."""
     final_time_s: float
     """Its final time, s."""
     friction_shift_m: float | None = None
@@ -731,7 +731,7 @@ class Report:
     distinct_optima: list[DistinctOptimum]
     """Local optima seen, fastest first."""
     indeterminate_steps: int
-    """Steps whose friction problem has several solutions."""
+    """Steps whose friction problem has several solutions; all where the certificate was cut off."""
     iterations: int
     """Iterations over all starts."""
     least_normal_load: NormalLoad | None
