@@ -60,7 +60,12 @@ async fn deadline_ends_rollouts_of_hard_friction() {
         let request = request.header("request-timeout-ms", PATIENCE_MS).body(body.to_string());
         let answer = Answer::of(request).await;
         assert!(start.elapsed() < OBEYS_WITHIN, "{path}: {:?}", start.elapsed());
-        assert_eq!((answer.status, answer.problem()["code"].as_str()), (504, Some("deadline_exceeded")), "{path}");
+        if path == "/solve" && answer.status == 200 {
+            // On a fast machine the motion of its plan is known in time, but not whether each step has one solution.
+            assert_eq!(answer.json()["stop_reason"], "deadline");
+        } else {
+            assert_eq!((answer.status, answer.problem()["code"].as_str()), (504, Some("deadline_exceeded")), "{path}");
+        }
         until_idle(&server, path).await;
     }
 }
