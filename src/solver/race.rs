@@ -160,7 +160,7 @@ impl<'a> Race<'a> {
         let mut groups = distinct(smoothed, |smoothed| smoothed.local.merit);
         groups.truncate(self.input.settings.start_count.div_ceil(ONE_IN));
         groups.retain(|group| !std::mem::replace(&mut smoothed[group.start].has_gone_on, true));
-        let chosen: Vec<_> = groups.into_iter().map(|group| merged(&mut smoothed[group])).collect();
+        let chosen: Vec<_> = groups.into_iter().map(|group| representative(&mut smoothed[group])).collect();
         optima.extend(self.heat(&chosen, Heat::Descend).into_iter().map(|arrived| arrived.local));
     }
 
@@ -246,11 +246,13 @@ pub(super) struct Smoothed {
     local: Candidate,
     /// Under the exact law.
     has_gone_on: bool,
+    /// Whether another one of its group has gone on for it.
+    is_represented: bool,
 }
 
 impl Smoothed {
     fn new(number: StartNumber, strategy: Strategy, local: Candidate) -> Self {
-        Self { number, strategy, local, has_gone_on: false }
+        Self { number, strategy, local, has_gone_on: false, is_represented: false }
     }
 
     /// Whether the next one by merit is where this one is, as closely as descents end: side by side they would find the same. What
@@ -262,11 +264,15 @@ impl Smoothed {
     }
 }
 
-/// The first of a group, which goes on for all of them.
-fn merged(group: &mut [Smoothed]) -> Smoothed {
-    let of_each = group.iter_mut().map(|smoothed| std::mem::take(&mut smoothed.local.times_found));
-    group[0].local.times_found = of_each.sum();
-    group[0].clone()
+/// The first of a group, with the starts that led to it and to those for which none has gone on yet.
+fn representative(group: &mut [Smoothed]) -> Smoothed {
+    let mut first = group[0].clone();
+    for member in &mut group[1..] {
+        if !member.has_gone_on && !std::mem::replace(&mut member.is_represented, true) {
+            first.local.times_found += member.local.times_found;
+        }
+    }
+    first
 }
 
 /// How often the best one of sorted optima was found.
@@ -298,8 +304,11 @@ mod tests {
         arrived.dedup_by(|next, kept| kept.takes_in(next));
         assert_eq!(arrived.iter().map(|smoothed| smoothed.local.times_found).collect::<Vec<_>>(), [2, 2, 1]);
         assert_eq!(times_found(&arrived), 4);
-        assert_eq!(merged(&mut arrived[..2]).local.times_found, 4);
-        assert_eq!(arrived.iter().map(|smoothed| smoothed.local.times_found).collect::<Vec<_>>(), [4, 0, 1]);
-        assert_eq!(times_found(&arrived), 4);
+        assert_eq!(representative(&mut arrived[..2]).local.times_found, 4);
+        assert_eq!(times_found(&arrived), 4, "what was found stays found");
+        // One that comes later and is better goes on for itself.
+        arrived[0].has_gone_on = true;
+        arrived.insert(0, smoothed(1.9999));
+        assert_eq!(representative(&mut arrived[..3]).local.times_found, 1);
     }
 }
