@@ -6,13 +6,13 @@ use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
 use super::settings::SolveInput;
-use super::starts::{ONE_IN, Start, Strategy, spun};
+use super::starts::{ONE_IN, Start, Strategy, spun, starts};
 use super::strategies::Heat;
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 
 /// Where too few starts lead to the best merit, more are tried: up to this multiple of the requested number.
-pub(super) const MORE_STARTS: usize = 3;
+const MORE_STARTS: usize = 3;
 /// One in so many of the requested starts must lead to the best merit: what is found less often is seldom the best there is.
 const STARTS_A_FIND: usize = 8;
 /// Fewest steps per control interval of the grid on which starts are compared.
@@ -47,23 +47,27 @@ impl<'a> Race<'a> {
     }
 
     /// From starts to local optima, in blocks of the requested number, until the best one has been found more than by chance, and
-    /// one is a plan, or until a finer grid should come first.
-    pub(super) fn starts(&mut self, starts: &[Start], optima: &mut Vec<Candidate>) {
+    /// one is a plan, or until a finer grid should come first. Whether any start goes through smoothed laws.
+    pub(super) fn starts(&mut self, optima: &mut Vec<Candidate>) -> bool {
         let settings = &self.input.settings;
         let mut smoothed = Vec::new();
-        for block in starts.chunks(settings.start_count) {
-            self.block(block, &mut smoothed, optima);
+        for _ in 0..MORE_STARTS {
+            self.block(&mut smoothed, optima);
             let is_found_again = smoothed.is_empty() || times_found(&smoothed) * STARTS_A_FIND >= settings.start_count;
             let has_plan = optima.iter().any(|optimum| optimum.is_feasible(settings.goal_tolerance));
             if is_found_again && has_plan || self.is_too_coarse() || self.found.interruption.is_some() {
-                return;
+                break;
             }
         }
+        !smoothed.is_empty()
     }
 
-    /// From starts, and from spins of the best that they lead to, to local optima.
-    pub(super) fn block(&mut self, starts: &[Start], smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
-        let (first, count) = (self.tried, starts.len());
+    /// From so many starts as are requested, and from spins of the best that they lead to, to local optima. Some maneuvers have fewer.
+    pub(super) fn block(&mut self, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
+        let first = self.tried;
+        let starts = starts(self.input, first + self.input.settings.start_count);
+        let starts = starts.get(first..).unwrap_or_default();
+        let count = starts.len();
         let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
         self.tried += self.heats((starts, &numbers), smoothed, optima);
         self.spins(count / ONE_IN, smoothed, optima);

@@ -6,12 +6,11 @@ use super::candidate::{Candidate, distinct, improves, is_distinct};
 use super::certificate::Replayed;
 use super::local_search::LocalSearch;
 use super::progress::BestProgress;
-use super::race::{MORE_STARTS, Race};
+use super::race::Race;
 use super::run_control::RunControl;
 use super::sensitivity::friction_shift;
 use super::settings::{Choice, SolveInput, SolverSettings};
 use super::solution::{DistinctOptimum, RefinementOutcome, StopReason};
-use super::starts::starts;
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 use crate::stop::{Stop, Stopped};
@@ -103,12 +102,11 @@ pub(super) fn search(
     rollout_limit: u64,
     control: &RunControl,
 ) -> SearchResult {
-    let (settings, starts) = (&input.settings, starts(input, MORE_STARTS * input.settings.start_count));
+    let settings = &input.settings;
     let progress = BestProgress::new(control, settings.goal_tolerance);
     let mut race = Race::new(input, problem, rollout_limit, &progress);
     let mut optima = Vec::new();
-    race.starts(&starts, &mut optima);
-    let is_smoothed = starts[..race.tried].iter().any(|start| start.strategy.is_smoothed());
+    let is_smoothed = race.starts(&mut optima);
     if is_smoothed && !race.is_too_coarse() {
         race.finals(&mut optima);
     }
@@ -143,13 +141,12 @@ pub(super) fn further_optima(
     control: &RunControl,
 ) -> Vec<Candidate> {
     let settings = &input.settings;
-    let starts = starts(input, result.starts_tried + settings.start_count);
     let progress = BestProgress::new(control, settings.goal_tolerance);
     let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, &progress);
     race.tried = result.starts_tried;
     let mut optima = Vec::new();
-    // Searches of several grids count their starts each time, and some maneuvers have few.
-    race.block(starts.get(result.starts_tried..).unwrap_or_default(), &mut Vec::new(), &mut optima);
+    // Searches of several grids count their starts each time.
+    race.block(&mut Vec::new(), &mut optima);
     result.iterations += race.found.iterations;
     result.rollouts += race.found.rollouts;
     result.starts_tried = race.tried;

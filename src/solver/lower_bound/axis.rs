@@ -14,8 +14,8 @@ use super::envelope::{Envelope, Piece};
 use super::first_time::{Cover, Floor, first_time};
 use super::grid_error::GridError;
 
-/// Spans on which the grid's errors are bounded by their largest value.
-const ERROR_SPANS: u32 = 16;
+/// Spans of a motion on which the grid's errors are bounded by their largest value.
+const ERROR_SPANS: f64 = 64.0;
 
 /// Largest accelerations by time, where they are smaller near one end of the motion.
 #[derive(Debug, Clone)]
@@ -254,9 +254,11 @@ fn largest_area(pieces: &[Piece], from: f64) -> f64 {
 impl GridLaw {
     /// Area that the error of a piece's line may add.
     fn error_area(self, piece: &Piece, error: &GridError) -> f64 {
-        let span = (piece.to - piece.from) / f64::from(ERROR_SPANS);
+        let length = piece.to - piece.from;
+        let count = (ERROR_SPANS * length / error.duration()).ceil().max(1.0);
+        let span = length / count;
         let start = |index: u32| piece.from + span * f64::from(index);
         let largest = |index: u32| self.error_of_curve(piece.curve, (start(index), start(index + 1)), error);
-        span * (0..ERROR_SPANS).map(largest).sum::<f64>()
+        span * (0..count as u32).map(largest).sum::<f64>()
     }
 }

@@ -10,7 +10,7 @@ use nalgebra::Vector2;
 use super::ceiling::KEPT;
 use super::curve::Level;
 use super::drive_norm::{Bodies, DriveNorm};
-use super::drive_rate::drive_rates;
+use super::drive_rate::{LEVELS, drive_rates};
 use super::grid_error::Grid;
 use super::loads::{Loads, moments};
 use super::rolling::{Rolling, SpeedLimit};
@@ -66,9 +66,10 @@ impl Capacity {
         let parameters = robot.parameters();
         let bodies = bodies(robot);
         let Bodies { mass, yaw_inertia, spin_inertia, wheel_radius, .. } = bodies;
-        let law_error = match grid {
-            Grid::Steps(_) => LAW_ERROR,
-            Grid::Continuous => 0.0,
+        let (law_error, drive_levels) = match grid {
+            Grid::Steps(_) => (LAW_ERROR, LEVELS),
+            // Whether it takes hours does not depend on the first seconds.
+            Grid::Continuous => (0.0, 0),
         };
         let loads = Loads::new(robot, torque_limit, asked, law_error);
         let norm = DriveNorm::new(bodies);
@@ -98,7 +99,7 @@ impl Capacity {
                 wheel_acceleration(torque_limit.right, 1),
             ),
             norm,
-            drive_rates: (!has_restitution).then(|| drive_rates(&norm, &loads)),
+            drive_rates: (!has_restitution).then(|| drive_rates(&norm, &loads, drive_levels)),
             direction_error: direction_error(robot, &loads, rolling.as_ref()),
             rolling,
             limits,

@@ -11,7 +11,7 @@ use super::loads::{ByTorque, Loads};
 use crate::robot::PerWheel;
 
 /// Levels of the drive norm with a rate of their own: twice as many gain 0.02 % of a bound in the median over the suite.
-const LEVELS: u32 = 32;
+pub(super) const LEVELS: u32 = 32;
 /// Weighted sums of the wheels' normal forces (left, right) that are bounded from below: twice as many gain nothing on the
 /// suite.
 const WEIGHTS: [[f64; 2]; 9] =
@@ -19,12 +19,12 @@ const WEIGHTS: [[f64; 2]; 9] =
 /// Most sweeps over the two wheels' friction forces, which converge geometrically and are safe after any number.
 const FRICTION_SWEEPS: usize = 30;
 
-/// Rates of growth by level, with rising norms; the last level has no end.
-pub(super) fn drive_rates(norm: &DriveNorm, loads: &Loads) -> Vec<Level> {
+/// Rates of growth by level, with rising norms; the last level has no end. With no levels it is the only one.
+pub(super) fn drive_rates(norm: &DriveNorm, loads: &Loads, level_count: u32) -> Vec<Level> {
     let margin = loads.law_error() * norm.largest_slips();
     let unloaded = norm.gain().left * loads.torque_limit().x + norm.gain().right * loads.torque_limit().y;
     let without_end = |rate: f64| Level { until: f64::INFINITY, rate: margin + rate };
-    if unloaded == 0.0 || !loads.bounds_wheel_loads() {
+    if unloaded == 0.0 || level_count == 0 || !loads.bounds_wheel_loads() {
         return vec![without_end(unloaded)];
     }
     let bounds = WEIGHTS.map(|weights| Bound::new(norm, loads, weights));
@@ -35,7 +35,7 @@ pub(super) fn drive_rates(norm: &DriveNorm, loads: &Loads) -> Vec<Level> {
     let last = (bounds[0].end(loads)).max(bounds[WEIGHTS.len() - 1].end(loads));
     let mut levels = Vec::new();
     if last.is_finite() {
-        levels.extend((1..=LEVELS).map(|index| level(last * f64::from(index) / f64::from(LEVELS))));
+        levels.extend((1..=level_count).map(|index| level(last * f64::from(index) / f64::from(level_count))));
         levels.push(without_end(unloaded));
         // What bounds the rate at a larger norm bounds it at smaller ones.
         for index in (1..levels.len()).rev() {
@@ -186,7 +186,7 @@ mod tests {
         let robot = Robot::new(parameters).unwrap();
         let limits = ManeuverLimits { normal_load_share, ..ManeuverLimits::default() };
         let loads = Loads::new(&robot, PerWheel::new(torque, torque), limits, 0.0);
-        drive_rates(&DriveNorm::new(bodies(&robot)), &loads)
+        drive_rates(&DriveNorm::new(bodies(&robot)), &loads, LEVELS)
     }
 
     #[test]

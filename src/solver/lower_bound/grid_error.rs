@@ -175,6 +175,11 @@ impl GridError {
         self.dt * self.dt / 8.0 * curves.iter().map(|curve| curve.slope_rise()).sum::<f64>()
     }
 
+    /// s
+    pub(super) fn duration(&self) -> f64 {
+        self.duration
+    }
+
     /// Length of a step, s.
     pub(super) fn dt(&self) -> f64 {
         self.dt

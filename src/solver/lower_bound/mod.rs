@@ -250,6 +250,10 @@ impl<'a> Bounds<'a> {
 
     /// Accelerations while the heading is near a known one.
     fn push(&self, direction: Vector2<f64>, heading: f64, slack: f64, yaw_rate: f64) -> Push {
+        if self.grid == Grid::Continuous {
+            // Whether it takes hours does not depend on the first and last seconds.
+            return Push::steady(self.capacity.acceleration);
+        }
         let (sin, cos) = heading.sin_cos();
         let of_body = Vector2::new(cos * direction.y - sin * direction.x, cos * direction.x + sin * direction.y);
         let along = |of_body| self.capacity.accelerations_along(of_body, slack, yaw_rate);
