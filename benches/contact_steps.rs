@@ -14,7 +14,7 @@ mod unlucky;
 use draw::{Drawn, Motion};
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use slipdrive::contact::{ExactSolver, Guess, SolvePath};
+use slipdrive::contact::{ContactSolution, ExactSolver, SolvePath};
 use slipdrive::robot::{Robot, RobotParameters};
 
 const STEPS: usize = 30;
@@ -56,13 +56,14 @@ fn main() {
 fn measure<const N: usize>(robot: &Robot, random: &mut Xoshiro256PlusPlus, rows: &mut Vec<Row>) {
     let drawn = Drawn::<N>::new(robot);
     let mut motion = Motion::new(robot, random);
-    let mut guess = Guess::default();
+    let mut guess = ContactSolution::default();
     for step in 0..STEPS {
         let problem = motion.problem(&drawn, step, random);
         if problem.free_normal.amax() > BLOWN_UP * problem.weight_impulse() {
             break;
         }
-        let (solution, path) = ExactSolver.solve(&drawn.operator, &problem, &guess);
+        let mut solution = guess;
+        let path = ExactSolver.solve(&drawn.operator, &problem, &mut solution);
         let (path, interior_steps) = match path {
             SolvePath::GuessedPattern => ("guessed pattern", 0),
             SolvePath::OtherPattern => ("other pattern", 0),
@@ -72,12 +73,14 @@ fn measure<const N: usize>(robot: &Robot, random: &mut Xoshiro256PlusPlus, rows:
         for _ in 0..REPETITIONS {
             let start = Instant::now();
             for _ in 0..QUICK_STEPS {
-                black_box(ExactSolver.solve(black_box(&drawn.operator), black_box(&problem), black_box(&guess)));
+                let mut solution = black_box(guess);
+                ExactSolver.solve(black_box(&drawn.operator), black_box(&problem), &mut solution);
+                black_box(solution);
             }
             time_ns = time_ns.min(start.elapsed().as_secs_f64() * 1e9 / f64::from(QUICK_STEPS));
         }
         rows.push(Row { time_ns, path, interior_steps, residual: solution.residual });
-        guess = Guess::from(&solution);
+        guess = solution;
         motion.advance(&drawn, &solution.impulse);
     }
 }

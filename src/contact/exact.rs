@@ -12,7 +12,7 @@ use super::delassus::DelassusOperator;
 use super::fixed_point::{FixedPointSettings, FixedPointSolver};
 use super::interior_point::InteriorPoint;
 use super::mode_equations::ModeEquations;
-use super::natural_map::{contact_impulses, residual, split};
+use super::natural_map::{contact_impulses, miss_bound, residual, split};
 use super::newton::{NEWTON_LIMIT, Newton};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
@@ -39,28 +39,6 @@ const POLISHING: FixedPointSettings = FixedPointSettings { tolerance: 1e-15, swe
 /// Solutions that differ by more than this, relative to m g dt, are different motions.
 const DISTINCT_IMPULSE: f64 = 1e-6;
 
-/// Where the search for the pattern starts: the last step's solution.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Guess<const N: usize> {
-    /// Pattern to try first.
-    pub pattern: ContactPattern,
-    /// Friction impulse to start Newton from, N s.
-    pub impulse: SVector<f64, N>,
-}
-
-impl<const N: usize> Default for Guess<N> {
-    fn default() -> Self {
-        Self { pattern: ContactPattern::default(), impulse: SVector::zeros() }
-    }
-}
-
-impl<const N: usize> From<&ContactSolution<N>> for Guess<N> {
-    #[inline]
-    fn from(solution: &ContactSolution<N>) -> Self {
-        Self { pattern: solution.pattern, impulse: solution.impulse }
-    }
-}
-
 /// How a solution was found, cheapest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SolvePath {
@@ -80,7 +58,7 @@ pub enum SolvePath {
 pub struct ExactSolver;
 
 impl ExactSolver {
-    /// Solves one step.
+    /// Solves one step; `solution` is the last step's, in whose pattern the search begins, and then this one's.
     ///
     /// The residual of the answer is the accuracy to which the friction law holds. It is at most 1e-10, except for steps so
     /// short that the rounding of the slip exceeds that, and some in which contacts lift off.
@@ -89,25 +67,14 @@ impl ExactSolver {
         self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
-        guess: &Guess<N>,
-    ) -> (ContactSolution<N>, SolvePath) {
+        solution: &mut ContactSolution<N>,
+    ) -> SolvePath {
         let search = Search::new(operator, problem);
-        if let Some(solution) = search.in_pattern(guess.pattern, &guess.impulse) {
-            return (solution, SolvePath::GuessedPattern);
+        let (guess, start) = (solution.pattern, solution.impulse);
+        if search.in_pattern(guess, &start, solution) {
+            return SolvePath::GuessedPattern;
         }
-        // Two slipping wheels are one Newton iteration; with a front support nine patterns need one, and the interior point
-        // finds the right one sooner.
-        let is_quick = |pattern: &ContactPattern| N == 3 || DelassusOperator::<N>::linear_index(*pattern).is_some();
-        if let Some(solution) = search.in_other_patterns(guess, is_quick) {
-            return (solution, SolvePath::OtherPattern);
-        }
-        let (solution, steps) = search.by_interior_point();
-        let path = SolvePath::InteriorPoint { steps };
-        if search.accepts(solution.residual) {
-            return (solution, path);
-        }
-        let solved = search.in_other_patterns(guess, |pattern| !is_quick(pattern));
-        (solved.unwrap_or_else(|| search.polished(solution)), path)
+        search.in_another_pattern(guess, solution)
     }
 
     /// Whether another pattern also solves the step, with a different motion than `solution`.
@@ -120,18 +87,21 @@ impl ExactSolver {
         solution: &ContactSolution<N>,
     ) -> bool {
         let search = Search::new(operator, problem);
-        let differs = |other: &ContactSolution<N>| {
-            (other.impulse - solution.impulse).amax() > DISTINCT_IMPULSE * problem.weight_impulse()
-        };
+        let mut other = ContactSolution::default();
         let starts = [solution.impulse, -solution.impulse, search.impulse_against_free_slip()];
         all_patterns::<N>().any(|pattern| {
             // The solution of a linear pattern does not depend on the start.
             let count = if DelassusOperator::<N>::linear_index(pattern).is_some() { 1 } else { starts.len() };
-            starts[..count].iter().filter_map(|start| search.in_pattern(pattern, start)).any(|other| differs(&other))
+            starts[..count].iter().any(|start| {
+                search.in_pattern(pattern, start, &mut other)
+                    && (other.impulse - solution.impulse).amax() > DISTINCT_IMPULSE * problem.weight_impulse()
+            })
         })
     }
 }
 
+/// Methods that try to solve the step write what they come to into a solution, from where a time step reads it without copies, and say
+/// whether it solves the step.
 struct Search<'a, const N: usize> {
     operator: &'a DelassusOperator<N>,
     problem: &'a OneStepProblem<N>,
@@ -159,29 +129,66 @@ impl<'a, const N: usize> Search<'a, N> {
         ACCEPTED_RESIDUAL + rounding / self.problem.weight_impulse()
     }
 
-    #[expect(clippy::inline_always, reason = "a call would copy the solution through memory")]
+    /// The first pattern beside the guessed one that solves the step, or else the closest answer.
+    #[cold]
+    fn in_another_pattern(&self, guess: ContactPattern, solution: &mut ContactSolution<N>) -> SolvePath {
+        // Two slipping wheels are one Newton iteration; with a front support nine patterns need one, and the interior point
+        // finds the right one sooner.
+        let is_quick = |pattern: &ContactPattern| N == 3 || DelassusOperator::<N>::linear_index(*pattern).is_some();
+        if self.in_one_of(|pattern| *pattern != guess && is_quick(pattern), solution) {
+            return SolvePath::OtherPattern;
+        }
+        let steps = self.by_interior_point(solution);
+        if !self.accepts(solution.residual) {
+            let closest = *solution;
+            if !self.in_one_of(|pattern| *pattern != guess && !is_quick(pattern), solution) {
+                *solution = self.polished(closest);
+            }
+        }
+        SolvePath::InteriorPoint { steps }
+    }
+
+    fn in_one_of(&self, patterns: impl Fn(&ContactPattern) -> bool, solution: &mut ContactSolution<N>) -> bool {
+        let start = self.impulse_against_free_slip();
+        all_patterns::<N>().filter(patterns).any(|pattern| self.in_pattern(pattern, &start, solution))
+    }
+
+    #[expect(clippy::inline_always, reason = "a call would hide a pattern that is known")]
     #[inline(always)]
-    fn in_pattern(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
+    fn in_pattern(&self, pattern: ContactPattern, start: &SVector<f64, N>, solution: &mut ContactSolution<N>) -> bool {
         match DelassusOperator::<N>::linear_index(pattern) {
-            Some(index) => self.in_linear_pattern(pattern, index),
-            None => self.by_newton(pattern, start),
+            Some(index) => self.in_linear_pattern(pattern, index, solution),
+            None => self.by_newton(pattern, start, solution),
         }
     }
 
-    #[expect(clippy::inline_always, reason = "a call would copy the solution through memory")]
+    #[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
     #[inline(always)]
-    fn in_linear_pattern(&self, pattern: ContactPattern, index: usize) -> Option<ContactSolution<N>> {
-        let map = self.operator.linear_mode(index)?;
+    fn in_linear_pattern(&self, pattern: ContactPattern, index: usize, solution: &mut ContactSolution<N>) -> bool {
+        let Some(map) = self.operator.linear_mode(index) else { return false };
         let impulse = map.by_free_slip * self.problem.free_slip + map.by_free_normal * self.problem.free_normal;
-        self.accepted(self.candidate(pattern, impulse))
+        let impact_slip = self.operator.impact_slip(self.problem, &impulse);
+        let normal_impulse = self.operator.normal_impulse(self.problem, &impulse);
+        let bound = miss_bound(self.operator, pattern, &impulse, &impact_slip, &normal_impulse);
+        let unit = self.problem.weight_impulse();
+        *solution = ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual: bound / unit };
+        bound <= ACCEPTED_RESIDUAL * unit || self.accepted_at_its_edge(solution)
     }
 
-    fn by_newton(&self, pattern: ContactPattern, start: &SVector<f64, N>) -> Option<ContactSolution<N>> {
+    /// Whether a linear pattern solves the step where its inequalities do not tell.
+    #[cold]
+    fn accepted_at_its_edge(&self, solution: &mut ContactSolution<N>) -> bool {
+        *solution = self.candidate(solution.pattern, solution.impulse);
+        self.accepts(solution.residual)
+    }
+
+    fn by_newton(&self, pattern: ContactPattern, start: &SVector<f64, N>, solution: &mut ContactSolution<N>) -> bool {
         let (operator, problem, iteration_limit) = (self.operator, self.problem, self.iteration_limit);
         // Without front friction no other pattern needs Newton: the compiler leaves out what the others would.
         let pattern = if N == 3 { ContactPattern::ALL_SLIP } else { pattern };
         let newton = Newton { operator, problem, pattern, slip_smoothing: 0.0, iteration_limit };
-        newton.solve(start, self.small_update(), |impulse| self.accepted(self.candidate(pattern, impulse)))
+        let accept = |impulse| self.accepted(pattern, impulse, solution).then_some(());
+        newton.solve(start, self.small_update(), accept).is_some()
     }
 
     /// N s.
@@ -190,45 +197,33 @@ impl<'a, const N: usize> Search<'a, N> {
         NEWTON_UPDATE * self.problem.weight_impulse()
     }
 
-    fn in_other_patterns(
-        &self,
-        guess: &Guess<N>,
-        patterns: impl Fn(&ContactPattern) -> bool,
-    ) -> Option<ContactSolution<N>> {
-        let start = self.impulse_against_free_slip();
-        all_patterns::<N>()
-            .filter(|pattern| *pattern != guess.pattern && patterns(pattern))
-            .find_map(|pattern| self.in_pattern(pattern, &start))
-    }
-
-    /// Follows the [interior point](InteriorPoint), and tries the patterns that it comes to; also gives its steps.
-    #[cold]
-    fn by_interior_point(&self) -> (ContactSolution<N>, usize) {
+    /// Follows the [interior point](InteriorPoint), and tries the patterns that it comes to; gives its steps.
+    fn by_interior_point(&self, solution: &mut ContactSolution<N>) -> usize {
         let mut point = InteriorPoint::new(self.operator, self.problem);
         let mut steps = 0;
         while steps < INTERIOR_LIMIT && point.advance().is_some() {
             steps += 1;
-            if steps % INTERIOR_PERIOD == 0
-                && let Some(solution) = self.near(point.pattern(), &point.impulse())
-            {
-                return (solution, steps);
+            if steps % INTERIOR_PERIOD == 0 && self.near(point.pattern(), &point.impulse(), solution) {
+                return steps;
             }
         }
-        (self.closest(point.pattern(), point.impulse()), steps)
+        *solution = self.closest(point.pattern(), point.impulse());
+        steps
     }
 
     /// The answer where the interior point ends without a pattern: what is left are mostly slips that are too slow to tell from
     /// sticking.
     fn closest(&self, pattern: ContactPattern, impulse: SVector<f64, N>) -> ContactSolution<N> {
-        self.in_pattern(ContactPattern::ALL_SLIP, &impulse).unwrap_or_else(|| {
-            let [found, slipping] = [pattern, ContactPattern::ALL_SLIP]
-                .map(|pattern| self.with_undetermined_directions(self.candidate(pattern, impulse)));
-            if found.residual <= slipping.residual { found } else { slipping }
-        })
+        let mut solution = ContactSolution::default();
+        if self.in_pattern(ContactPattern::ALL_SLIP, &impulse, &mut solution) {
+            return solution;
+        }
+        let [found, slipping] = [pattern, ContactPattern::ALL_SLIP]
+            .map(|pattern| self.with_undetermined_directions(self.candidate(pattern, impulse)));
+        if found.residual <= slipping.residual { found } else { slipping }
     }
 
     /// An answer of no pattern, with the reference solver's sweeps behind it where its residual is more than promised.
-    #[cold]
     fn polished(&self, closest: ContactSolution<N>) -> ContactSolution<N> {
         if closest.residual <= PROMISED_RESIDUAL {
             return closest;
@@ -240,9 +235,9 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     /// In a pattern that the interior point comes to, from its impulse, or the impulse itself.
-    fn near(&self, pattern: ContactPattern, impulse: &SVector<f64, N>) -> Option<ContactSolution<N>> {
+    fn near(&self, pattern: ContactPattern, impulse: &SVector<f64, N>, solution: &mut ContactSolution<N>) -> bool {
         let few_steps = Self { iteration_limit: NEAR_LIMIT, ..*self };
-        few_steps.in_pattern(pattern, impulse).or_else(|| self.accepted(self.candidate(pattern, *impulse)))
+        few_steps.in_pattern(pattern, impulse, solution) || self.accepted(pattern, *impulse, solution)
     }
 
     /// Full friction against the slip that the step would have without friction.
@@ -258,7 +253,7 @@ impl<'a, const N: usize> Search<'a, N> {
         .map_or(zero, |equations| -equations.residual(&zero))
     }
 
-    #[expect(clippy::inline_always, reason = "a call would copy the solution through memory")]
+    #[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
     #[inline(always)]
     fn candidate(&self, pattern: ContactPattern, impulse: SVector<f64, N>) -> ContactSolution<N> {
         let impact_slip = self.operator.impact_slip(self.problem, &impulse);
@@ -268,22 +263,18 @@ impl<'a, const N: usize> Search<'a, N> {
         ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual }
     }
 
+    /// Whether an impulse of a pattern solves the step.
     #[inline]
-    fn accepted(&self, candidate: ContactSolution<N>) -> Option<ContactSolution<N>> {
-        if self.accepts(candidate.residual) {
-            return Some(candidate);
-        }
-        if candidate.pattern.wheels == WheelPattern::BothSlip {
-            self.accepted_with_undetermined_directions(candidate)
-        } else {
-            None
-        }
+    fn accepted(&self, pattern: ContactPattern, impulse: SVector<f64, N>, solution: &mut ContactSolution<N>) -> bool {
+        *solution = self.candidate(pattern, impulse);
+        self.accepts(solution.residual)
+            || pattern.wheels == WheelPattern::BothSlip && self.accepted_with_undetermined_directions(solution)
     }
 
     #[cold]
-    fn accepted_with_undetermined_directions(&self, candidate: ContactSolution<N>) -> Option<ContactSolution<N>> {
-        let candidate = self.with_undetermined_directions(candidate);
-        self.accepts(candidate.residual).then_some(candidate)
+    fn accepted_with_undetermined_directions(&self, solution: &mut ContactSolution<N>) -> bool {
+        *solution = self.with_undetermined_directions(*solution);
+        self.accepts(solution.residual)
     }
 
     /// With the residual that allows for undetermined slip directions ([`contact_impulses`]). Computing it for every
@@ -317,7 +308,8 @@ mod tests {
         let free_slip = SVector::from([0.9, -0.2, 0.3]);
         let problem = OneStepProblem { free_slip, free_normal: [1.0, 1.0, 1.0].into() };
         let search = Search::new(&operator, &problem);
-        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+        let mut solution = ContactSolution::default();
+        ExactSolver.solve(&operator, &problem, &mut solution);
         assert_eq!(search.polished(solution), solution);
         for off in [1e-6, 1.0, f64::NAN] {
             let closest = search.candidate(solution.pattern, solution.impulse.add_scalar(off));

@@ -14,52 +14,53 @@ use super::solution::ContactSolution;
 /// Newton's update relative to m g dt at which it has converged to rounding.
 const SMALL_UPDATE: f64 = 1e-9;
 
-/// Solves steps with sticking wheels, warm-started from the last step.
+/// Solves steps with sticking wheels.
 #[derive(Debug, Clone)]
-pub struct HeldSolver<const N: usize> {
+pub struct HeldSolver {
     /// Of the front support's law, m/s; 0 is the exact one.
     slip_smoothing: f64,
-    impulse: SVector<f64, N>,
 }
 
-impl<const N: usize> HeldSolver<N> {
+impl HeldSolver {
     /// A solver for one smoothing speed of the front support's law, m/s, or 0.
     pub fn new(slip_smoothing: f64) -> Self {
-        Self { slip_smoothing, impulse: SVector::zeros() }
+        Self { slip_smoothing }
     }
 
-    /// Solves one step; without wheel friction the wheels are not held. The residual of the answer is 0, or NaN where no friction
-    /// of the front support was found.
+    /// Solves one step; without wheel friction the wheels are not held. `step` is the last step's solution, from whose impulse Newton
+    /// starts, and then this one's. Its residual is 0, or NaN where no friction of the front support was found.
     #[inline]
-    pub fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
+    pub fn solve<const N: usize>(
+        &self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        step: &mut ContactSolution<N>,
+    ) {
         let [sticking, ..] = DelassusOperator::<N>::linear_patterns();
         let impulse = operator.linear_derivative(sticking).map_or_else(SVector::zeros, |map| {
             map.by_free_slip * problem.free_slip + map.by_free_normal * problem.free_normal
         });
-        let solution = solution(operator, problem, (sticking, impulse));
-        if N == 3 || self.slip_smoothing == 0.0 && front_sticks(operator, &solution) {
-            self.impulse = impulse;
-            return solution;
-        }
-        self.with_slipping_front(operator, problem, &within_grip(operator, &solution))
+        let sticks = solution(operator, problem, (sticking, impulse));
+        *step = if N == 3 || self.slip_smoothing == 0.0 && front_sticks(operator, &sticks) {
+            sticks
+        } else {
+            self.with_slipping_front(operator, problem, [step.impulse, within_grip(operator, &sticks)])
+        };
     }
 
-    /// Newton starts from the last step's impulse, or else from this one.
-    fn with_slipping_front(
-        &mut self,
+    /// Newton starts from the last step's impulse, or else from another one.
+    fn with_slipping_front<const N: usize>(
+        &self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
-        start: &SVector<f64, N>,
+        starts: [SVector<f64, N>; 2],
     ) -> ContactSolution<N> {
         let pattern = ContactPattern { wheels: WheelPattern::BothStick, front: ContactMode::Slip };
         let newton =
             Newton { operator, problem, pattern, slip_smoothing: self.slip_smoothing, iteration_limit: NEWTON_LIMIT };
-        let found = [&self.impulse, start]
-            .into_iter()
-            .find_map(|start| newton.solve(start, SMALL_UPDATE * problem.weight_impulse(), Some));
-        self.impulse = found.unwrap_or(self.impulse);
+        let found = starts.iter().find_map(|start| newton.solve(start, SMALL_UPDATE * problem.weight_impulse(), Some));
         let residual = if found.is_some() { 0.0 } else { f64::NAN };
-        ContactSolution { residual, ..solution(operator, problem, (pattern, self.impulse)) }
+        ContactSolution { residual, ..solution(operator, problem, (pattern, found.unwrap_or(starts[0]))) }
     }
 }
 

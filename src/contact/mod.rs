@@ -34,7 +34,7 @@ mod uniqueness;
 mod utilization;
 
 pub use delassus::{DelassusOperator, ImpulseDerivative};
-pub use exact::{ExactSolver, Guess, SolvePath};
+pub use exact::{ExactSolver, SolvePath};
 pub use fixed_point::{FixedPointSettings, FixedPointSolver};
 pub use held::HeldSolver;
 pub use one_step_problem::OneStepProblem;

@@ -44,6 +44,51 @@ pub fn residual<const N: usize>(
     worst.sqrt() / problem.weight_impulse()
 }
 
+/// Upper bound of the residual at impulses of a linear pattern, of the order of rounding where it is right: without the roots and
+/// divisions of the prox map, for which a step would wait. Infinite where a contact does not do what the pattern says, or only just.
+///
+/// Prox maps do not stretch distances. So an impulse inside its disc, which is its own nearest point, misses by at most `r |xi|`. One
+/// against a lengthwise slip misses nothing on the rim, nor does a longer argument in that direction; off the rim both are as far from
+/// those, and a lateral slip adds `r |xi|`.
+#[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
+#[inline(always)]
+pub(super) fn miss_bound<const N: usize>(
+    operator: &DelassusOperator<N>,
+    pattern: ContactPattern,
+    impulse: &SVector<f64, N>,
+    impact_slip: &SVector<f64, N>,
+    normal_impulse: &Vector3<f64>,
+) -> f64 {
+    let radius = |contact: usize| friction_radius(operator, contact, normal_impulse);
+    let shift = |contact: usize, row: usize| operator.prox_step()[contact] * impact_slip[row].abs();
+    let stuck = |contact: usize| shift(contact, ROWS[contact][0]) + shift(contact, ROWS[contact][1]);
+    let sliding = |wheel: usize| {
+        let opposes = impulse[wheel] * impact_slip[wheel] <= 0.0;
+        if opposes { 2.0 * (impulse[wheel].abs() - radius(wheel)).abs() + shift(wheel, AXLE) } else { f64::INFINITY }
+    };
+    // What a sticking wheel can still take sideways, squared.
+    let spare = |wheel: usize| radius(wheel) * radius(wheel) - impulse[wheel] * impulse[wheel];
+    let lateral = impulse[AXLE] * impulse[AXLE];
+    let (is_inside, miss) = match pattern.wheels {
+        WheelPattern::BothStick => {
+            // The square of a sum of roots is at least this.
+            let (left, right) = (spare(0), spare(1));
+            let less = left.min(right);
+            (less >= 0.0 && lateral <= left + right + 2.0 * less, stuck(0) + stuck(1))
+        }
+        WheelPattern::RightSlips(_) => (lateral <= spare(0), stuck(0) + sliding(1)),
+        WheelPattern::LeftSlips(_) => (lateral <= spare(1), stuck(1) + sliding(0)),
+        WheelPattern::BothSlip => (false, 0.0),
+    };
+    let (front_is_inside, front_miss) = if N == 5 {
+        let [x, y] = ROWS[2].map(|row| impulse[row]);
+        (x * x + y * y <= radius(2) * radius(2), stuck(2))
+    } else {
+        (true, 0.0)
+    };
+    if is_inside && front_is_inside { miss + front_miss } else { f64::INFINITY }
+}
+
 /// `Lambda_i - r_i xi_i`.
 #[inline]
 pub(super) fn prox_argument<const N: usize>(

@@ -60,7 +60,7 @@ impl<const N: usize> Newton<'_, N> {
         &self,
         start: &SVector<f64, N>,
         small_update: f64,
-        accept: impl Fn(SVector<f64, N>) -> Option<T>,
+        mut accept: impl FnMut(SVector<f64, N>) -> Option<T>,
     ) -> Option<T> {
         // Points are made in one place, which they need not be copied from.
         let mut step = Step::to(*start);

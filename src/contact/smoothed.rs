@@ -21,23 +21,28 @@ const COARSE_SMOOTHING: f64 = 10.0;
 /// Factor from one smoothing of the continuation to the next.
 const SMOOTHING_FACTOR: f64 = 0.5;
 
-/// Newton on the smoothed law, warm-started from the last step.
+/// Newton on the smoothed law.
 #[derive(Debug, Clone)]
-pub struct SmoothedSolver<const N: usize> {
+pub struct SmoothedSolver {
     /// s, m/s, > 0.
     slip_smoothing: f64,
-    impulse: SVector<f64, N>,
 }
 
-impl<const N: usize> SmoothedSolver<N> {
+impl SmoothedSolver {
     /// A solver for one smoothing speed, m/s, > 0.
     pub fn new(slip_smoothing: f64) -> Self {
-        Self { slip_smoothing, impulse: SVector::zeros() }
+        Self { slip_smoothing }
     }
 
-    /// Solves one step; the residual of the answer is 0, or NaN where Newton failed.
+    /// Solves one step; `solution` is the last step's, from whose impulse Newton starts, and then this one's. Its residual is 0, or NaN
+    /// where Newton failed.
     #[inline]
-    pub fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>) -> ContactSolution<N> {
+    pub fn solve<const N: usize>(
+        &self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        solution: &mut ContactSolution<N>,
+    ) {
         let newton = |slip_smoothing: f64, start: &SVector<f64, N>| {
             let small_update = SMALL_UPDATE * problem.weight_impulse();
             let newton = Newton {
@@ -49,20 +54,20 @@ impl<const N: usize> SmoothedSolver<N> {
             };
             newton.solve(start, small_update, Some)
         };
-        let found = newton(self.slip_smoothing, &self.impulse).or_else(|| self.by_continuation(newton));
-        self.impulse = found.unwrap_or(self.impulse);
-        ContactSolution {
-            impulse: self.impulse,
-            impact_slip: operator.impact_slip(problem, &self.impulse),
-            normal_impulse: operator.normal_impulse(problem, &self.impulse),
+        let found = newton(self.slip_smoothing, &solution.impulse).or_else(|| self.by_continuation(newton));
+        let impulse = found.unwrap_or(solution.impulse);
+        *solution = ContactSolution {
+            impulse,
+            impact_slip: operator.impact_slip(problem, &impulse),
+            normal_impulse: operator.normal_impulse(problem, &impulse),
             pattern: ContactPattern::ALL_SLIP,
             residual: if found.is_some() { 0.0 } else { f64::NAN },
-        }
+        };
     }
 
     /// Continuation from a nearly linear law.
     #[cold]
-    fn by_continuation(
+    fn by_continuation<const N: usize>(
         &self,
         newton: impl Fn(f64, &SVector<f64, N>) -> Option<SVector<f64, N>>,
     ) -> Option<SVector<f64, N>> {

@@ -18,8 +18,21 @@ pub struct ContactSolution<const N: usize> {
     pub normal_impulse: Vector3<f64>,
     /// Modes of the contacts.
     pub pattern: ContactPattern,
-    /// Residual of the natural map, relative to the weight's impulse m g dt.
+    /// Residual of the natural map, or an upper bound of it, relative to the weight's impulse m g dt.
     pub residual: f64,
+}
+
+impl<const N: usize> Default for ContactSolution<N> {
+    /// No friction, and so the guess before a first step.
+    fn default() -> Self {
+        Self {
+            impulse: SVector::zeros(),
+            impact_slip: SVector::zeros(),
+            normal_impulse: Vector3::zeros(),
+            pattern: ContactPattern::default(),
+            residual: 0.0,
+        }
+    }
 }
 
 /// The three contacts.

@@ -18,6 +18,7 @@ mod step_derivative;
 mod tape;
 mod torque_schedule;
 mod trajectory;
+mod turn;
 
 pub use contact_timeline::{ContactModeSpan, NormalLoad, Separation};
 pub use end_frame::{EndFrame, EndFrameAt};

@@ -13,6 +13,7 @@ use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::chain::Chain;
 use super::path_quantity::PathGradient;
+use super::turn::{seen_from, sine_and_cosine};
 use crate::contact::{
     ContactPattern, ContactSolution, DelassusOperator, ImpulseDerivative, OneStepProblem, WheelPattern,
 };
@@ -62,11 +63,28 @@ pub(super) struct Step<const N: usize> {
     pub(super) contact: ContactSolution<N>,
 }
 
+impl<const N: usize> Step<N> {
+    /// What the first step of a rollout, of length `dt`, follows: without contacts, it ends as the rollout starts.
+    pub(super) fn before(start: &State, dt: f64) -> Self {
+        let u = &start.velocity;
+        let rotation = (start.configuration.heading - 0.5 * dt * u.yaw_rate).sin_cos();
+        let velocity = [u.x, u.y, u.yaw_rate, u.wheel_rate.left, u.wheel_rate.right];
+        let velocity = seen_from(rotation, &velocity.into());
+        let contact = ContactSolution::default();
+        Self { end: *start, rotation, start_velocity: velocity, end_velocity: velocity, contact }
+    }
+}
+
 /// Solves the friction problem of each step of one rollout.
 pub(super) trait StepContact<const N: usize> {
-    /// Once stopped, the answer need not keep the friction law.
-    fn solve(&mut self, operator: &DelassusOperator<N>, problem: &OneStepProblem<N>, stop: &Stop)
-    -> ContactSolution<N>;
+    /// `solution` is the last step's, and then this one's. Once stopped, it need not keep the friction law.
+    fn solve(
+        &mut self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        solution: &mut ContactSolution<N>,
+        stop: &Stop,
+    );
 }
 
 impl<const N: usize> StepModel<N> {
@@ -128,45 +146,41 @@ impl<const N: usize> StepModel<N> {
         chains?.try_into().ok()
     }
 
-    /// Takes one step of length `dt` from `start`.
+    /// From one step to the next, of length `dt`, in place: copies would take longer than the step.
+    ///
+    /// The frame turns on by `dt omega`, from one midpoint to the next; what rounding adds grows with the root of the number of steps.
     #[inline]
     pub(super) fn advance(
         &self,
-        start: &State,
+        step: &mut Step<N>,
         torque: PerWheel<f64>,
         dt: f64,
         contact_solver: &mut impl StepContact<N>,
         stop: &Stop,
-    ) -> Step<N> {
-        let half = 0.5 * dt;
-        let (q, u) = (&start.configuration, &start.velocity);
-        let (sin, cos) = (q.heading + half * u.yaw_rate).sin_cos();
-        let start_velocity = BodyVector::from([
-            cos * u.x + sin * u.y,
-            cos * u.y - sin * u.x,
-            u.yaw_rate,
-            u.wheel_rate.left,
-            u.wheel_rate.right,
-        ]);
+    ) {
+        let (before, turn) = (step.rotation, sine_and_cosine(dt * step.end_velocity[2]));
+        let (sin, cos) = (before.0 * turn.1 + before.1 * turn.0, before.1 * turn.1 - before.0 * turn.0);
+        let start_velocity = seen_from(turn, &step.end_velocity);
 
         let torque = self.net_torque(torque, &start_velocity);
         let smooth_change = dt * self.smooth_acceleration(&start_velocity, torque);
         let problem = self.one_step_problem(&start_velocity, torque, &smooth_change, dt);
-        let contact = contact_solver.solve(&self.operator, &problem, stop);
-        let end_velocity = start_velocity + smooth_change + self.impulse_response * contact.impulse;
+        contact_solver.solve(&self.operator, &problem, &mut step.contact, stop);
+        let end_velocity = start_velocity + smooth_change + self.impulse_response * step.contact.impulse;
 
-        let mut end = State::default();
-        end.velocity.x = cos * end_velocity[0] - sin * end_velocity[1];
-        end.velocity.y = sin * end_velocity[0] + cos * end_velocity[1];
-        end.velocity.yaw_rate = end_velocity[2];
-        end.velocity.wheel_rate = PerWheel::new(end_velocity[3], end_velocity[4]);
-        let w = &end.velocity;
-        end.configuration.x = q.x + half * (u.x + w.x);
-        end.configuration.y = q.y + half * (u.y + w.y);
-        end.configuration.heading = q.heading + half * (u.yaw_rate + w.yaw_rate);
-        end.configuration.wheel_angle.left = q.wheel_angle.left + half * (u.wheel_rate.left + w.wheel_rate.left);
-        end.configuration.wheel_angle.right = q.wheel_angle.right + half * (u.wheel_rate.right + w.wheel_rate.right);
-        Step { end, rotation: (sin, cos), start_velocity, end_velocity, contact }
+        let half = 0.5 * dt;
+        let (q, u) = (&mut step.end.configuration, step.end.velocity);
+        let w = &mut step.end.velocity;
+        w.x = cos * end_velocity[0] - sin * end_velocity[1];
+        w.y = sin * end_velocity[0] + cos * end_velocity[1];
+        w.yaw_rate = end_velocity[2];
+        w.wheel_rate = PerWheel::new(end_velocity[3], end_velocity[4]);
+        q.x += half * (u.x + w.x);
+        q.y += half * (u.y + w.y);
+        q.heading += half * (u.yaw_rate + w.yaw_rate);
+        q.wheel_angle.left += half * (u.wheel_rate.left + w.wheel_rate.left);
+        q.wheel_angle.right += half * (u.wheel_rate.right + w.wheel_rate.right);
+        (step.rotation, step.start_velocity, step.end_velocity) = ((sin, cos), start_velocity, end_velocity);
     }
 
     /// What viscous friction at a velocity leaves of the torques.

@@ -9,8 +9,8 @@ use super::moreau_step::{Step, StepContact, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
 use crate::contact::{
-    ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, Guess, HeldSolver,
-    OneStepProblem, PerContact, SmoothedSolver, natural_map,
+    ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, HeldSolver, OneStepProblem,
+    PerContact, SmoothedSolver, natural_map,
 };
 use crate::robot::{Robot, State, TangentJacobian};
 use crate::stop::{Stop, Stopped};
@@ -95,8 +95,8 @@ impl Simulator {
     /// When it was stopped before the end.
     pub fn end_state(&self, rollout: &Rollout, stop: Stop) -> Result<State, Stopped> {
         match &*self.model(rollout) {
-            Model::Wheels(model) => integrate(model, rollout, &mut ExactContact::default(), stop, |_, _| {}),
-            Model::WheelsAndFront(model) => integrate(model, rollout, &mut ExactContact::default(), stop, |_, _| {}),
+            Model::Wheels(model) => integrate(model, rollout, &mut ExactSolver, stop, |_, _| {}),
+            Model::WheelsAndFront(model) => integrate(model, rollout, &mut ExactSolver, stop, |_, _| {}),
         }
     }
 
@@ -152,15 +152,14 @@ pub(super) fn integrate<const N: usize>(
 ) -> Result<State, Stopped> {
     let steps = rollout.step_count;
     let dt = rollout.step_length();
-    let mut state = *rollout.start;
+    let mut step = Step::before(rollout.start, dt);
     for index in 0..steps {
         let interval = control_interval(index, steps, rollout.schedule.control_count());
-        let step = model.advance(&state, rollout.schedule.torque(interval), dt, contact_solver, &stop);
+        model.advance(&mut step, rollout.schedule.torque(interval), dt, contact_solver, &stop);
         stop.check()?;
-        state = step.end;
         on_step(index, &step);
     }
-    Ok(state)
+    Ok(step.end)
 }
 
 /// The same under a friction law.
@@ -173,7 +172,7 @@ pub(super) fn integrate_under<const N: usize>(
     on_step: impl FnMut(usize, &Step<N>),
 ) -> Result<State, Stopped> {
     match law {
-        FrictionLaw::Exact => integrate(model, rollout, &mut ExactContact::default(), stop, on_step),
+        FrictionLaw::Exact => integrate(model, rollout, &mut ExactSolver, stop, on_step),
         FrictionLaw::Smoothed(slip_smoothing) => {
             integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), stop, on_step)
         }
@@ -183,55 +182,45 @@ pub(super) fn integrate_under<const N: usize>(
     }
 }
 
-/// The exact solver, warm-started from the last step.
-pub(super) struct ExactContact<const N: usize> {
-    guess: Guess<N>,
-}
-
-impl<const N: usize> Default for ExactContact<N> {
-    fn default() -> Self {
-        Self { guess: Guess::default() }
-    }
-}
-
-impl<const N: usize> StepContact<N> for ExactContact<N> {
+impl<const N: usize> StepContact<N> for ExactSolver {
     /// At most some hundred small linear solves: they need no stop.
     #[inline]
     fn solve(
         &mut self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
+        solution: &mut ContactSolution<N>,
         _stop: &Stop,
-    ) -> ContactSolution<N> {
-        let (solution, _) = ExactSolver.solve(operator, problem, &self.guess);
-        self.guess = Guess::from(&solution);
-        solution
+    ) {
+        ExactSolver::solve(*self, operator, problem, solution);
     }
 }
 
-impl<const N: usize> StepContact<N> for SmoothedSolver<N> {
+impl<const N: usize> StepContact<N> for SmoothedSolver {
     /// At most some hundred Newton steps: they need no stop.
     #[inline]
     fn solve(
         &mut self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
+        solution: &mut ContactSolution<N>,
         _stop: &Stop,
-    ) -> ContactSolution<N> {
-        SmoothedSolver::solve(self, operator, problem)
+    ) {
+        SmoothedSolver::solve(self, operator, problem, solution);
     }
 }
 
-impl<const N: usize> StepContact<N> for HeldSolver<N> {
+impl<const N: usize> StepContact<N> for HeldSolver {
     /// At most some dozen Newton steps: they need no stop.
     #[inline]
     fn solve(
         &mut self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
+        solution: &mut ContactSolution<N>,
         _stop: &Stop,
-    ) -> ContactSolution<N> {
-        HeldSolver::solve(self, operator, problem)
+    ) {
+        HeldSolver::solve(self, operator, problem, solution);
     }
 }
 
@@ -241,29 +230,29 @@ impl<const N: usize> StepContact<N> for FixedPointSolver {
         &mut self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
+        solution: &mut ContactSolution<N>,
         stop: &Stop,
-    ) -> ContactSolution<N> {
-        FixedPointSolver::solve(self, operator, problem, stop)
+    ) {
+        *solution = FixedPointSolver::solve(self, operator, problem, stop);
     }
 }
 
 /// The exact solver with a count of the steps that have several solutions.
 #[derive(Default)]
-struct CheckedContact<const N: usize> {
-    solver: ExactContact<N>,
+struct CheckedContact {
     indeterminate_steps: usize,
 }
 
-impl<const N: usize> StepContact<N> for CheckedContact<N> {
+impl<const N: usize> StepContact<N> for CheckedContact {
     fn solve(
         &mut self,
         operator: &DelassusOperator<N>,
         problem: &OneStepProblem<N>,
-        stop: &Stop,
-    ) -> ContactSolution<N> {
-        let solution = self.solver.solve(operator, problem, stop);
-        self.indeterminate_steps += usize::from(ExactSolver.is_indeterminate(operator, problem, &solution));
-        solution
+        solution: &mut ContactSolution<N>,
+        _stop: &Stop,
+    ) {
+        ExactSolver.solve(operator, problem, solution);
+        self.indeterminate_steps += usize::from(ExactSolver.is_indeterminate(operator, problem, solution));
     }
 }
 
@@ -283,7 +272,7 @@ fn record<const N: usize>(
     stop: Stop,
 ) -> Result<Trajectory, Stopped> {
     match method {
-        ContactMethod::Exact => record_with(model, jacobian, rollout, ExactContact::default(), stop),
+        ContactMethod::Exact => record_with(model, jacobian, rollout, ExactSolver, stop),
         ContactMethod::FixedPoint => {
             record_with(model, jacobian, rollout, FixedPointSolver::new(FixedPointSettings::default()), stop)
         }

@@ -3,7 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 use slipdrive::contact::{
     ContactMode, ContactPattern, ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver,
-    Guess, OneStepProblem, SlipSign, SolvePath, WheelPattern, natural_map,
+    OneStepProblem, SlipSign, SolvePath, WheelPattern, natural_map,
 };
 use slipdrive::robot::{BodyVector, Robot, RobotParameters};
 use slipdrive::stop::Stop;
@@ -111,7 +111,8 @@ impl Tally {
 /// Compares both solvers; from a solution that sticks also moves on to the edge of its friction discs.
 fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, tally: &mut Tally) {
     let mut step = RandomStep::<N>::new(cases, robot);
-    let (solution, path) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default());
+    let mut solution = ContactSolution::default();
+    let path = ExactSolver.solve(&step.operator, &step.problem, &mut solution);
     tally.count(&solution, path);
     assert_same_motion(seed, &step, &solution, tally);
     if solution.pattern.wheels == WheelPattern::BothStick && cases.chance(0.5) {
@@ -119,13 +120,15 @@ fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, ta
         let offset = 10.0_f64.powf(cases.between(-5.0, -1.0)) * if cases.chance(0.5) { 1.0 } else { -1.0 };
         let mut near_edge = step.clone();
         near_edge.move_to_cone_edge(&solution, offset);
-        let (at_edge, path) = ExactSolver.solve(&near_edge.operator, &near_edge.problem, &Guess::from(&solution));
+        let mut at_edge = solution;
+        let path = ExactSolver.solve(&near_edge.operator, &near_edge.problem, &mut at_edge);
         tally.count(&at_edge, path);
         tally.near_cone_edge += 1;
         assert_same_motion(seed, &near_edge, &at_edge, tally);
 
         step.move_to_cone_edge(&solution, 0.0);
-        let (on_edge, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::from(&solution));
+        let mut on_edge = solution;
+        ExactSolver.solve(&step.operator, &step.problem, &mut on_edge);
         assert!(on_edge.residual <= RESIDUAL_TOLERANCE, "seed {seed}: residual {} on the edge", on_edge.residual);
     }
 }
@@ -182,7 +185,8 @@ fn separated_wheel_carries_no_friction() {
     let mut step = RandomStep::<3>::new(&mut cases, &robot);
     step.problem.free_normal[1] = -10.0 * step.problem.free_normal[0].abs();
     step.problem.free_normal[0] *= 12.0;
-    let (solution, _) = ExactSolver.solve(&step.operator, &step.problem, &Guess::default());
+    let mut solution = ContactSolution::default();
+    ExactSolver.solve(&step.operator, &step.problem, &mut solution);
     assert!(solution.normal_impulse[1] < 0.0);
     assert_eq!(solution.impulse[1], 0.0);
     assert!(solution.residual <= RESIDUAL_TOLERANCE);
@@ -226,7 +230,8 @@ fn assert_no_other_solution<const N: usize>(seed: u64, cases: &mut RandomCases, 
     let RandomStep { operator, problem, .. } = RandomStep::<N>::new(cases, robot);
     let is_unique = operator.has_unique_solutions();
     if is_unique {
-        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+        let mut solution = ContactSolution::default();
+        ExactSolver.solve(&operator, &problem, &mut solution);
         assert!(!ExactSolver.is_indeterminate(&operator, &problem, &solution), "seed {seed}");
     }
     is_unique
@@ -239,8 +244,8 @@ fn indeterminate_problem_is_flagged() {
     assert!(!operator.has_unique_solutions());
     let problem = OneStepProblem { free_slip: SVector::from([0.0, 0.2, 0.0]), free_normal: [1.0, -0.05, 0.0].into() };
     let stick = ContactPattern { wheels: WheelPattern::BothStick, ..ContactPattern::default() };
-    let guess = Guess { pattern: stick, impulse: SVector::zeros() };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &guess);
+    let mut solution = ContactSolution { pattern: stick, ..ContactSolution::default() };
+    ExactSolver.solve(&operator, &problem, &mut solution);
     assert!(ExactSolver.is_indeterminate(&operator, &problem, &solution));
 }
 
@@ -264,7 +269,8 @@ fn second_motion_that_is_hard_to_find_is_flagged() {
         free_slip: SVector::from([65.089_95, -75.836_55, 0.006_175_145]),
         free_normal: SVector::from([1.542_387, 1.725_168, 0.012_147_71]),
     };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+    let mut solution = ContactSolution::default();
+    ExactSolver.solve(&operator, &problem, &mut solution);
     assert!(solution.residual <= RESIDUAL_TOLERANCE && solution.normal_impulse.min() > 0.0);
     assert!(ExactSolver.is_indeterminate(&operator, &problem, &solution));
 }
@@ -278,7 +284,8 @@ fn compare_derivatives_without_slip<const N: usize>(
     robot: &Robot,
 ) -> Option<usize> {
     let RandomStep { operator, problem, .. } = RandomStep::<N>::new(cases, robot);
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+    let mut solution = ContactSolution::default();
+    ExactSolver.solve(&operator, &problem, &mut solution);
     let sticks = solution.pattern.modes().map(|mode| mode == ContactMode::Stick);
     let rows = [[0, 2], [1, 2], [3, 4]];
     let mut slip = solution.impact_slip;
@@ -289,9 +296,9 @@ fn compare_derivatives_without_slip<const N: usize>(
     // Small enough to stay in the pattern mostly, large enough against rounding.
     let normal_step = 1e-6 * problem.weight_impulse();
     let solved = |change: &dyn Fn(&mut OneStepProblem<N>)| {
-        let mut moved = problem;
-        change(&mut moved);
-        let (moved, _) = ExactSolver.solve(&operator, &moved, &Guess::from(&solution));
+        let (mut changed, mut moved) = (problem, solution);
+        change(&mut changed);
+        ExactSolver.solve(&operator, &changed, &mut moved);
         (moved.pattern == solution.pattern).then_some(moved.impulse)
     };
     let agrees = |of: SVector<f64, N>, above: SVector<f64, N>, below: SVector<f64, N>, step: f64| {
@@ -364,7 +371,8 @@ fn wheels_that_hardly_slip_are_solved() {
         free_slip: SVector::from([-0.07672467857963101, 0.07452807024728687, -5.0950331048765785e-6]),
         free_normal: SVector::from([0.049559034705347324, 0.04955871900566147, 0.02792738487371197]),
     };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+    let mut solution = ContactSolution::default();
+    ExactSolver.solve(&operator, &problem, &mut solution);
     assert!(solution.residual <= 1e-12, "residual {}", solution.residual);
     assert_eq!(solution.pattern.wheels, WheelPattern::BothSlip);
 }
@@ -391,7 +399,8 @@ fn steps_at_the_very_edge_of_sticking_are_solved() {
     ];
     for (free_slip, free_normal) in met {
         let problem = OneStepProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
-        let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+        let mut solution = ContactSolution::default();
+        ExactSolver.solve(&operator, &problem, &mut solution);
         assert!(solution.residual <= RESIDUAL_TOLERANCE, "residual {}", solution.residual);
     }
 }
@@ -420,7 +429,8 @@ fn hardly_any_slip_is_as_accurate_as_any_other() {
         free_slip: SVector::from([-0.02919800149170238, 0.02831499033589286, -5.13575060560531e-9]),
         free_normal: SVector::from([0.018852339879564868, 0.018852339592927328, 0.01063081329466258]),
     };
-    let (solution, _) = ExactSolver.solve(&operator, &problem, &Guess::default());
+    let mut solution = ContactSolution::default();
+    ExactSolver.solve(&operator, &problem, &mut solution);
     assert!(solution.impact_slip.amax() < 1e-7, "slip {}", solution.impact_slip);
     assert!(solution.residual <= 4e-12, "residual {}", solution.residual);
 }
@@ -499,7 +509,8 @@ fn hard_steps_are_solved_in_few_linear_solves() {
     let operator = DelassusOperator::<5>::new(*robot.delassus(), *robot.normal_response(), friction);
     for HardStep { story, wheels, front, free_slip, free_normal } in HARD_STEPS {
         let problem = OneStepProblem { free_slip: SVector::from(free_slip), free_normal: free_normal.into() };
-        let (solution, path) = ExactSolver.solve(&operator, &problem, &Guess::default());
+        let mut solution = ContactSolution::default();
+        let path = ExactSolver.solve(&operator, &problem, &mut solution);
         assert!(matches!(path, SolvePath::InteriorPoint { steps } if steps <= INTERIOR_STEPS), "{story}: {path:?}");
         assert_eq!(solution.pattern, ContactPattern { wheels, front }, "{story}");
         assert!(solution.residual <= RESIDUAL_TOLERANCE, "{story}: residual {}", solution.residual);

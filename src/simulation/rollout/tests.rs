@@ -31,9 +31,7 @@ fn rollout_asks_at_each_step() {
     with_rollout(short_track(), |simulator, rollout| {
         let steps_until = |last: u64| {
             let mut steps = 0_usize;
-            let run = |stop: Stop| {
-                integrate(model(simulator), rollout, &mut ExactContact::default(), stop, |_, _| steps += 1)
-            };
+            let run = |stop: Stop| integrate(model(simulator), rollout, &mut ExactSolver, stop, |_, _| steps += 1);
             let (end, asked) = probe::stopped_at(last, run);
             (end, asked, steps)
         };
