@@ -33,6 +33,12 @@ fn rollouts(criterion: &mut Criterion) {
                 simulator.end_sensitivity(black_box(&rollout), FrictionLaw::Exact, &mut sensitivity, Stop::never())
             });
         });
+        let smoothed = FrictionLaw::Smoothed(0.1);
+        group.bench_function("smoothed_with_derivatives", |bench| {
+            bench.iter(|| {
+                simulator.end_sensitivity(black_box(&rollout), smoothed, &mut sensitivity, Stop::never())
+            });
+        });
         group.sample_size(10);
         group.bench_function("fixed_point", |bench| {
             bench.iter(|| simulator.end_state_by_fixed_point(black_box(&rollout), Stop::never()));

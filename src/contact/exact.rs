@@ -187,14 +187,10 @@ impl<'a, const N: usize> Search<'a, N> {
         // Without front friction no other pattern needs Newton: the compiler leaves out what the others would.
         let pattern = if N == 3 { ContactPattern::ALL_SLIP } else { pattern };
         let newton = Newton { operator, problem, pattern, slip_smoothing: 0.0, iteration_limit };
-        let accept = |impulse| self.accepted(pattern, impulse, solution).then_some(());
-        newton.solve(start, self.small_update(), accept).is_some()
-    }
-
-    /// N s.
-    #[inline]
-    fn small_update(&self) -> f64 {
-        NEWTON_UPDATE * self.problem.weight_impulse()
+        let unit = problem.weight_impulse();
+        newton.solve(start, (ACCEPTED_RESIDUAL * unit, NEWTON_UPDATE * unit), solution, |solution| {
+            self.accepted(pattern, solution.impulse, solution)
+        })
     }
 
     /// Follows the [interior point](InteriorPoint), and tries the patterns that it comes to; gives its steps.

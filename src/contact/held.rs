@@ -58,9 +58,14 @@ impl HeldSolver {
         let pattern = ContactPattern { wheels: WheelPattern::BothStick, front: ContactMode::Slip };
         let newton =
             Newton { operator, problem, pattern, slip_smoothing: self.slip_smoothing, iteration_limit: NEWTON_LIMIT };
-        let found = starts.iter().find_map(|start| newton.solve(start, SMALL_UPDATE * problem.weight_impulse(), Some));
-        let residual = if found.is_some() { 0.0 } else { f64::NAN };
-        ContactSolution { residual, ..solution(operator, problem, (pattern, found.unwrap_or(starts[0]))) }
+        let unit = problem.weight_impulse();
+        let mut slipping = ContactSolution::default();
+        let solves = |start| newton.solve(start, (0.0, SMALL_UPDATE * unit), &mut slipping, |_| true);
+        if starts.iter().any(solves) {
+            slipping
+        } else {
+            ContactSolution { residual: f64::NAN, ..solution(operator, problem, (pattern, starts[0])) }
+        }
     }
 }
 

@@ -3,12 +3,13 @@
 //! The pattern stays fixed, so these equations are smooth where the slips are not zero; a semismooth Newton on the
 //! [natural map](super::natural_map) would choose the pattern within the iteration.
 
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 
 use super::delassus::DelassusOperator;
 use super::mode_equations::ModeEquations;
 use super::one_step_problem::OneStepProblem;
 use super::pattern::ContactPattern;
+use super::solution::ContactSolution;
 
 /// Newton takes 2 to 4 steps from the last time step's impulse; more mean that the pattern is wrong.
 pub(super) const NEWTON_LIMIT: usize = 20;
@@ -33,40 +34,50 @@ struct Step<const N: usize> {
     share: f64,
 }
 
-impl<const N: usize> Step<N> {
-    /// To an impulse, whatever it misses.
-    #[inline]
-    fn to(impulse: SVector<f64, N>) -> Self {
-        Self { from: impulse, missed: 0.0, update: SVector::zeros(), share: 0.0 }
-    }
-}
-
 /// An impulse with the equations linearised there, and what it misses them by.
 struct Point<const N: usize> {
     impulse: SVector<f64, N>,
+    impact_slip: SVector<f64, N>,
+    normal_impulse: Vector3<f64>,
     equations: ModeEquations<N>,
     miss: SVector<f64, N>,
 }
 
 impl<const N: usize> Newton<'_, N> {
-    /// Iterates from `start`; each impulse whose update was at most `small_update` (N s) is passed to `accept`, which ends
-    /// the iteration with `Some`.
+    /// Iterates from `start` to a solution, which it writes, and says whether there is one: an impulse that misses the law by at most
+    /// `tolerance`, or else one whose update was at most `small_update` (all N s) if `accept` says so.
     ///
-    /// None when the equations became singular, nothing converged, or two impulses were refused: the first may lack digits, the
+    /// There is none when the equations became singular, nothing converged, or two impulses were refused: the first may lack digits, the
     /// second shows that the pattern is wrong.
     #[expect(clippy::inline_always, reason = "a call would hide a pattern that is known")]
     #[inline(always)]
-    pub(super) fn solve<T>(
+    pub(super) fn solve(
         &self,
         start: &SVector<f64, N>,
-        small_update: f64,
-        mut accept: impl FnMut(SVector<f64, N>) -> Option<T>,
-    ) -> Option<T> {
+        (tolerance, small_update): (f64, f64),
+        solution: &mut ContactSolution<N>,
+        accept: impl Fn(&mut ContactSolution<N>) -> bool,
+    ) -> bool {
         // Points are made in one place, which they need not be copied from.
-        let mut step = Step::to(*start);
-        let (mut iterations, mut is_refused) = (0, false);
+        let mut step = Step { from: *start, missed: f64::INFINITY, update: SVector::zeros(), share: 0.0 };
+        let (mut iterations, mut is_refused, mut is_close) = (0, false, false);
         while iterations < self.iteration_limit {
-            let point = self.at(step.from - step.update * step.share)?;
+            let Some(point) = self.at(step.from - step.update * step.share) else { return false };
+            let miss = self.miss_of_law(&point);
+            if miss <= tolerance {
+                *solution = point.solution(self.pattern, miss / self.problem.weight_impulse());
+                return true;
+            }
+            if is_close {
+                *solution = point.solution(self.pattern, 0.0);
+                if accept(solution) {
+                    return true;
+                }
+                if is_refused {
+                    return false;
+                }
+                (is_refused, step.share) = (true, 0.0);
+            }
             let missed = largest(&point.miss);
             let misses_less = missed < step.missed;
             if !misses_less && step.share >= SMALLEST_SHARE {
@@ -74,29 +85,38 @@ impl<const N: usize> Newton<'_, N> {
                 continue;
             }
             iterations += 1;
-            let update = solved(point.equations.jacobian(self.operator), point.miss)?;
-            if largest(&update) <= small_update {
-                let impulse = point.impulse - update;
-                let accepted = accept(impulse);
-                if accepted.is_some() || is_refused {
-                    return accepted;
-                }
-                is_refused = true;
-                step = Step::to(impulse);
-            } else {
-                step = Step { from: point.impulse, missed, update, share: 1.0 };
-            }
+            let Some(update) = solved(point.equations.jacobian(self.operator), point.miss) else { return false };
+            is_close = largest(&update) <= small_update;
+            step = Step { from: point.impulse, missed, update, share: 1.0 };
         }
-        None
+        false
     }
 
     #[expect(clippy::inline_always, reason = "a call would copy the equations and hide a pattern that is known")]
     #[inline(always)]
     fn at(&self, impulse: SVector<f64, N>) -> Option<Point<N>> {
-        let slip = self.operator.impact_slip(self.problem, &impulse);
-        let normal = self.operator.normal_impulse(self.problem, &impulse);
-        let equations = ModeEquations::at(self.operator, self.pattern, &slip, &normal, self.slip_smoothing)?;
-        Some(Point { impulse, equations, miss: equations.residual(&impulse) })
+        let impact_slip = self.operator.impact_slip(self.problem, &impulse);
+        let normal_impulse = self.operator.normal_impulse(self.problem, &impulse);
+        let equations =
+            ModeEquations::at(self.operator, self.pattern, &impact_slip, &normal_impulse, self.slip_smoothing)?;
+        Some(Point { impulse, impact_slip, normal_impulse, equations, miss: equations.residual(&impulse) })
+    }
+
+    /// Upper bound of what a point misses the law by, N s; infinite in patterns with inequalities.
+    ///
+    /// A contact that slips misses nothing at full friction against its slip. From there to the point is what it misses its equations by,
+    /// and the prox map does not stretch that.
+    #[inline]
+    fn miss_of_law(&self, point: &Point<N>) -> f64 {
+        if self.pattern == ContactPattern::ALL_SLIP { 2.0 * point.miss.lp_norm(1) } else { f64::INFINITY }
+    }
+}
+
+impl<const N: usize> Point<N> {
+    #[inline]
+    fn solution(&self, pattern: ContactPattern, residual: f64) -> ContactSolution<N> {
+        let Self { impulse, impact_slip, normal_impulse, .. } = *self;
+        ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual }
     }
 }
 

@@ -6,15 +6,14 @@
 
 use std::iter::successors;
 
-use nalgebra::SVector;
-
 use super::delassus::DelassusOperator;
 use super::newton::{NEWTON_LIMIT, Newton};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::ContactPattern;
 use super::solution::ContactSolution;
 
-/// Newton's update relative to m g dt at which it has converged: the search needs merits to 1e-7, not to rounding.
+/// What is missed, relative to m g dt, where Newton has converged, or its update: the search needs merits to 1e-7, not to rounding.
+const SMALL_MISS: f64 = 1e-10;
 const SMALL_UPDATE: f64 = 1e-9;
 /// First slip smoothing of a continuation, m/s: the law is nearly linear, and Newton converges from any start.
 const COARSE_SMOOTHING: f64 = 10.0;
@@ -43,39 +42,48 @@ impl SmoothedSolver {
         problem: &OneStepProblem<N>,
         solution: &mut ContactSolution<N>,
     ) {
-        let newton = |slip_smoothing: f64, start: &SVector<f64, N>| {
-            let small_update = SMALL_UPDATE * problem.weight_impulse();
-            let newton = Newton {
-                operator,
-                problem,
+        let start = solution.impulse;
+        let is_solved = self.by_newton(operator, problem, self.slip_smoothing, solution)
+            || self.by_continuation(operator, problem, solution);
+        if !is_solved {
+            *solution = ContactSolution {
+                impulse: start,
+                impact_slip: operator.impact_slip(problem, &start),
+                normal_impulse: operator.normal_impulse(problem, &start),
                 pattern: ContactPattern::ALL_SLIP,
-                slip_smoothing,
-                iteration_limit: NEWTON_LIMIT,
+                residual: f64::NAN,
             };
-            newton.solve(start, small_update, Some)
-        };
-        let found = newton(self.slip_smoothing, &solution.impulse).or_else(|| self.by_continuation(newton));
-        let impulse = found.unwrap_or(solution.impulse);
-        *solution = ContactSolution {
-            impulse,
-            impact_slip: operator.impact_slip(problem, &impulse),
-            normal_impulse: operator.normal_impulse(problem, &impulse),
-            pattern: ContactPattern::ALL_SLIP,
-            residual: if found.is_some() { 0.0 } else { f64::NAN },
-        };
+        }
+    }
+
+    /// From the impulse of `solution`.
+    #[inline]
+    fn by_newton<const N: usize>(
+        &self,
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        slip_smoothing: f64,
+        solution: &mut ContactSolution<N>,
+    ) -> bool {
+        let unit = problem.weight_impulse();
+        let pattern = ContactPattern::ALL_SLIP;
+        let newton = Newton { operator, problem, pattern, slip_smoothing, iteration_limit: NEWTON_LIMIT };
+        let start = solution.impulse;
+        newton.solve(&start, (SMALL_MISS * unit, SMALL_UPDATE * unit), solution, |_| true)
     }
 
     /// Continuation from a nearly linear law.
     #[cold]
     fn by_continuation<const N: usize>(
         &self,
-        newton: impl Fn(f64, &SVector<f64, N>) -> Option<SVector<f64, N>>,
-    ) -> Option<SVector<f64, N>> {
-        let mut impulse = SVector::zeros();
-        for slip_smoothing in falling_smoothings(self.slip_smoothing) {
-            impulse = newton(slip_smoothing, &impulse)?;
-        }
-        newton(self.slip_smoothing, &impulse)
+        operator: &DelassusOperator<N>,
+        problem: &OneStepProblem<N>,
+        solution: &mut ContactSolution<N>,
+    ) -> bool {
+        *solution = ContactSolution::default();
+        falling_smoothings(self.slip_smoothing)
+            .chain([self.slip_smoothing])
+            .all(|slip_smoothing| self.by_newton(operator, problem, slip_smoothing, solution))
     }
 }
 
