@@ -35,9 +35,7 @@ fn rollouts(criterion: &mut Criterion) {
         });
         let smoothed = FrictionLaw::Smoothed(0.1);
         group.bench_function("smoothed_with_derivatives", |bench| {
-            bench.iter(|| {
-                simulator.end_sensitivity(black_box(&rollout), smoothed, &mut sensitivity, Stop::never())
-            });
+            bench.iter(|| simulator.end_sensitivity(black_box(&rollout), smoothed, &mut sensitivity, Stop::never()));
         });
         group.sample_size(10);
         group.bench_function("fixed_point", |bench| {

@@ -26,7 +26,8 @@ LAW_ERROR = iv.mpf("1e-10")
 WEIGHTS = ((1, 0), (4, 1), (2, 1), (1.5, 1), (1, 1), (1, 1.5), (1, 2), (1, 4), (0, 1))
 BALANCES = TURNS = 16
 LEVELS = 32
-ERROR_SPANS = 16
+# Of the whole motion.
+ERROR_SPANS = 64
 # The largest value of sin^3 x cos x is sqrt(27) / 16.
 YAW_BESIDE_TRANSLATION = iv.sqrt(27) / 16
 Interval = Any
@@ -446,10 +447,11 @@ class Drive:
         area = iv.mpf(0)
         for p in envelope(curves):
             area += p.power_area(1)
-            span = (p.end - p.start) / ERROR_SPANS
-            for index in range(ERROR_SPANS):
+            count = max(1, math.ceil(ERROR_SPANS * (p.end - p.start) / duration))
+            span = (p.end - p.start) / count
+            for index in range(count):
                 start = p.start + span * index
-                end = p.end if index + 1 == ERROR_SPANS else p.start + span * (index + 1)
+                end = p.end if index + 1 == count else p.start + span * (index + 1)
                 if p.curve < 2:
                     error = since_start(end) if p.curve == 0 else until_end(start)
                     area += iv.mpf(span) * (1 + iv.mpf("1e-12")) * error
