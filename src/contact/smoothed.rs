@@ -43,7 +43,7 @@ impl SmoothedSolver {
         solution: &mut ContactSolution<N>,
     ) {
         let start = solution.impulse;
-        let is_solved = self.by_newton(operator, problem, self.slip_smoothing, solution)
+        let is_solved = by_newton(operator, problem, self.slip_smoothing, solution)
             || self.by_continuation(operator, problem, solution);
         if !is_solved {
             *solution = ContactSolution {
@@ -56,22 +56,6 @@ impl SmoothedSolver {
         }
     }
 
-    /// From the impulse of `solution`.
-    #[inline]
-    fn by_newton<const N: usize>(
-        &self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        slip_smoothing: f64,
-        solution: &mut ContactSolution<N>,
-    ) -> bool {
-        let unit = problem.weight_impulse();
-        let pattern = ContactPattern::ALL_SLIP;
-        let newton = Newton { operator, problem, pattern, slip_smoothing, iteration_limit: NEWTON_LIMIT };
-        let start = solution.impulse;
-        newton.solve(&start, (SMALL_MISS * unit, SMALL_UPDATE * unit), solution, |_| true)
-    }
-
     /// Continuation from a nearly linear law.
     #[cold]
     fn by_continuation<const N: usize>(
@@ -82,13 +66,28 @@ impl SmoothedSolver {
     ) -> bool {
         *solution = ContactSolution::default();
         falling_smoothings(self.slip_smoothing)
-            .chain([self.slip_smoothing])
-            .all(|slip_smoothing| self.by_newton(operator, problem, slip_smoothing, solution))
+            .all(|slip_smoothing| by_newton(operator, problem, slip_smoothing, solution))
     }
 }
 
-/// Slip smoothings of a continuation, m/s: from a nearly linear law down to `last`, which is excluded.
+/// From the impulse of `solution`.
+#[inline]
+fn by_newton<const N: usize>(
+    operator: &DelassusOperator<N>,
+    problem: &OneStepProblem<N>,
+    slip_smoothing: f64,
+    solution: &mut ContactSolution<N>,
+) -> bool {
+    let unit = problem.weight_impulse();
+    let pattern = ContactPattern::ALL_SLIP;
+    let newton = Newton { operator, problem, pattern, slip_smoothing, iteration_limit: NEWTON_LIMIT };
+    let start = solution.impulse;
+    newton.solve(&start, (SMALL_MISS * unit, SMALL_UPDATE * unit), solution, |_| true)
+}
+
+/// Slip smoothings of a continuation, m/s: from a nearly linear law down to `last`.
 fn falling_smoothings(last: f64) -> impl Iterator<Item = f64> {
     successors(Some(COARSE_SMOOTHING), move |smoothing| Some(smoothing * SMOOTHING_FACTOR))
         .take_while(move |smoothing| *smoothing > last)
+        .chain([last])
 }

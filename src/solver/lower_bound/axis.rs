@@ -257,8 +257,14 @@ impl GridLaw {
         let length = piece.to - piece.from;
         let count = (ERROR_SPANS * length / error.duration()).ceil().max(1.0);
         let span = length / count;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "whole, and no more than all spans"
+        )]
+        let count = count as u32;
         let start = |index: u32| piece.from + span * f64::from(index);
         let largest = |index: u32| self.error_of_curve(piece.curve, (start(index), start(index + 1)), error);
-        span * (0..count as u32).map(largest).sum::<f64>()
+        span * (0..count).map(largest).sum::<f64>()
     }
 }
