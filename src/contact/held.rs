@@ -60,7 +60,11 @@ impl HeldSolver {
             Newton { operator, problem, pattern, slip_smoothing: self.slip_smoothing, iteration_limit: NEWTON_LIMIT };
         let unit = problem.weight_impulse();
         let mut slipping = ContactSolution::default();
-        let solves = |start| newton.solve(start, (0.0, SMALL_UPDATE * unit), &mut slipping, |_| true);
+        let accept = |slipping: &mut ContactSolution<N>| {
+            *slipping = solution(operator, problem, (pattern, slipping.impulse));
+            true
+        };
+        let solves = |start| newton.solve(start, (0.0, SMALL_UPDATE * unit), &mut slipping, accept);
         if starts.iter().any(solves) {
             slipping
         } else {

@@ -45,7 +45,7 @@ struct Point<const N: usize> {
 
 impl<const N: usize> Newton<'_, N> {
     /// Iterates from `start` to a solution, which it writes, and says whether there is one: an impulse that misses the law by at most
-    /// `tolerance`, or else one whose update was at most `small_update` (all N s) if `accept` says so.
+    /// `tolerance`, or else one whose update was at most `small_update` (all N s) if `accept` says so, which is sure of the impulse alone.
     ///
     /// There is none when the equations became singular, nothing converged, or two impulses were refused: the first may lack digits, the
     /// second shows that the pattern is wrong.
@@ -61,8 +61,13 @@ impl<const N: usize> Newton<'_, N> {
         // Points are made in one place, which they need not be copied from.
         let mut step = Step { from: *start, missed: f64::INFINITY, update: SVector::zeros(), share: 0.0 };
         let (mut iterations, mut is_refused, mut is_close) = (0, false, false);
-        while iterations < self.iteration_limit {
-            let Some(point) = self.at(step.from - step.update * step.share) else { return false };
+        loop {
+            let impulse = step.from - step.update * step.share;
+            let Some(point) = self.at(impulse) else {
+                // Where there is no slip at all its direction may not matter.
+                solution.impulse = impulse;
+                return is_close && accept(solution);
+            };
             let miss = self.miss_of_law(&point);
             if miss <= tolerance {
                 *solution = point.solution(self.pattern, miss / self.problem.weight_impulse());
@@ -84,12 +89,14 @@ impl<const N: usize> Newton<'_, N> {
                 step.share *= 0.5;
                 continue;
             }
+            if iterations == self.iteration_limit {
+                return false;
+            }
             iterations += 1;
             let Some(update) = solved(point.equations.jacobian(self.operator), point.miss) else { return false };
             is_close = largest(&update) <= small_update;
             step = Step { from: point.impulse, missed, update, share: 1.0 };
         }
-        false
     }
 
     #[expect(clippy::inline_always, reason = "a call would copy the equations and hide a pattern that is known")]
