@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
 use super::directions::{ROWS, contact_count};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
+use super::uniqueness::solutions_are_unique;
 
 /// Derivatives of the friction impulse with respect to the data of the problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,7 +26,6 @@ pub struct DelassusOperator<const N: usize> {
     prox_step: [f64; 3],
     /// Solution maps of the linear patterns; none without wheel friction.
     pub(super) linear_modes: Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]>,
-    pub(super) has_unique_solutions: bool,
 }
 
 impl<const N: usize> DelassusOperator<N> {
@@ -39,14 +39,13 @@ impl<const N: usize> DelassusOperator<N> {
         for (step, rows) in prox_step.iter_mut().zip(ROWS).take(contact_count::<N>()) {
             *step = safe_prox_step(&delassus, rows);
         }
-        let (linear_modes, has_unique_solutions) = (None, false);
-        Self { delassus, normal_response, friction_coefficient, prox_step, linear_modes, has_unique_solutions }
+        Self { delassus, normal_response, friction_coefficient, prox_step, linear_modes: None }
     }
 
     /// Whether every one-step problem with this operator is proved to have exactly one solution. Where it is not proved, a
     /// problem may still have only one.
     pub fn has_unique_solutions(&self) -> bool {
-        self.has_unique_solutions
+        solutions_are_unique(self)
     }
 
     /// The Delassus matrix `W_T' M^-1 W_T`: slip change per friction impulse, 1/kg.
