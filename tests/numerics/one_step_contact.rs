@@ -139,6 +139,11 @@ fn assert_same_motion<const N: usize>(seed: u64, step: &RandomStep<N>, exact: &C
     let slow = fixed_point.solve(&step.operator, &step.problem, &Stop::never());
     tally.sweeps += fixed_point.sweeps();
     assert!(exact.residual <= RESIDUAL_TOLERANCE, "seed {seed}: exact residual {}", exact.residual);
+    // What a solver bounds by inequalities or by its equations, worked out.
+    let parts = natural_map::contact_impulses(&step.operator, exact);
+    let residual =
+        natural_map::residual(&step.operator, &step.problem, &parts, &exact.impact_slip, &exact.normal_impulse);
+    assert!(residual <= exact.residual.max(1e-12), "seed {seed}: {residual} above {}", exact.residual);
     assert!(slow.residual <= CONVERGED, "seed {seed}: fixed-point residual {}", slow.residual);
     let (a, b) = (step.end_velocity(&exact.impulse), step.end_velocity(&slow.impulse));
     for axis in 0..5 {
