@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
 use super::directions::{ROWS, contact_count};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
+use super::solution::ContactSolution;
 use super::uniqueness::solutions_are_unique;
 
 /// Derivatives of the friction impulse with respect to the data of the problem.
@@ -78,6 +79,17 @@ impl<const N: usize> DelassusOperator<N> {
     #[inline]
     pub fn normal_impulse(&self, problem: &OneStepProblem<N>, impulse: &SVector<f64, N>) -> Vector3<f64> {
         problem.free_normal + self.normal_response * impulse
+    }
+
+    /// The solution with an impulse of a pattern, which counts as keeping the law.
+    pub(super) fn solution_at(
+        &self,
+        problem: &OneStepProblem<N>,
+        (pattern, impulse): (ContactPattern, SVector<f64, N>),
+    ) -> ContactSolution<N> {
+        let impact_slip = self.impact_slip(problem, &impulse);
+        let normal_impulse = self.normal_impulse(problem, &impulse);
+        ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual: 0.0 }
     }
 
     /// The affine solution map of a linear pattern (with sticking front support when N = 5).

@@ -40,7 +40,7 @@ impl HeldSolver {
         let impulse = operator.linear_derivative(sticking).map_or_else(SVector::zeros, |map| {
             map.by_free_slip * problem.free_slip + map.by_free_normal * problem.free_normal
         });
-        let sticks = solution(operator, problem, (sticking, impulse));
+        let sticks = operator.solution_at(problem, (sticking, impulse));
         *step = if N == 3 || self.slip_smoothing == 0.0 && front_sticks(operator, &sticks) {
             sticks
         } else {
@@ -61,26 +61,16 @@ impl HeldSolver {
         let unit = problem.weight_impulse();
         let mut slipping = ContactSolution::default();
         let accept = |slipping: &mut ContactSolution<N>| {
-            *slipping = solution(operator, problem, (pattern, slipping.impulse));
+            *slipping = operator.solution_at(problem, (pattern, slipping.impulse));
             true
         };
         let solves = |start| newton.solve(start, (0.0, SMALL_UPDATE * unit), &mut slipping, accept);
         if starts.iter().any(solves) {
             slipping
         } else {
-            ContactSolution { residual: f64::NAN, ..solution(operator, problem, (pattern, starts[0])) }
+            ContactSolution { residual: f64::NAN, ..operator.solution_at(problem, (pattern, starts[0])) }
         }
     }
-}
-
-fn solution<const N: usize>(
-    operator: &DelassusOperator<N>,
-    problem: &OneStepProblem<N>,
-    (pattern, impulse): (ContactPattern, SVector<f64, N>),
-) -> ContactSolution<N> {
-    let impact_slip = operator.impact_slip(problem, &impulse);
-    let normal_impulse = operator.normal_impulse(problem, &impulse);
-    ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual: 0.0 }
 }
 
 /// Whether the friction of a sticking front support is within its grip.

@@ -44,8 +44,8 @@ pub fn residual<const N: usize>(
     worst.sqrt() / problem.weight_impulse()
 }
 
-/// Upper bound of the residual at impulses of a linear pattern, of the order of rounding where it is right: without the roots and
-/// divisions of the prox map, for which a step would wait. Infinite where a contact does not do what the pattern says, or only just.
+/// Upper bound of what impulses of a linear pattern miss the law by, summed over the contacts, N s; rounding where the pattern is right.
+/// Without the roots and divisions of the prox map, for which a step would wait. Infinite where a contact does not do what the pattern says, or only just.
 ///
 /// Prox maps do not stretch distances. So an impulse inside its disc, which is its own nearest point, misses by at most `r |xi|`. One
 /// against a lengthwise slip misses nothing on the rim, nor does a longer argument in that direction; off the rim both are as far from

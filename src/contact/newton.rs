@@ -109,7 +109,8 @@ impl<const N: usize> Newton<'_, N> {
         Some(Point { impulse, impact_slip, normal_impulse, equations, miss: equations.residual(&impulse) })
     }
 
-    /// Upper bound of what a point misses the law by, N s; infinite in patterns with inequalities.
+    /// Upper bound of what a point misses the law by, N s, under a smoothed law twice what it misses the equations by; infinite in patterns
+    /// with inequalities.
     ///
     /// A contact that slips misses nothing at full friction against its slip. From there to the point is what it misses its equations by,
     /// and the prox map does not stretch that.

@@ -33,8 +33,8 @@ impl SmoothedSolver {
         Self { slip_smoothing }
     }
 
-    /// Solves one step; `solution` is the last step's, from whose impulse Newton starts, and then this one's. Its residual is 0, or NaN
-    /// where Newton failed.
+    /// Solves one step; `solution` is the last step's, from whose impulse Newton starts, and then this one's. Its residual, of
+    /// this law, is at most 1e-10, or counts as 0 where the last update was small, or is NaN where Newton failed.
     #[inline]
     pub fn solve<const N: usize>(
         &self,
@@ -46,13 +46,8 @@ impl SmoothedSolver {
         let is_solved = by_newton(operator, problem, self.slip_smoothing, solution)
             || self.by_continuation(operator, problem, solution);
         if !is_solved {
-            *solution = ContactSolution {
-                impulse: start,
-                impact_slip: operator.impact_slip(problem, &start),
-                normal_impulse: operator.normal_impulse(problem, &start),
-                pattern: ContactPattern::ALL_SLIP,
-                residual: f64::NAN,
-            };
+            let last = operator.solution_at(problem, (ContactPattern::ALL_SLIP, start));
+            *solution = ContactSolution { residual: f64::NAN, ..last };
         }
     }
 

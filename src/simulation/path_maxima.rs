@@ -63,10 +63,8 @@ fn watch<const N: usize>(
     let (control_count, dt) = (rollout.schedule.control_count(), rollout.step_length());
     let note = |index: usize, step: &Step<N>| {
         let normal_impulse = &step.contact.normal_impulse;
-        if normal_impulse.min() < 0.0 {
-            let weight = normal_impulse.sum();
-            separations += normal_impulse.iter().filter(|impulse| separates(**impulse, weight)).count();
-        }
+        let weight = normal_impulse.sum();
+        separations += normal_impulse.iter().filter(|impulse| separates(**impulse, weight)).count();
         slips |= step.contact.pattern.wheels != WheelPattern::BothStick;
         if quantities.is_empty() {
             return;
