@@ -3,8 +3,9 @@
 //! Patterns with at most one slipping wheel are linear, and their solution maps are constants of the robot. Only
 //! spatial slip (both wheels, or the front support) needs a small Newton iteration. A candidate is accepted only if
 //! its residual, the [natural map](super::natural_map), vanishes to rounding. The order of the attempts: the pattern of the
-//! last step, the other patterns that are quick to try, the patterns that an [interior point](super::interior_point) comes to
-//! in at most 60 steps of one small linear solve each, and, where its path is lost, the patterns that are left.
+//! last step, in which Newton starts from the last impulse and is given up where it overshoots; the linear patterns; the pattern of
+//! the last step from its slip; the patterns that an [interior point](super::interior_point) comes to in at most 60 steps of one small
+//! linear solve each; and, where its path is lost, the patterns that are left.
 
 use nalgebra::SVector;
 
@@ -13,7 +14,7 @@ use super::fixed_point::{FixedPointSettings, FixedPointSolver};
 use super::interior_point::InteriorPoint;
 use super::mode_equations::ModeEquations;
 use super::natural_map::{contact_impulses, miss_bound, residual, split};
-use super::newton::{NEWTON_LIMIT, Newton};
+use super::newton::{Newton, impulse_at};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::solution::ContactSolution;
@@ -30,8 +31,6 @@ const NEWTON_UPDATE: f64 = 1e-8;
 /// take 6, and 99 of 100 take 24.
 const INTERIOR_LIMIT: usize = 60;
 const INTERIOR_PERIOD: usize = 3;
-/// Newton steps from the impulse of the interior point: close to a solution no more are usual, and far from one no more help.
-const NEAR_LIMIT: usize = 4;
 /// Residual that answers keep, apart from the exceptions that [`ExactSolver::solve`] names.
 const PROMISED_RESIDUAL: f64 = 1e-10;
 /// Sweeps of the reference solver behind an answer that does not.
@@ -69,12 +68,12 @@ impl ExactSolver {
         problem: &OneStepProblem<N>,
         solution: &mut ContactSolution<N>,
     ) -> SolvePath {
-        let search = Search::new(operator, problem);
-        let (guess, start) = (solution.pattern, solution.impulse);
+        let search = Search { operator, problem, backtracks: false };
+        let (guess, start, slip) = (solution.pattern, solution.impulse, solution.impact_slip);
         if search.in_pattern(guess, &start, solution) {
             return SolvePath::GuessedPattern;
         }
-        search.in_another_pattern(guess, solution)
+        Search { backtracks: true, ..search }.beyond_guess(guess, &slip, solution)
     }
 
     /// Whether another pattern also solves the step, with a different motion than `solution`.
@@ -86,7 +85,7 @@ impl ExactSolver {
         problem: &OneStepProblem<N>,
         solution: &ContactSolution<N>,
     ) -> bool {
-        let search = Search::new(operator, problem);
+        let search = Search { operator, problem, backtracks: true };
         let mut other = ContactSolution::default();
         let starts = [solution.impulse, -solution.impulse, search.impulse_against_free_slip()];
         all_patterns::<N>().any(|pattern| {
@@ -105,16 +104,11 @@ impl ExactSolver {
 struct Search<'a, const N: usize> {
     operator: &'a DelassusOperator<N>,
     problem: &'a OneStepProblem<N>,
-    /// Newton steps per pattern and start.
-    iteration_limit: usize,
+    /// Whether Newton goes on where it overshoots.
+    backtracks: bool,
 }
 
-impl<'a, const N: usize> Search<'a, N> {
-    #[inline]
-    fn new(operator: &'a DelassusOperator<N>, problem: &'a OneStepProblem<N>) -> Self {
-        Self { operator, problem, iteration_limit: NEWTON_LIMIT }
-    }
-
+impl<const N: usize> Search<'_, N> {
     /// Whether a residual is the rounding of a solved pattern.
     #[inline]
     fn accepts(&self, residual: f64) -> bool {
@@ -129,19 +123,33 @@ impl<'a, const N: usize> Search<'a, N> {
         ACCEPTED_RESIDUAL + rounding / self.problem.weight_impulse()
     }
 
-    /// The first pattern beside the guessed one that solves the step, or else the closest answer.
+    /// The first pattern that solves the step, or else the closest answer, after the guessed one did not at once.
     #[cold]
-    fn in_another_pattern(&self, guess: ContactPattern, solution: &mut ContactSolution<N>) -> SolvePath {
-        // Two slipping wheels are one Newton iteration; with a front support nine patterns need one, and the interior point
-        // finds the right one sooner.
-        let is_quick = |pattern: &ContactPattern| N == 3 || DelassusOperator::<N>::linear_index(*pattern).is_some();
-        if self.in_one_of(|pattern| *pattern != guess && is_quick(pattern), solution) {
+    fn beyond_guess(
+        &self,
+        guess: ContactPattern,
+        last_slip: &SVector<f64, N>,
+        solution: &mut ContactSolution<N>,
+    ) -> SolvePath {
+        let is_linear = |pattern: &ContactPattern| DelassusOperator::<N>::linear_index(*pattern).is_some();
+        if self.in_one_of(|pattern| *pattern != guess && is_linear(pattern), solution) {
             return SolvePath::OtherPattern;
+        }
+        if is_linear(&guess) {
+            // Two slipping wheels are one Newton iteration; with a front support nine patterns need one, and the interior point
+            // finds the right one sooner.
+            if N == 3 && self.in_one_of(|pattern| !is_linear(pattern), solution) {
+                return SolvePath::OtherPattern;
+            }
+        } else if impulse_at(self.operator, self.problem, last_slip)
+            .is_some_and(|start| self.in_pattern(guess, &start, solution))
+        {
+            return SolvePath::GuessedPattern;
         }
         let steps = self.by_interior_point(solution);
         if !self.accepts(solution.residual) {
             let closest = *solution;
-            if !self.in_one_of(|pattern| *pattern != guess && !is_quick(pattern), solution) {
+            if !self.in_one_of(|pattern| N == 5 && *pattern != guess && !is_linear(pattern), solution) {
                 *solution = self.polished(closest);
             }
         }
@@ -183,10 +191,10 @@ impl<'a, const N: usize> Search<'a, N> {
     }
 
     fn by_newton(&self, pattern: ContactPattern, start: &SVector<f64, N>, solution: &mut ContactSolution<N>) -> bool {
-        let (operator, problem, iteration_limit) = (self.operator, self.problem, self.iteration_limit);
+        let Self { operator, problem, backtracks } = *self;
         // Without front friction no other pattern needs Newton: the compiler leaves out what the others would.
         let pattern = if N == 3 { ContactPattern::ALL_SLIP } else { pattern };
-        let newton = Newton { operator, problem, pattern, slip_smoothing: 0.0, iteration_limit };
+        let newton = Newton { operator, problem, pattern, slip_smoothing: 0.0, backtracks };
         let unit = problem.weight_impulse();
         newton.solve(start, (ACCEPTED_RESIDUAL * unit, NEWTON_UPDATE * unit), solution, |solution| {
             self.accepted(pattern, solution.impulse, solution)
@@ -232,8 +240,9 @@ impl<'a, const N: usize> Search<'a, N> {
 
     /// In a pattern that the interior point comes to, from its impulse, or the impulse itself.
     fn near(&self, pattern: ContactPattern, impulse: &SVector<f64, N>, solution: &mut ContactSolution<N>) -> bool {
-        let few_steps = Self { iteration_limit: NEAR_LIMIT, ..*self };
-        few_steps.in_pattern(pattern, impulse, solution) || self.accepted(pattern, *impulse, solution)
+        // From close to a solution no step overshoots.
+        Self { backtracks: false, ..*self }.in_pattern(pattern, impulse, solution)
+            || self.accepted(pattern, *impulse, solution)
     }
 
     /// Full friction against the slip that the step would have without friction.
@@ -303,7 +312,7 @@ mod tests {
         let operator = DelassusOperator::<3>::new(SMatrix::identity(), SMatrix::zeros(), [0.5, 0.5, 0.0]);
         let free_slip = SVector::from([0.9, -0.2, 0.3]);
         let problem = OneStepProblem { free_slip, free_normal: [1.0, 1.0, 1.0].into() };
-        let search = Search::new(&operator, &problem);
+        let search = Search { operator: &operator, problem: &problem, backtracks: true };
         let mut solution = ContactSolution::default();
         ExactSolver.solve(&operator, &problem, &mut solution);
         assert_eq!(search.polished(solution), solution);

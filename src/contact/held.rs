@@ -6,7 +6,7 @@ use nalgebra::SVector;
 
 use super::delassus::DelassusOperator;
 use super::natural_map::friction_radius;
-use super::newton::{NEWTON_LIMIT, Newton};
+use super::newton::Newton;
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::solution::ContactSolution;
@@ -56,8 +56,7 @@ impl HeldSolver {
         starts: [SVector<f64, N>; 2],
     ) -> ContactSolution<N> {
         let pattern = ContactPattern { wheels: WheelPattern::BothStick, front: ContactMode::Slip };
-        let newton =
-            Newton { operator, problem, pattern, slip_smoothing: self.slip_smoothing, iteration_limit: NEWTON_LIMIT };
+        let newton = Newton { operator, problem, pattern, slip_smoothing: self.slip_smoothing, backtracks: true };
         let unit = problem.weight_impulse();
         let mut slipping = ContactSolution::default();
         let accept = |slipping: &mut ContactSolution<N>| {

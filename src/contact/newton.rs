@@ -11,8 +11,8 @@ use super::one_step_problem::OneStepProblem;
 use super::pattern::ContactPattern;
 use super::solution::ContactSolution;
 
-/// Newton takes 2 to 4 steps from the last time step's impulse; more mean that the pattern is wrong.
-pub(super) const NEWTON_LIMIT: usize = 20;
+/// Most Newton steps. Two to four are usual; more mean that the pattern is wrong.
+const NEWTON_LIMIT: usize = 20;
 /// Steps are halved down to this share of themselves: a full one can overshoot where a slip direction turns quickly.
 const SMALLEST_SHARE: f64 = 0.1;
 
@@ -22,8 +22,8 @@ pub(super) struct Newton<'a, const N: usize> {
     pub(super) problem: &'a OneStepProblem<N>,
     pub(super) pattern: ContactPattern,
     pub(super) slip_smoothing: f64,
-    /// Most Newton steps.
-    pub(super) iteration_limit: usize,
+    /// Whether steps that overshoot are halved. Otherwise there is no solution then: a better start, or another pattern, takes less.
+    pub(super) backtracks: bool,
 }
 
 /// A step, of which the first share is taken that misses less than where it starts, or the smallest one.
@@ -86,10 +86,13 @@ impl<const N: usize> Newton<'_, N> {
             let missed = largest(&point.miss);
             let misses_less = missed < step.missed;
             if !misses_less && step.share >= SMALLEST_SHARE {
+                if !self.backtracks {
+                    return false;
+                }
                 step.share *= 0.5;
                 continue;
             }
-            if iterations == self.iteration_limit {
+            if iterations == NEWTON_LIMIT {
                 return false;
             }
             iterations += 1;
@@ -126,6 +129,19 @@ impl<const N: usize> Point<N> {
         let Self { impulse, impact_slip, normal_impulse, .. } = *self;
         ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual }
     }
+}
+
+/// The impulse at which the impact slip is a given one; none where rounding hides that the Delassus matrix is positive definite.
+///
+/// Newton overshoots where a slip turns quickly. From the last impulse, changed torques turn it at once, from the last slip only as far
+/// as friction lets them.
+#[cold]
+pub(super) fn impulse_at<const N: usize>(
+    operator: &DelassusOperator<N>,
+    problem: &OneStepProblem<N>,
+    impact_slip: &SVector<f64, N>,
+) -> Option<SVector<f64, N>> {
+    solved(operator.delassus().data.0, impact_slip - problem.free_slip)
 }
 
 /// The largest magnitude: one instruction per component, where nalgebra's `amax` takes six.

@@ -7,13 +7,13 @@
 use std::iter::successors;
 
 use super::delassus::DelassusOperator;
-use super::newton::{NEWTON_LIMIT, Newton};
+use super::newton::{Newton, impulse_at};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::ContactPattern;
 use super::solution::ContactSolution;
 
 /// What is missed, relative to m g dt, where Newton has converged, or its update: the search needs merits to 1e-7, not to rounding.
-const SMALL_MISS: f64 = 1e-10;
+const SMALL_MISS: f64 = 1e-8;
 const SMALL_UPDATE: f64 = 1e-9;
 /// First slip smoothing of a continuation, m/s: the law is nearly linear, and Newton converges from any start.
 const COARSE_SMOOTHING: f64 = 10.0;
@@ -33,8 +33,8 @@ impl SmoothedSolver {
         Self { slip_smoothing }
     }
 
-    /// Solves one step; `solution` is the last step's, from whose impulse Newton starts, and then this one's. Its residual, of
-    /// this law, is at most 1e-10, or counts as 0 where the last update was small, or is NaN where Newton failed.
+    /// Solves one step; `solution` is the last step's, from whose impulse Newton starts, or else from its slip, and then this one's. Its
+    /// residual, of this law, is at most 1e-8, or counts as 0 where the last update was small, or is NaN where Newton failed.
     #[inline]
     pub fn solve<const N: usize>(
         &self,
@@ -42,8 +42,12 @@ impl SmoothedSolver {
         problem: &OneStepProblem<N>,
         solution: &mut ContactSolution<N>,
     ) {
-        let start = solution.impulse;
-        let is_solved = by_newton(operator, problem, self.slip_smoothing, solution)
+        let (start, slip) = (solution.impulse, solution.impact_slip);
+        if by_newton(operator, problem, (self.slip_smoothing, false), solution) {
+            return;
+        }
+        solution.impulse = impulse_at(operator, problem, &slip).unwrap_or(start);
+        let is_solved = by_newton(operator, problem, (self.slip_smoothing, true), solution)
             || self.by_continuation(operator, problem, solution);
         if !is_solved {
             let last = operator.solution_at(problem, (ContactPattern::ALL_SLIP, start));
@@ -61,7 +65,7 @@ impl SmoothedSolver {
     ) -> bool {
         *solution = ContactSolution::default();
         falling_smoothings(self.slip_smoothing)
-            .all(|slip_smoothing| by_newton(operator, problem, slip_smoothing, solution))
+            .all(|slip_smoothing| by_newton(operator, problem, (slip_smoothing, true), solution))
     }
 }
 
@@ -70,12 +74,12 @@ impl SmoothedSolver {
 fn by_newton<const N: usize>(
     operator: &DelassusOperator<N>,
     problem: &OneStepProblem<N>,
-    slip_smoothing: f64,
+    (slip_smoothing, backtracks): (f64, bool),
     solution: &mut ContactSolution<N>,
 ) -> bool {
     let unit = problem.weight_impulse();
     let pattern = ContactPattern::ALL_SLIP;
-    let newton = Newton { operator, problem, pattern, slip_smoothing, iteration_limit: NEWTON_LIMIT };
+    let newton = Newton { operator, problem, pattern, slip_smoothing, backtracks };
     let start = solution.impulse;
     newton.solve(&start, (SMALL_MISS * unit, SMALL_UPDATE * unit), solution, |_| true)
 }
