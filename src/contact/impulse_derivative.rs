@@ -37,7 +37,8 @@ impl<const N: usize> DelassusOperator<N> {
     ///
     /// # Panics
     /// Never: with sticking contacts, and those without normal force, the equations are regular.
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
+    #[inline(always)]
     pub fn impulse_derivative(
         &self,
         pattern: ContactPattern,
@@ -48,17 +49,28 @@ impl<const N: usize> DelassusOperator<N> {
         if let Some(derivative) = self.linear_derivative(pattern) {
             return *derivative;
         }
-        let at = |pattern| {
-            ModeEquations::at(self, pattern, impact_slip, normal_impulse, slip_smoothing)?.impulse_derivative(self)
-        };
-        at(pattern).unwrap_or_else(|| {
-            let [resting, all] = self.sticking_limits(pattern, impact_slip, normal_impulse);
-            at(resting).or_else(|| at(all)).expect("the equations of sticking contacts are regular")
-        })
+        ModeEquations::at(self, pattern, impact_slip, normal_impulse, slip_smoothing)
+            .and_then(|equations| equations.impulse_derivative(self))
+            .unwrap_or_else(|| self.sticking_derivative(pattern, impact_slip, normal_impulse, slip_smoothing))
+    }
+
+    #[cold]
+    fn sticking_derivative(
+        &self,
+        pattern: ContactPattern,
+        impact_slip: &SVector<f64, N>,
+        normal_impulse: &Vector3<f64>,
+        slip_smoothing: f64,
+    ) -> ImpulseDerivative<N> {
+        self.sticking_limits(pattern, impact_slip, normal_impulse)
+            .into_iter()
+            .find_map(|pattern| {
+                ModeEquations::at(self, pattern, impact_slip, normal_impulse, slip_smoothing)?.impulse_derivative(self)
+            })
+            .expect("the equations of sticking contacts are regular")
     }
 
     /// A pattern in which contacts without slip stick, and one in which all that have friction do.
-    #[cold]
     fn sticking_limits(
         &self,
         pattern: ContactPattern,

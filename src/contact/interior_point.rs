@@ -20,9 +20,9 @@ use nalgebra::{SVector, Vector3};
 
 use super::delassus::DelassusOperator;
 use super::directions::{AXLE, ROWS, contact_count};
-use super::newton::by_elimination;
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
+use super::small_systems::by_elimination;
 
 /// kappa relative to the square of m g dt, per target: larger values blur which contacts lift, smaller ones make kinks of them.
 const LIFT_SMOOTHING: f64 = 0.09;

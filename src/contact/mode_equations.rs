@@ -18,6 +18,7 @@ use super::delassus::{DelassusOperator, ImpulseDerivative};
 use super::directions::{LEFT, RIGHT, ROWS, contact_count, sticking};
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_half_line;
+use super::small_systems::{inverse, product};
 
 /// The equations of one pattern, linearised at one point.
 #[derive(Debug, Clone, Copy)]
@@ -106,10 +107,10 @@ impl<const N: usize> ModeEquations<N> {
     }
 
     /// Derivatives of the impulse by the data, by the implicit function theorem.
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
+    #[inline(always)]
     pub(super) fn impulse_derivative(&self, operator: &DelassusOperator<N>) -> Option<ImpulseDerivative<N>> {
-        let jacobian = self.jacobian(operator);
-        let inverse = SMatrix::<f64, N, N>::from_fn(|row, column| jacobian[row][column]).try_inverse()?;
+        let inverse = -inverse(&self.jacobian(operator))?;
         let mut by_slip = SMatrix::<f64, N, N>::zeros();
         let mut by_normal = SMatrix::<f64, N, 3>::zeros();
         for row in 0..N {
@@ -124,7 +125,10 @@ impl<const N: usize> ModeEquations<N> {
                 }
             }
         }
-        Some(ImpulseDerivative { by_free_slip: -(inverse * by_slip), by_free_normal: -(inverse * by_normal) })
+        Some(ImpulseDerivative {
+            by_free_slip: product(&inverse, &by_slip),
+            by_free_normal: product(&inverse, &by_normal),
+        })
     }
 
     /// The contact index of a wheel equals the row of its longitudinal direction.

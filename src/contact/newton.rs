@@ -9,6 +9,7 @@ use super::delassus::DelassusOperator;
 use super::mode_equations::ModeEquations;
 use super::one_step_problem::OneStepProblem;
 use super::pattern::ContactPattern;
+use super::small_systems::solved;
 use super::solution::ContactSolution;
 
 /// Most Newton steps. Two to four are usual; more mean that the pattern is wrong.
@@ -148,75 +149,4 @@ pub(super) fn impulse_at<const N: usize>(
 #[inline]
 fn largest<const N: usize>(vector: &SVector<f64, N>) -> f64 {
     vector.as_slice().iter().fold(0.0, |largest, value| if largest > value.abs() { largest } else { value.abs() })
-}
-
-/// The solution of a small linear system, given by its rows; none when it is singular.
-#[inline]
-fn solved<const N: usize>(rows: [[f64; N]; N], value: SVector<f64, N>) -> Option<SVector<f64, N>> {
-    if N == 3 { by_cofactors(&rows, &value) } else { by_elimination(rows, value) }
-}
-
-/// By Cramer's rule: one division, where elimination has six that depend on each other. Later Newton steps correct its
-/// larger rounding.
-#[inline]
-fn by_cofactors<const N: usize>(rows: &[[f64; N]; N], value: &SVector<f64, N>) -> Option<SVector<f64, N>> {
-    let column = |index: usize| [rows[0][index], rows[1][index], rows[2][index]];
-    let value = [value[0], value[1], value[2]];
-    let (a, b, c) = (column(0), column(1), column(2));
-    let b_cross_c = cross(b, c);
-    let determinant = dot(a, b_cross_c);
-    if determinant == 0.0 {
-        return None;
-    }
-    let inverse = 1.0 / determinant;
-    let value_cross_a = cross(value, a);
-    let solution = [dot(value, b_cross_c) * inverse, -dot(c, value_cross_a) * inverse, dot(b, value_cross_a) * inverse];
-    Some(SVector::from_fn(|row, _| solution[row]))
-}
-
-#[inline]
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-#[inline]
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Gaussian elimination with partial pivoting: unrolled for its size it takes a third of the time of nalgebra's inverse.
-#[inline]
-pub(super) fn by_elimination<const N: usize>(
-    mut rows: [[f64; N]; N],
-    mut value: SVector<f64, N>,
-) -> Option<SVector<f64, N>> {
-    for column in 0..N {
-        let mut pivot = column;
-        for row in column + 1..N {
-            if rows[row][column].abs() > rows[pivot][column].abs() {
-                pivot = row;
-            }
-        }
-        rows.swap(column, pivot);
-        value.swap_rows(column, pivot);
-        let pivot_row = rows[column];
-        if pivot_row[column] == 0.0 {
-            return None;
-        }
-        let inverse = 1.0 / pivot_row[column];
-        for row in column + 1..N {
-            let factor = rows[row][column] * inverse;
-            for k in column + 1..N {
-                rows[row][k] -= factor * pivot_row[k];
-            }
-            value[row] -= factor * value[column];
-        }
-    }
-    for row in (0..N).rev() {
-        for k in row + 1..N {
-            value[row] -= rows[row][k] * value[k];
-        }
-        value[row] /= rows[row][row];
-    }
-    Some(value)
 }

@@ -4,7 +4,7 @@
 
 use nalgebra::SMatrix;
 
-use crate::contact::ImpulseDerivative;
+use crate::contact::{ImpulseDerivative, product};
 
 /// Derivatives of `K` results of a step by its smooth velocity change, its start velocity and its free normal impulses.
 #[derive(Debug, Clone, Copy)]
@@ -18,6 +18,9 @@ pub(super) struct Chain<const K: usize> {
     pub(super) by_free_normal: SMatrix<f64, K, 3>,
 }
 
+/// The velocities (right, forward, yaw, left wheel, right wheel) that a slip in each direction depends on.
+const MOVING: [&[usize]; 5] = [&[1, 2, 3], &[1, 2, 4], &[0, 2], &[1, 2], &[0, 2]];
+
 impl<const K: usize> Chain<K> {
     /// Derivatives of `motion (u_A + dt a) + normal free_normal + response Lambda`, where
     /// `free_slip = (1 + e) W' u_A + W' dt a`; `slip_map` is `W'` and `restitution_factor` is `1 + e`.
@@ -28,7 +31,7 @@ impl<const K: usize> Chain<K> {
         normal: &SMatrix<f64, K, 3>,
         (response, impulse): (&SMatrix<f64, K, N>, &ImpulseDerivative<N>),
     ) -> Self {
-        let by_slip = product(&product(response, &impulse.by_free_slip), slip_map);
+        let by_slip = by_velocity_of_slip(&product(response, &impulse.by_free_slip), slip_map);
         Self {
             by_smooth_change: motion + by_slip,
             by_velocity: motion + by_slip * restitution_factor,
@@ -37,19 +40,17 @@ impl<const K: usize> Chain<K> {
     }
 }
 
-/// The matrix product, one column of the result at a time: unrolled for its size it takes a fraction of the time of
-/// nalgebra's, whose strides are not known at compile time.
+/// Derivatives by the slip become derivatives by the velocity: the product with `W'` without its zeros.
 #[inline(always)]
-pub(super) fn product<const R: usize, const K: usize, const C: usize>(
-    left: &SMatrix<f64, R, K>,
-    right: &SMatrix<f64, K, C>,
-) -> SMatrix<f64, R, C> {
-    let mut result = SMatrix::<f64, R, C>::zeros();
-    for (column, factors) in result.data.0.iter_mut().zip(&right.data.0) {
-        for (&factor, addend) in factors.iter().zip(&left.data.0) {
-            for (sum, value) in column.iter_mut().zip(addend) {
-                *sum += value * factor;
-            }
+fn by_velocity_of_slip<const K: usize, const N: usize>(
+    by_slip: &SMatrix<f64, K, N>,
+    slip_map: &SMatrix<f64, N, 5>,
+) -> SMatrix<f64, K, 5> {
+    let mut result = SMatrix::<f64, K, 5>::zeros();
+    for (direction, by_slip) in by_slip.column_iter().enumerate() {
+        for &velocity in MOVING[direction] {
+            let mut column = result.column_mut(velocity);
+            column += by_slip * slip_map[(direction, velocity)];
         }
     }
     result

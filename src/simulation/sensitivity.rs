@@ -30,18 +30,14 @@ use crate::stop::{Stop, Stopped};
 /// A derivative of the ten components of the end state, in the order of [`State::to_vector`].
 pub type EndDerivative = SVector<f64, { State::LEN }>;
 
-/// The rows of the sweep, as places in [`State::to_vector`]: the wheel angles come last.
+/// The rows of the sweep, as places in [`State::to_vector`], a pair at a time: the wheel angles come last.
 const ROWS: [usize; State::LEN] = [0, 1, 2, 5, 6, 7, 8, 9, 3, 4];
-/// How many there are without the wheel angles.
-const ROWS_WITHOUT_WHEEL_ANGLES: usize = State::LEN - 2;
+const PAIRS: usize = State::LEN / 2;
+const PAIRS_WITHOUT_WHEEL_ANGLES: usize = PAIRS - 1;
 /// Velocities with the rows of the positions and angles that they move, apart from the heading.
 const MOVED: [(usize, usize); 4] = [(0, 0), (1, 1), (3, 8), (4, 9)];
-
-/// A derivative of the first `R` rows.
-type SweptDerivative<const R: usize> = SVector<f64, R>;
-
-/// Derivatives by each of the five body or generalized velocities.
-type ByVelocity<const R: usize> = [SweptDerivative<R>; 5];
+/// The row of the heading.
+const HEADING: usize = 2;
 
 /// The end state of a rollout with its derivatives; also the memory of the backward sweep.
 #[derive(Debug, Clone, Default)]
@@ -148,166 +144,171 @@ fn differentiate<const N: usize>(
     stop: Stop,
 ) -> Result<(), Stopped> {
     if sensitivity.omits_wheel_angles {
-        sweep::<N, ROWS_WITHOUT_WHEEL_ANGLES>(model, rollout, law, sensitivity, stop)
+        sweep::<N, PAIRS_WITHOUT_WHEEL_ANGLES>(model, rollout, law, sensitivity, stop)
     } else {
-        sweep::<N, { State::LEN }>(model, rollout, law, sensitivity, stop)
+        sweep::<N, PAIRS>(model, rollout, law, sensitivity, stop)
     }
 }
 
-fn sweep<const N: usize, const R: usize>(
+fn sweep<const N: usize, const P: usize>(
     model: &StepModel<N>,
     rollout: &Rollout,
     law: FrictionLaw,
     sensitivity: &mut EndSensitivity,
     stop: Stop,
 ) -> Result<(), Stopped> {
-    let EndSensitivity { by_left_torque, by_right_torque, by_final_time, tape, .. } = sensitivity;
+    let EndSensitivity { end, by_left_torque, by_right_torque, by_final_time, tape, .. } = sensitivity;
     let control_count = rollout.schedule.control_count();
     for derivatives in [&mut *by_left_torque, &mut *by_right_torque] {
         derivatives.clear();
         derivatives.resize(control_count, EndDerivative::zeros());
     }
     let dt = rollout.step_length();
-    let mut sweep = BackwardSweep::<R>::new(law);
+    let mut pairs: [RowPair; P] = std::array::from_fn(|pair| RowPair::new(pair, dt));
     for (index, entry) in tape.iter().enumerate().rev() {
         stop.check()?;
         let interval = control_interval(index, rollout.step_count, control_count);
-        let by_torque = sweep.step(model, entry, rollout.schedule.torque(interval), dt);
-        add(&by_torque.left, &mut by_left_torque[interval]);
-        add(&by_torque.right, &mut by_right_torque[interval]);
+        let step = BackwardStep::new(model, entry, (rollout.schedule.torque(interval), dt), law);
+        let sums = (by_left_torque[interval].as_mut_slice(), by_right_torque[interval].as_mut_slice());
+        for ((pair, left), right) in pairs.iter_mut().zip(sums.0.chunks_exact_mut(2)).zip(sums.1.chunks_exact_mut(2)) {
+            let by_torque = pair.step(&step);
+            add(&by_torque.left, left);
+            add(&by_torque.right, right);
+        }
     }
-    *by_final_time = EndDerivative::zeros();
-    add(&(sweep.by_step_length / rollout.step_count as f64), by_final_time);
+    for derivative in by_left_torque.iter_mut().chain(by_right_torque) {
+        *derivative = in_order_of_state(derivative);
+    }
+    let mut by_step_length = EndDerivative::zeros();
+    for (pair, sum) in pairs.iter().zip(by_step_length.as_mut_slice().chunks_exact_mut(2)) {
+        add(&pair.by_step_length, sum);
+    }
+    // With the velocities as they are, a longer step moves positions and wheel angles by their mean.
+    let (start, end) = (rollout.start.to_vector(), end.to_vector());
+    for (_, row) in MOVED.into_iter().filter(|(_, row)| *row < 2 * P) {
+        by_step_length[row] += (end[ROWS[row]] - start[ROWS[row]]) / dt;
+    }
+    *by_final_time = in_order_of_state(&(by_step_length / rollout.step_count as f64));
     Ok(())
 }
 
 #[inline]
-fn add<const R: usize>(swept: &SweptDerivative<R>, sum: &mut EndDerivative) {
+fn add(pair: &Pair, sum: &mut [f64]) {
+    sum[0] += pair[0];
+    sum[1] += pair[1];
+}
+
+fn in_order_of_state(swept: &EndDerivative) -> EndDerivative {
+    let mut derivative = EndDerivative::zeros();
     for (value, place) in swept.iter().zip(ROWS) {
-        sum[place] += value;
+        derivative[place] = *value;
+    }
+    derivative
+}
+
+/// Two rows of the sweep side by side: what a step makes of them fits into registers.
+type Pair = SVector<f64, 2>;
+
+/// Derivatives of two components of the end state by the state at the end of the current step.
+#[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
+struct RowPair {
+    by_heading: Pair,
+    /// By each of the five generalized velocities, with the path that they make in this step and the next one.
+    by_velocity: [Pair; 5],
+    by_step_length: Pair,
+    /// Of the derivatives by the velocities, apart from that by the yaw rate: the path that one makes in a whole step.
+    by_path: [Pair; 5],
+}
+
+/// What all rows need of a step.
+struct BackwardStep {
+    derivative: StepDerivative<5>,
+    /// Sine and cosine of the midpoint's heading.
+    rotation: (f64, f64),
+    start_velocity: BodyVector,
+    /// In the world frame.
+    end_velocity: (f64, f64),
+    mean_yaw_rate: f64,
+    step_length: f64,
+}
+
+impl BackwardStep {
+    #[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
+    #[inline(always)]
+    fn new<const N: usize>(
+        model: &StepModel<N>,
+        entry: &TapeEntry,
+        controls: (PerWheel<f64>, f64),
+        law: FrictionLaw,
+    ) -> Self {
+        let ((sin, cos), w) = (entry.rotation, &entry.end_velocity);
+        Self {
+            derivative: StepDerivative::of_motion(model, entry, controls, law),
+            rotation: entry.rotation,
+            start_velocity: entry.start_velocity,
+            end_velocity: (cos * w[0] - sin * w[1], sin * w[0] + cos * w[1]),
+            mean_yaw_rate: 0.5 * (entry.start_velocity[2] + w[2]),
+            step_length: controls.1,
+        }
     }
 }
 
-/// Derivatives of the end state by the state at the end of the current step.
-struct BackwardSweep<const R: usize> {
-    by_heading: SweptDerivative<R>,
-    by_velocity: ByVelocity<R>,
-    by_step_length: SweptDerivative<R>,
-    law: FrictionLaw,
-}
-
-impl<const R: usize> BackwardSweep<R> {
-    fn new(law: FrictionLaw) -> Self {
-        let zero = SweptDerivative::zeros();
-        let mut by_heading = zero;
-        by_heading[2] = 1.0;
-        let mut by_velocity = [zero; 5];
-        for (axis, derivative) in by_velocity.iter_mut().enumerate() {
-            derivative[3 + axis] = 1.0;
+impl RowPair {
+    /// At the end of a rollout with steps of length `dt`.
+    fn new(pair: usize, dt: f64) -> Self {
+        let unit = |row: usize| Pair::from_fn(|side, _| if 2 * pair + side == row { 1.0 } else { 0.0 });
+        let mut by_path = [Pair::zeros(); 5];
+        for (velocity, row) in MOVED {
+            by_path[velocity] = unit(row) * dt;
         }
-        Self { by_heading, by_velocity, by_step_length: zero, law }
+        let mut by_velocity = by_path.map(|by_path| by_path * 0.5);
+        by_velocity[2] = unit(HEADING) * (0.5 * dt);
+        for (velocity, derivative) in by_velocity.iter_mut().enumerate() {
+            *derivative += unit(HEADING + 1 + velocity);
+        }
+        Self { by_heading: unit(HEADING), by_velocity, by_step_length: Pair::zeros(), by_path }
     }
 
     /// Goes back over one step; returns the derivatives by its torques.
-    #[inline]
-    fn step<const N: usize>(
-        &mut self,
-        model: &StepModel<N>,
-        entry: &TapeEntry,
-        torque: PerWheel<f64>,
-        dt: f64,
-    ) -> PerWheel<SweptDerivative<R>> {
-        let half = 0.5 * dt;
-        let (sin, cos) = entry.rotation;
-        let (v, w) = (&entry.start_velocity, &entry.end_velocity);
-
-        // q_E = q_A + dt/2 (u_A + u_E): the step length, then u_E. Only x, y, heading, psi of q_E are touched.
-        let (start, end) = (world(v, entry.rotation), world(w, entry.rotation));
-        let mean = 0.5 * (start + end);
-        self.by_step_length += self.by_heading * mean[2];
-        for (velocity, row) in MOVED {
-            if row < R {
-                self.by_step_length += unit(row) * mean[velocity];
-            }
-        }
-        self.add_position_share(half);
-
+    #[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
+    #[inline(always)]
+    fn step(&mut self, step: &BackwardStep) -> PerWheel<Pair> {
+        let BackwardStep { derivative, rotation: (sin, cos), start_velocity: v, end_velocity: w, .. } = step;
         // u_E from the body frame of the midpoint into the world: rotate the derivatives back.
-        let mut by_midpoint_heading = self.by_velocity[1] * end[0] - self.by_velocity[0] * end[1];
-        rotate_into_body(&mut self.by_velocity, sin, cos);
+        let [x, y, yaw, left, right] = self.by_velocity;
+        let mut by_midpoint_heading = y * w.0 - x * w.1;
+        let by_end = [x * *cos + y * *sin, y * *cos - x * *sin, yaw, left, right];
 
-        let derivative = StepDerivative::of_motion(model, entry, (torque, dt), self.law);
-        let by_end = &self.by_velocity;
+        let through = |of_velocity: &[f64; 5]| through(&by_end, of_velocity);
         let PerWheel { left, right } = &derivative.by_torque;
-        let by_torque = PerWheel::new(through(by_end, left.as_ref()), through(by_end, right.as_ref()));
-        self.by_step_length += through(by_end, derivative.by_step_length.as_ref());
-        self.by_velocity = derivative.by_velocity.data.0.map(|by_start_velocity| through(by_end, &by_start_velocity));
+        let by_torque = PerWheel::new(through(left.as_ref()), through(right.as_ref()));
+        let by_start = derivative.by_velocity.data.0.each_ref().map(through);
+        self.by_step_length += through(derivative.by_step_length.as_ref()) + self.by_heading * step.mean_yaw_rate;
 
         // u_A into the body frame, and the heading of the midpoint.
-        by_midpoint_heading += self.by_velocity[0] * v[1] - self.by_velocity[1] * v[0];
-        rotate_into_world(&mut self.by_velocity, sin, cos);
-        self.add_position_share(half);
-        self.by_velocity[2] += by_midpoint_heading * half;
+        let [right, forward, yaw, left, right_wheel] = by_start;
+        by_midpoint_heading += right * v[1] - forward * v[0];
         self.by_step_length += by_midpoint_heading * (0.5 * v[2]);
         self.by_heading += by_midpoint_heading;
+        // q_E = q_A + dt/2 (u_A + u_E), here and in the step before.
+        self.by_velocity = [
+            right * *cos - forward * *sin + self.by_path[0],
+            forward * *cos + right * *sin + self.by_path[1],
+            yaw + self.by_heading * step.step_length,
+            left + self.by_path[3],
+            right_wheel + self.by_path[4],
+        ];
         by_torque
     }
-
-    /// Adds the path from a velocity through the end configuration: `half` times the derivatives by the configuration.
-    #[inline]
-    fn add_position_share(&mut self, half: f64) {
-        self.by_velocity[2] += self.by_heading * half;
-        for (velocity, row) in MOVED {
-            if row < R {
-                self.by_velocity[velocity] += unit(row) * half;
-            }
-        }
-    }
-}
-
-/// One in this row: a sum of whole vectors, where that of one component would be stored by itself and be waited for.
-#[inline]
-fn unit<const R: usize>(row: usize) -> SweptDerivative<R> {
-    SweptDerivative::from_fn(|other, _| if other == row { 1.0 } else { 0.0 })
-}
-
-/// A body velocity in the world frame.
-#[inline]
-fn world(velocity: &BodyVector, (sin, cos): (f64, f64)) -> BodyVector {
-    BodyVector::from([
-        cos * velocity[0] - sin * velocity[1],
-        sin * velocity[0] + cos * velocity[1],
-        velocity[2],
-        velocity[3],
-        velocity[4],
-    ])
 }
 
 /// The chain rule: derivatives by the velocities, and those velocities' derivatives by one variable.
-///
-/// Vector by vector: nalgebra's matrix product, whose strides are not known at compile time, takes three times as long.
-#[inline]
-fn through<const R: usize>(by_velocity: &ByVelocity<R>, of_velocity: &[f64; 5]) -> SweptDerivative<R> {
+#[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
+#[inline(always)]
+fn through(by_velocity: &[Pair; 5], of_velocity: &[f64; 5]) -> Pair {
     let [right, forward, yaw, left_wheel, right_wheel] = by_velocity;
     let of = of_velocity;
     right * of[0] + forward * of[1] + yaw * of[2] + left_wheel * of[3] + right_wheel * of[4]
-}
-
-/// Derivatives by world velocities become derivatives by body velocities.
-#[inline]
-fn rotate_into_body<const R: usize>(by_velocity: &mut ByVelocity<R>, sin: f64, cos: f64) {
-    let [by_right, by_forward, ..] = by_velocity;
-    for (right, forward) in by_right.as_mut_slice().iter_mut().zip(by_forward.as_mut_slice()) {
-        let (x, y) = (*right, *forward);
-        *right = x * cos + y * sin;
-        *forward = y * cos - x * sin;
-    }
-}
-
-/// The inverse of [`rotate_into_body`].
-#[inline]
-fn rotate_into_world<const R: usize>(by_velocity: &mut ByVelocity<R>, sin: f64, cos: f64) {
-    rotate_into_body(by_velocity, -sin, cos);
 }
 
 #[cfg(test)]

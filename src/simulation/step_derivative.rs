@@ -4,12 +4,12 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::chain::{Chain, product};
+use super::chain::Chain;
 use super::friction_law::FrictionLaw;
 use super::moreau_step::StepModel;
 use super::path_quantity::PathGradient;
 use super::tape::TapeEntry;
-use crate::contact::ImpulseDerivative;
+use crate::contact::{ImpulseDerivative, product};
 use crate::robot::{BodyVector, PerWheel};
 
 /// Derivatives of `K` results of one step by its start velocity, torques and length.
@@ -34,7 +34,7 @@ impl StepDerivative<5> {
         let chain = if let Some(chain) = model.linear_chain(entry.pattern) {
             chain
         } else {
-            chain_of_pattern = model.motion_chain(&impulse_derivative(model, entry, law));
+            chain_of_pattern = chain_of_step(model, entry, law);
             &chain_of_pattern
         };
         Self::along(chain, model, entry, controls)
@@ -100,6 +100,12 @@ impl<const K: usize> StepDerivative<K> {
             + product(by_normal, &free.at(velocity, torque));
         Self { by_velocity, by_torque, by_step_length }
     }
+}
+
+/// Of the motion, where a contact slips in the plane; apart, so that it leaves the other steps their registers.
+#[inline(never)]
+fn chain_of_step<const N: usize>(model: &StepModel<N>, entry: &TapeEntry, law: FrictionLaw) -> Chain<5> {
+    model.motion_chain(&impulse_derivative(model, entry, law))
 }
 
 #[inline]
