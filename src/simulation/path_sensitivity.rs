@@ -22,6 +22,7 @@ use super::sensitivity::EndSensitivity;
 use super::step_derivative::{StepDerivative, impulse_derivative};
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
+use crate::contact::product;
 use crate::robot::{BodyVector, PerWheel};
 use crate::stop::{Stop, Stopped};
 
@@ -139,9 +140,10 @@ impl Row {
         self.by_step_length += entry.end_velocity[2] * by_angle;
 
         let by_end = self.by_velocity;
-        self.by_step_length += (by_end * motion.by_step_length)[0];
-        self.by_velocity = by_end * motion.by_velocity;
-        PerWheel::new((by_end * motion.by_torque.left)[0], (by_end * motion.by_torque.right)[0])
+        self.by_step_length += product(&by_end, &motion.by_step_length)[0];
+        self.by_velocity = product(&by_end, &motion.by_velocity);
+        let PerWheel { left, right } = &motion.by_torque;
+        PerWheel::new(product(&by_end, left)[0], product(&by_end, right)[0])
     }
 
     /// The first midpoint is turned by half a step from the start.
