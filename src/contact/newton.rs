@@ -23,7 +23,8 @@ pub(super) struct Newton<'a, const N: usize> {
     pub(super) problem: &'a OneStepProblem<N>,
     pub(super) pattern: ContactPattern,
     pub(super) slip_smoothing: f64,
-    /// Whether steps that overshoot are halved. Otherwise there is no solution then: a better start, or another pattern, takes less.
+    /// Whether steps that overshoot, and miss no less than before, are halved. Where they are not the pattern is given up: another one, or
+    /// a better start, takes less.
     pub(super) backtracks: bool,
 }
 
@@ -48,8 +49,8 @@ impl<const N: usize> Newton<'_, N> {
     /// Iterates from `start` to a solution, which it writes, and says whether there is one: an impulse that misses the law by at most
     /// `tolerance`, or else one whose update was at most `small_update` (all N s) if `accept` says so, which is sure of the impulse alone.
     ///
-    /// There is none when the equations became singular, nothing converged, or two impulses were refused: the first may lack digits, the
-    /// second shows that the pattern is wrong.
+    /// There is none when the equations became singular, nothing converged, a step overshot that is not to be halved, or two impulses were
+    /// refused: the first may lack digits, the second shows that the pattern is wrong.
     #[expect(clippy::inline_always, reason = "a call would hide a pattern that is known")]
     #[inline(always)]
     pub(super) fn solve(

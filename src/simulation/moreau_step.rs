@@ -18,7 +18,6 @@ use crate::contact::{
     ContactPattern, ContactSolution, DelassusOperator, ImpulseDerivative, OneStepProblem, WheelPattern,
 };
 use crate::robot::{BodyVector, PerWheel, Robot, State};
-use crate::stop::Stop;
 
 /// The constant data of the robot that a step needs (with viscous friction: a step of one length), with `N` friction directions (3, or 5 with front friction).
 #[derive(Debug, Clone)]
@@ -73,18 +72,6 @@ impl<const N: usize> Step<N> {
         let contact = ContactSolution::default();
         Self { end: *start, rotation, start_velocity: velocity, end_velocity: velocity, contact }
     }
-}
-
-/// Solves the friction problem of each step of one rollout.
-pub(super) trait StepContact<const N: usize> {
-    /// `solution` is the last step's, and then this one's. Once stopped, it need not keep the friction law.
-    fn solve(
-        &mut self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        solution: &mut ContactSolution<N>,
-        stop: &Stop,
-    );
 }
 
 impl<const N: usize> StepModel<N> {
@@ -146,7 +133,8 @@ impl<const N: usize> StepModel<N> {
         chains?.try_into().ok()
     }
 
-    /// From one step to the next, of length `dt`, in place: copies would take longer than the step.
+    /// From one step to the next, of length `dt`, in place: copies would take longer than the step. What solves the friction problem
+    /// finds the last step's solution in the place of this one's.
     ///
     /// The frame turns on by `dt omega`, from one midpoint to the next; what rounding adds grows with the root of the number of steps.
     #[inline]
@@ -155,8 +143,7 @@ impl<const N: usize> StepModel<N> {
         step: &mut Step<N>,
         torque: PerWheel<f64>,
         dt: f64,
-        contact_solver: &mut impl StepContact<N>,
-        stop: &Stop,
+        solve: &mut impl FnMut(&DelassusOperator<N>, &OneStepProblem<N>, &mut ContactSolution<N>),
     ) {
         let (before, turn) = (step.rotation, sine_and_cosine(dt * step.end_velocity[2]));
         let (sin, cos) = (before.0 * turn.1 + before.1 * turn.0, before.1 * turn.1 - before.0 * turn.0);
@@ -165,7 +152,7 @@ impl<const N: usize> StepModel<N> {
         let torque = self.net_torque(torque, &start_velocity);
         let smooth_change = dt * self.smooth_acceleration(&start_velocity, torque);
         let problem = self.one_step_problem(&start_velocity, torque, &smooth_change, dt);
-        contact_solver.solve(&self.operator, &problem, &mut step.contact, stop);
+        solve(&self.operator, &problem, &mut step.contact);
         let end_velocity = start_velocity + smooth_change + self.impulse_response * step.contact.impulse;
 
         let half = 0.5 * dt;

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use nalgebra::Vector2;
 
 use super::friction_law::FrictionLaw;
-use super::moreau_step::{Step, StepContact, StepModel};
+use super::moreau_step::{Step, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
 use crate::contact::{
@@ -95,8 +95,8 @@ impl Simulator {
     /// When it was stopped before the end.
     pub fn end_state(&self, rollout: &Rollout, stop: Stop) -> Result<State, Stopped> {
         match &*self.model(rollout) {
-            Model::Wheels(model) => integrate(model, rollout, &mut ExactSolver, stop, |_, _| {}),
-            Model::WheelsAndFront(model) => integrate(model, rollout, &mut ExactSolver, stop, |_, _| {}),
+            Model::Wheels(model) => integrate_under(FrictionLaw::Exact, model, rollout, stop, |_, _| {}),
+            Model::WheelsAndFront(model) => integrate_under(FrictionLaw::Exact, model, rollout, stop, |_, _| {}),
         }
     }
 
@@ -107,8 +107,10 @@ impl Simulator {
     pub fn end_state_by_fixed_point(&self, rollout: &Rollout, stop: Stop) -> Result<State, Stopped> {
         let mut solver = FixedPointSolver::new(FixedPointSettings::default());
         match &*self.model(rollout) {
-            Model::Wheels(model) => integrate(model, rollout, &mut solver, stop, |_, _| {}),
-            Model::WheelsAndFront(model) => integrate(model, rollout, &mut solver, stop, |_, _| {}),
+            Model::Wheels(model) => integrate(model, rollout, by_fixed_point(&mut solver, stop), stop, |_, _| {}),
+            Model::WheelsAndFront(model) => {
+                integrate(model, rollout, by_fixed_point(&mut solver, stop), stop, |_, _| {})
+            }
         }
     }
 
@@ -139,14 +141,14 @@ impl Simulator {
     }
 }
 
-/// The time-stepping loop: allocates nothing, prints nothing, reads no clock.
+/// The time-stepping loop: allocates nothing, prints nothing, reads no clock. `solve` is as in [`StepModel::advance`].
 ///
 /// It asks after each step whether it is stopped, because the contact solver of a stopped step may end early.
 #[inline]
 pub(super) fn integrate<const N: usize>(
     model: &StepModel<N>,
     rollout: &Rollout,
-    contact_solver: &mut impl StepContact<N>,
+    mut solve: impl FnMut(&DelassusOperator<N>, &OneStepProblem<N>, &mut ContactSolution<N>),
     stop: Stop,
     mut on_step: impl FnMut(usize, &Step<N>),
 ) -> Result<State, Stopped> {
@@ -155,14 +157,14 @@ pub(super) fn integrate<const N: usize>(
     let mut step = Step::before(rollout.start, dt);
     for index in 0..steps {
         let interval = control_interval(index, steps, rollout.schedule.control_count());
-        model.advance(&mut step, rollout.schedule.torque(interval), dt, contact_solver, &stop);
+        model.advance(&mut step, rollout.schedule.torque(interval), dt, &mut solve);
         stop.check()?;
         on_step(index, &step);
     }
     Ok(step.end)
 }
 
-/// The same under a friction law.
+/// The same under a friction law. A step takes at most some hundred small linear solves, and need not ask whether it is stopped.
 #[inline]
 pub(super) fn integrate_under<const N: usize>(
     law: FrictionLaw,
@@ -172,96 +174,46 @@ pub(super) fn integrate_under<const N: usize>(
     on_step: impl FnMut(usize, &Step<N>),
 ) -> Result<State, Stopped> {
     match law {
-        FrictionLaw::Exact => integrate(model, rollout, &mut ExactSolver, stop, on_step),
+        FrictionLaw::Exact => integrate(model, rollout, exactly, stop, on_step),
         FrictionLaw::Smoothed(slip_smoothing) => {
-            integrate(model, rollout, &mut SmoothedSolver::new(slip_smoothing), stop, on_step)
+            let solver = SmoothedSolver::new(slip_smoothing);
+            let solve = |operator: &_, problem: &_, solution: &mut _| solver.solve(operator, problem, solution);
+            integrate(model, rollout, solve, stop, on_step)
         }
         FrictionLaw::Held(slip_smoothing) => {
-            integrate(model, rollout, &mut HeldSolver::new(slip_smoothing), stop, on_step)
+            let solver = HeldSolver::new(slip_smoothing);
+            let solve = |operator: &_, problem: &_, solution: &mut _| solver.solve(operator, problem, solution);
+            integrate(model, rollout, solve, stop, on_step)
         }
     }
 }
 
-impl<const N: usize> StepContact<N> for ExactSolver {
-    /// At most some hundred small linear solves: they need no stop.
-    #[inline]
-    fn solve(
-        &mut self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        solution: &mut ContactSolution<N>,
-        _stop: &Stop,
-    ) {
-        ExactSolver::solve(*self, operator, problem, solution);
-    }
+#[inline]
+fn exactly<const N: usize>(
+    operator: &DelassusOperator<N>,
+    problem: &OneStepProblem<N>,
+    solution: &mut ContactSolution<N>,
+) {
+    ExactSolver.solve(operator, problem, solution);
 }
 
-impl<const N: usize> StepContact<N> for SmoothedSolver {
-    /// At most some hundred Newton steps: they need no stop.
-    #[inline]
-    fn solve(
-        &mut self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        solution: &mut ContactSolution<N>,
-        _stop: &Stop,
-    ) {
-        SmoothedSolver::solve(self, operator, problem, solution);
-    }
-}
-
-impl<const N: usize> StepContact<N> for HeldSolver {
-    /// At most some dozen Newton steps: they need no stop.
-    #[inline]
-    fn solve(
-        &mut self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        solution: &mut ContactSolution<N>,
-        _stop: &Stop,
-    ) {
-        HeldSolver::solve(self, operator, problem, solution);
-    }
-}
-
-impl<const N: usize> StepContact<N> for FixedPointSolver {
-    #[inline]
-    fn solve(
-        &mut self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        solution: &mut ContactSolution<N>,
-        stop: &Stop,
-    ) {
-        *solution = FixedPointSolver::solve(self, operator, problem, stop);
-    }
-}
-
-/// The exact solver with a count of the steps that have several solutions.
-#[derive(Default)]
-struct CheckedContact {
-    indeterminate_steps: usize,
-}
-
-impl<const N: usize> StepContact<N> for CheckedContact {
-    fn solve(
-        &mut self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        solution: &mut ContactSolution<N>,
-        _stop: &Stop,
-    ) {
-        ExactSolver.solve(operator, problem, solution);
-        self.indeterminate_steps += usize::from(ExactSolver.is_indeterminate(operator, problem, solution));
-    }
+fn by_fixed_point<const N: usize>(
+    solver: &mut FixedPointSolver,
+    stop: Stop,
+) -> impl FnMut(&DelassusOperator<N>, &OneStepProblem<N>, &mut ContactSolution<N>) {
+    move |operator, problem, solution| *solution = solver.solve(operator, problem, &stop)
 }
 
 fn indeterminate_steps<const N: usize>(model: &StepModel<N>, rollout: &Rollout, stop: Stop) -> Result<usize, Stopped> {
-    let mut contact = CheckedContact::default();
+    let mut count = 0;
     if !model.operator.has_unique_solutions() {
-        integrate(model, rollout, &mut contact, stop, |_, _| {})?;
+        let solve = |operator: &_, problem: &_, solution: &mut _| {
+            ExactSolver.solve(operator, problem, solution);
+            count += usize::from(ExactSolver.is_indeterminate(operator, problem, solution));
+        };
+        integrate(model, rollout, solve, stop, |_, _| {})?;
     }
-    Ok(contact.indeterminate_steps)
+    Ok(count)
 }
 
 fn record<const N: usize>(
@@ -272,9 +224,10 @@ fn record<const N: usize>(
     stop: Stop,
 ) -> Result<Trajectory, Stopped> {
     match method {
-        ContactMethod::Exact => record_with(model, jacobian, rollout, ExactSolver, stop),
+        ContactMethod::Exact => record_with(model, jacobian, rollout, exactly, stop),
         ContactMethod::FixedPoint => {
-            record_with(model, jacobian, rollout, FixedPointSolver::new(FixedPointSettings::default()), stop)
+            let mut solver = FixedPointSolver::new(FixedPointSettings::default());
+            record_with(model, jacobian, rollout, by_fixed_point(&mut solver, stop), stop)
         }
     }
 }
@@ -283,7 +236,7 @@ fn record_with<const N: usize>(
     model: &StepModel<N>,
     jacobian: &TangentJacobian,
     rollout: &Rollout,
-    mut solver: impl StepContact<N>,
+    solve: impl FnMut(&DelassusOperator<N>, &OneStepProblem<N>, &mut ContactSolution<N>),
     stop: Stop,
 ) -> Result<Trajectory, Stopped> {
     let steps = rollout.step_count;
@@ -297,7 +250,7 @@ fn record_with<const N: usize>(
         worst_contact_residual: 0.0,
     };
     trajectory.state.push(*rollout.start);
-    trajectory.end_state = integrate(model, rollout, &mut solver, stop, |_, step| {
+    trajectory.end_state = integrate(model, rollout, solve, stop, |_, step| {
         trajectory.state.push(step.end);
         trajectory.contact.push(contact_samples(model, jacobian, step, dt));
         trajectory.degrees_of_freedom.push(step.contact.pattern.degrees_of_freedom());

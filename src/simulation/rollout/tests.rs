@@ -31,7 +31,7 @@ fn rollout_asks_at_each_step() {
     with_rollout(short_track(), |simulator, rollout| {
         let steps_until = |last: u64| {
             let mut steps = 0_usize;
-            let run = |stop: Stop| integrate(model(simulator), rollout, &mut ExactSolver, stop, |_, _| steps += 1);
+            let run = |stop: Stop| integrate(model(simulator), rollout, exactly, stop, |_, _| steps += 1);
             let (end, asked) = probe::stopped_at(last, run);
             (end, asked, steps)
         };
@@ -53,7 +53,8 @@ fn fixed_point_asks_every_64_sweeps() {
     with_rollout(short_track(), |simulator, rollout| {
         let sweeps_until = |last: u64| {
             let mut solver = FixedPointSolver::new(FixedPointSettings { sweep_limit: 2000, ..Default::default() });
-            let run = |stop: Stop| integrate(model(simulator), rollout, &mut solver, stop, |_, _| {});
+            let run =
+                |stop: Stop| integrate(model(simulator), rollout, by_fixed_point(&mut solver, stop), stop, |_, _| {});
             let (end, asked) = probe::stopped_at(last, run);
             (end, asked, solver.sweeps())
         };
