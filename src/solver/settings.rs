@@ -154,7 +154,7 @@ impl Default for SolverSettings {
             step_count: Self::PAPER_STEP_COUNT,
             refinement: Refinement::UntilConfirmed { step_limit: Self::STEP_LIMIT },
             control_count: 40,
-            start_count: 32,
+            start_count: 36,
             seed: 0,
             rollout_limit: 2_000_000,
             goal_tolerance: 1e-6,

@@ -438,7 +438,7 @@ class Solver(TypedDict, total=False):
     """Seed of all randomness; default 0. [>= 0, <= 1.84467e+19]"""
     starts: int
     """How many starts the search tries, and up to three times as many where too few lead to the best plan; default
-    32. [>= 1, <= 64]
+    36. [>= 1, <= 64]
     """
     time_limit_s: float
     """How long the solve may run, s, counted from its start; default 10. [> 0, <= 60]"""
