@@ -22,7 +22,7 @@ use super::delassus::DelassusOperator;
 use super::directions::{AXLE, ROWS, contact_count};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
-use super::small_systems::by_elimination;
+use super::small_systems::solved;
 
 /// kappa relative to the square of m g dt, per target: larger values blur which contacts lift, smaller ones make kinks of them.
 const LIFT_SMOOTHING: f64 = 0.09;
@@ -233,7 +233,7 @@ impl<'a, const N: usize> InteriorPoint<'a, N> {
             rows[row] = rows[row].map(|entry| entry * scale);
             value[row] *= scale;
         }
-        by_elimination(rows, value)
+        solved(&rows, &value)
     }
 
     /// Changes of the lateral impulses of wheels with friction. Their sum is known, and the lateral slip that they share follows from

@@ -18,7 +18,7 @@ use super::delassus::{DelassusOperator, ImpulseDerivative};
 use super::directions::{LEFT, RIGHT, ROWS, contact_count, sticking};
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_half_line;
-use super::small_systems::{inverse, product};
+use super::small_systems::solved;
 
 /// The equations of one pattern, linearised at one point.
 #[derive(Debug, Clone, Copy)]
@@ -110,7 +110,7 @@ impl<const N: usize> ModeEquations<N> {
     #[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
     #[inline(always)]
     pub(super) fn impulse_derivative(&self, operator: &DelassusOperator<N>) -> Option<ImpulseDerivative<N>> {
-        let inverse = -inverse(&self.jacobian(operator))?;
+        let jacobian = self.jacobian(operator);
         let mut by_slip = SMatrix::<f64, N, N>::zeros();
         let mut by_normal = SMatrix::<f64, N, 3>::zeros();
         for row in 0..N {
@@ -126,8 +126,8 @@ impl<const N: usize> ModeEquations<N> {
             }
         }
         Some(ImpulseDerivative {
-            by_free_slip: product(&inverse, &by_slip),
-            by_free_normal: product(&inverse, &by_normal),
+            by_free_slip: solved(&jacobian, &-by_slip)?,
+            by_free_normal: solved(&jacobian, &-by_normal)?,
         })
     }
 

@@ -98,7 +98,7 @@ impl<const N: usize> Newton<'_, N> {
                 return false;
             }
             iterations += 1;
-            let Some(update) = solved(point.equations.jacobian(self.operator), point.miss) else { return false };
+            let Some(update) = solved(&point.equations.jacobian(self.operator), &point.miss) else { return false };
             is_close = largest(&update) <= small_update;
             step = Step { from: point.impulse, missed, update, share: 1.0 };
         }
@@ -143,7 +143,7 @@ pub(super) fn impulse_at<const N: usize>(
     problem: &OneStepProblem<N>,
     impact_slip: &SVector<f64, N>,
 ) -> Option<SVector<f64, N>> {
-    solved(operator.delassus().data.0, impact_slip - problem.free_slip)
+    solved(&operator.delassus().data.0, &(impact_slip - problem.free_slip))
 }
 
 /// The largest magnitude: one instruction per component, where nalgebra's `amax` takes six.
