@@ -1,5 +1,5 @@
-//! Small linear systems and products, unrolled for their size: nalgebra's take several times as long, and so does elimination, whose pivots
-//! depend on each other.
+//! Small linear systems and products, unrolled for their size: nalgebra's take several times as long. They choose no pivots, which would
+//! wait for each other.
 
 #![expect(clippy::inline_always, reason = "a call would take matrices through memory")]
 
@@ -51,7 +51,7 @@ fn by_blocks<const N: usize, const M: usize>(
     let (a, b, c, d) = (rows[3][3], rows[3][4], rows[4][3], rows[4][4]);
     let determinant = a * d - b * c;
     if determinant.abs() <= REGULAR * ((a * d).abs() + (b * c).abs()) {
-        return by_elimination(*rows, *values);
+        return by_library(rows, values);
     }
     let inverse = 1.0 / determinant;
     let front = |value: [f64; 2]| [(d * value[0] - b * value[1]) * inverse, (a * value[1] - c * value[0]) * inverse];
@@ -60,9 +60,9 @@ fn by_blocks<const N: usize, const M: usize>(
     let of_wheel = |column: usize| front([rows[3][column], rows[4][column]]);
     let of_wheels = [of_wheel(0), of_wheel(1), of_wheel(2)];
     let mut wheels = [[0.0; 3]; 3];
-    for (row, wheels) in wheels.iter_mut().enumerate() {
+    for (row, entries) in wheels.iter_mut().enumerate() {
         for column in 0..3 {
-            wheels[column] = without_front(row, rows[row][column], of_wheels[column]);
+            entries[column] = without_front(row, rows[row][column], of_wheels[column]);
         }
     }
     let mut of_front = [[0.0; 2]; M];
@@ -96,45 +96,14 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Gaussian elimination with partial pivoting.
+/// With a choice of pivots.
 #[cold]
-fn by_elimination<const N: usize, const M: usize>(
-    mut rows: [[f64; N]; N],
-    mut value: SMatrix<f64, N, M>,
+fn by_library<const N: usize, const M: usize>(
+    rows: &[[f64; N]; N],
+    values: &SMatrix<f64, N, M>,
 ) -> Option<SMatrix<f64, N, M>> {
-    for column in 0..N {
-        let mut pivot = column;
-        for row in column + 1..N {
-            if rows[row][column].abs() > rows[pivot][column].abs() {
-                pivot = row;
-            }
-        }
-        rows.swap(column, pivot);
-        value.swap_rows(column, pivot);
-        let pivot_row = rows[column];
-        if pivot_row[column] == 0.0 {
-            return None;
-        }
-        let inverse = 1.0 / pivot_row[column];
-        for row in column + 1..N {
-            let factor = rows[row][column] * inverse;
-            for k in column + 1..N {
-                rows[row][k] -= factor * pivot_row[k];
-            }
-            for value in &mut value.data.0 {
-                value[row] -= factor * value[column];
-            }
-        }
-    }
-    for value in &mut value.data.0 {
-        for row in (0..N).rev() {
-            for k in row + 1..N {
-                value[row] -= rows[row][k] * value[k];
-            }
-            value[row] /= rows[row][row];
-        }
-    }
-    Some(value)
+    let matrix = SMatrix::<f64, N, N>::from_fn(|row, column| rows[row][column]);
+    matrix.try_inverse().map(|inverse| inverse * values)
 }
 
 /// The matrix product, one column of the result at a time.
@@ -172,12 +141,12 @@ mod tests {
             matrix[*place] = *entry;
         }
         let rows: [[f64; N]; N] = std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]));
-        [solved(&rows, &values), by_elimination(rows, values)]
+        [solved(&rows, &values), by_library(&rows, &values)]
             .map(|solutions| (matrix * solutions.expect("a regular matrix") - values).amax())
     }
 
     #[test]
-    fn systems_are_solved_as_by_elimination() {
+    fn systems_are_solved_as_by_the_library() {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(7);
         let singular = [((3, 3), 0.5), ((3, 4), 1.0), ((4, 3), -0.25), ((4, 4), -0.5)];
         for _ in 0..1_000 {
