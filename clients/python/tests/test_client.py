@@ -71,7 +71,7 @@ def test_progress_is_reported(client: Client) -> None:
     seen: list[answers.Queued | answers.Progress] = []
     plan = client.solve({"maneuver": {"goal": {"y_m": 1}}, "view": "plan"}, on_progress=seen.append)
     assert isinstance(seen[0], answers.Queued) and isinstance(seen[-1], answers.Progress)
-    assert seen[-1].start_count == 32 and plan.trajectory is None
+    assert seen[-1].start_count == 36 and plan.trajectory is None
     assert plan.final_time_s == client.solve({"maneuver": {"goal": {"y_m": 1}}, "view": "plan"}).final_time_s
 
 
