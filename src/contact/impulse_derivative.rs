@@ -54,6 +54,7 @@ impl<const N: usize> DelassusOperator<N> {
             .unwrap_or_else(|| self.sticking_derivative(pattern, impact_slip, normal_impulse, slip_smoothing))
     }
 
+    /// In a pattern in which contacts without slip stick, or else in one in which all that have friction do.
     #[cold]
     fn sticking_derivative(
         &self,
@@ -62,32 +63,19 @@ impl<const N: usize> DelassusOperator<N> {
         normal_impulse: &Vector3<f64>,
         slip_smoothing: f64,
     ) -> ImpulseDerivative<N> {
-        self.sticking_limits(pattern, impact_slip, normal_impulse)
-            .into_iter()
-            .find_map(|pattern| {
-                ModeEquations::at(self, pattern, impact_slip, normal_impulse, slip_smoothing)?.impulse_derivative(self)
-            })
-            .expect("the equations of sticking contacts are regular")
-    }
-
-    /// A pattern in which contacts without slip stick, and one in which all that have friction do.
-    fn sticking_limits(
-        &self,
-        pattern: ContactPattern,
-        impact_slip: &SVector<f64, N>,
-        normal_impulse: &Vector3<f64>,
-    ) -> [ContactPattern; 2] {
         let has_friction = |contact: usize| friction_radius(self, contact, normal_impulse) > 0.0;
         let rests = |contact: usize| ROWS[contact].into_iter().all(|row| impact_slip[row] == 0.0);
         let modes = pattern.modes();
         let sign = |wheel: usize| SlipSign::of(impact_slip[wheel], normal_impulse[wheel]);
-        [false, true].map(|all| {
+        let derivative = |all: bool| {
             let sticks = |contact: usize| {
                 modes[contact] == ContactMode::Stick || has_friction(contact) && (all || rests(contact))
             };
             let front = if N == 5 && sticks(2) { ContactMode::Stick } else { ContactMode::Slip };
-            ContactPattern { wheels: WheelPattern::of_sticking([sticks(0), sticks(1)], sign), front }
-        })
+            let pattern = ContactPattern { wheels: WheelPattern::of_sticking([sticks(0), sticks(1)], sign), front };
+            ModeEquations::at(self, pattern, impact_slip, normal_impulse, slip_smoothing)?.impulse_derivative(self)
+        };
+        [false, true].into_iter().find_map(derivative).expect("the equations of sticking contacts are regular")
     }
 
     fn solve_linear_modes(&self) -> Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]> {

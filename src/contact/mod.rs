@@ -41,7 +41,6 @@ pub use held::HeldSolver;
 pub use one_step_problem::OneStepProblem;
 pub use pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 pub use prox::{project_onto_disc, project_onto_half_line};
-pub(crate) use small_systems::product;
 pub use smoothed::SmoothedSolver;
 pub use solution::{ContactImpulse, ContactName, ContactSolution, PerContact};
 pub use utilization::{UtilizationGradient, WheelFriction};

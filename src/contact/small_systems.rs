@@ -1,5 +1,5 @@
-//! Small linear systems and products, unrolled for their size: nalgebra's take several times as long. They choose no pivots, which would
-//! wait for each other.
+//! Small linear systems, unrolled for their size: nalgebra's solutions take several times as long. No pivots are chosen, which would wait for
+//! each other.
 
 #![expect(clippy::inline_always, reason = "a call would take matrices through memory")]
 
@@ -106,23 +106,6 @@ fn by_library<const N: usize, const M: usize>(
     matrix.try_inverse().map(|inverse| inverse * values)
 }
 
-/// The matrix product, one column of the result at a time.
-#[inline(always)]
-pub(crate) fn product<const R: usize, const K: usize, const C: usize>(
-    left: &SMatrix<f64, R, K>,
-    right: &SMatrix<f64, K, C>,
-) -> SMatrix<f64, R, C> {
-    let mut result = SMatrix::<f64, R, C>::zeros();
-    for (column, factors) in result.data.0.iter_mut().zip(&right.data.0) {
-        for (&factor, addend) in factors.iter().zip(&left.data.0) {
-            for (sum, value) in column.iter_mut().zip(addend) {
-                *sum += value * factor;
-            }
-        }
-    }
-    result
-}
-
 #[cfg(test)]
 mod tests {
     use rand::{RngExt, SeedableRng};
@@ -134,7 +117,7 @@ mod tests {
         SMatrix::from_fn(|_, _| rng.random_range(-1.0..1.0))
     }
 
-    /// The larger of what both ways miss, of a system with some entries of the front support's block replaced.
+    /// What both ways miss, of a drawn system with some entries of the front support's block replaced.
     fn misses<const N: usize>(rng: &mut Xoshiro256PlusPlus, replaced: &[((usize, usize), f64)]) -> [f64; 2] {
         let (mut matrix, values) = (drawn::<N, N>(rng), drawn::<N, 2>(rng));
         for (place, entry) in replaced {

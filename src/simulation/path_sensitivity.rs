@@ -13,6 +13,7 @@
 
 use nalgebra::RowSVector;
 
+use super::chain::product;
 use super::friction_law::FrictionLaw;
 use super::moreau_step::StepModel;
 use super::path_row::{PathDerivative, PathRow};
@@ -22,7 +23,6 @@ use super::sensitivity::EndSensitivity;
 use super::step_derivative::{StepDerivative, impulse_derivative};
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
-use crate::contact::product;
 use crate::robot::{BodyVector, PerWheel};
 use crate::stop::{Stop, Stopped};
 

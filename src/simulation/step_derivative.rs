@@ -4,12 +4,12 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::chain::Chain;
+use super::chain::{Chain, product};
 use super::friction_law::FrictionLaw;
 use super::moreau_step::StepModel;
 use super::path_quantity::PathGradient;
 use super::tape::TapeEntry;
-use crate::contact::{ImpulseDerivative, product};
+use crate::contact::ImpulseDerivative;
 use crate::robot::{BodyVector, PerWheel};
 
 /// Derivatives of `K` results of one step by its start velocity, torques and length.
