@@ -101,19 +101,22 @@ pub struct SequentialLinearResult {
 
 /// Minimises `cost' x` subject to `residual = 0`, `inequality <= 0` and the bounds, from `start`.
 ///
-/// The first linear program begins where the last one of `programs` ended. `on_improvement` is called with the start, each accepted
-/// point and its constraint values.
+/// Residuals of `accepted` count as none. The first linear program begins where the last one of `programs` ended.
+/// `on_improvement` is called with the start, each accepted point and its constraint values.
 pub fn minimise_sequentially(
     problem: &mut dyn Problem,
     (start, programs): (&DVector<f64>, &mut ElasticSolver),
-    settings: &SequentialLinearSettings,
+    (settings, accepted): (&SequentialLinearSettings, Option<&DVector<f64>>),
     budget: &mut Budget,
     on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
 ) -> SequentialLinearResult {
     let mut search = Search::new(problem, (start, programs), settings);
+    if let Some(residual) = accepted {
+        search.offset.residual.copy_from(residual);
+    }
     let ending = search.run(budget, on_improvement);
-    let Search { x, model, iterations, .. } = search;
-    SequentialLinearResult { x, constraints: model.constraints, iterations, ending }
+    let constraints = search.constraints();
+    SequentialLinearResult { x: search.x, constraints, iterations: search.iterations, ending }
 }
 
 struct Search<'a> {
@@ -173,7 +176,7 @@ impl<'a> Search<'a> {
     ) -> Result<(), Interruption> {
         // A start that meets the constraints is a plan, even where the descent loses them.
         self.linearise(budget)?;
-        on_improvement(&self.x, &self.model.constraints);
+        on_improvement(&self.x, &self.constraints());
         loop {
             if !self.descend(budget, on_improvement)? || !self.settings.restores {
                 return Ok(());
@@ -219,7 +222,7 @@ impl<'a> Search<'a> {
             if gain > 0.0 {
                 self.moves.adapt(&trial.x - &self.x);
                 self.accept(trial);
-                on_improvement(&self.x, &self.model.constraints);
+                on_improvement(&self.x, &self.constraints());
             }
             if self.radius < SMALLEST_RADIUS {
                 return Ok(true);
@@ -248,6 +251,7 @@ impl<'a> Search<'a> {
         if !self.model_is_current {
             let stop = budget.spend()?;
             self.problem.linearise((&self.x, self.radius), &mut self.model, stop)?;
+            self.model.constraints.subtract(&self.offset);
             self.model_is_current = true;
         }
         Ok(())
@@ -274,6 +278,13 @@ impl<'a> Search<'a> {
         };
         let solution = self.programs.solve(&program, budget.stop())?;
         Ok((solution.x.component_mul(&half_width), solution.gap))
+    }
+
+    /// The constraint values at x, the offset included.
+    fn constraints(&self) -> Constraints {
+        let mut constraints = self.model.constraints.clone();
+        constraints.add(&self.offset);
+        constraints
     }
 
     fn equation_count(&self) -> usize {

@@ -64,7 +64,7 @@ impl SmallProblem {
         minimise_sequentially(
             self,
             (&start, &mut ElasticSolver::default()),
-            settings,
+            (settings, None),
             &mut Budget::new(&stop, PLENTY),
             &mut |_, _| {},
         )
@@ -84,7 +84,7 @@ impl SmallProblem {
         let result = minimise_sequentially(
             self,
             (&start, &mut ElasticSolver::default()),
-            settings,
+            (settings, None),
             &mut budget,
             &mut |x, constraints| {
                 merits.push(x[x.len() - 1] + settings.penalty_parameter * constraints.violation_sum());

@@ -137,9 +137,11 @@ mod tests {
     fn a_plan_that_was_noted_before_it_was_measured_is_measured() {
         let plan = |final_time: f64| Candidate::new(DVector::from_element(1, final_time), 0.0, false, None);
         let measured = |final_time: f64| {
-            let none = Constraints { residual: DVector::zeros(0), inequality: DVector::zeros(0) };
-            let model = Linearisation::new(none, 1);
-            let measure = CriticalityMeasure { prediction: 0.0, better: None, radius: 0.1, interruption: None, model };
+            let none = DVector::zeros(0);
+            let (accepted, inequality) = (none.clone(), none.clone());
+            let model = Linearisation::new(Constraints { residual: none, inequality }, 1);
+            let (better, interruption) = (None, None);
+            let measure = CriticalityMeasure { prediction: 0.0, better, radius: 0.1, interruption, model, accepted };
             let stationarity = Some(Arc::new(Stationarity { penalty_parameter: 300.0, time_unit: 1.0, measure }));
             Candidate { stationarity, ..plan(final_time) }
         };

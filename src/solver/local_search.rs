@@ -9,8 +9,9 @@ use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, improves,
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
-    Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, SequentialLinearResult,
-    SequentialLinearSettings, StepRatios, criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
+    Budget, Constraints, CriticalityMeasure, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem,
+    SequentialLinearResult, SequentialLinearSettings, StepRatios, criticality_measure, minimise_by_nelder_mead,
+    minimise_sequentially,
 };
 use crate::shooting::{GoalScales, Penalty, ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
@@ -85,12 +86,32 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         self.descend_until(guess, radius, (SMALLEST_PREDICTION, f64::INFINITY))
     }
 
+    /// As [`Self::descend`] from the better point of a measure, to an end with what the measured plan misses of the goal: on a short
+    /// way the tolerance of the goal gains much time, and a plan that misses nothing is no better.
+    pub(super) fn descend_from_measure(
+        &mut self,
+        better: &DVector<f64>,
+        measure: &CriticalityMeasure,
+    ) -> Result<Candidate, Interruption> {
+        let near = (measure.radius, Some(&measure.accepted));
+        self.descend_to(better, near, (SMALLEST_PREDICTION, f64::INFINITY))
+    }
+
     /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, as a share of the unit of
     /// time, and a final time below the one to beat, s.
     pub(super) fn descend_until(
         &mut self,
         guess: &DVector<f64>,
         radius: f64,
+        ending: (f64, f64),
+    ) -> Result<Candidate, Interruption> {
+        self.descend_to(guess, (radius, None), ending)
+    }
+
+    fn descend_to(
+        &mut self,
+        guess: &DVector<f64>,
+        (radius, accepted): (f64, Option<&DVector<f64>>),
         (smallest_prediction, time_to_beat): (f64, f64),
     ) -> Result<Candidate, Interruption> {
         let settings = SequentialLinearSettings {
@@ -113,7 +134,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             }
         };
         let from = (guess, linear_programs(self.problem, &mut self.programs));
-        let result = minimise_sequentially(self.problem, from, &settings, &mut self.budget, &mut report_improvement);
+        let result =
+            minimise_sequentially(self.problem, from, (&settings, accepted), &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         let candidate = self.candidate(&result);
         self.note(&candidate);

@@ -230,7 +230,7 @@ impl LocalSearch<'_, '_, '_> {
                 self.note_stationarity(best, known);
                 return Ok(());
             };
-            let next = self.descend(&better, known.measure.radius)?;
+            let next = self.descend_from_measure(&better, &known.measure)?;
             if next.is_better_than(best, tolerance) {
                 *best = next;
             } else if penalty_parameter < LARGEST_PENALTY {
@@ -281,7 +281,7 @@ impl LocalSearch<'_, '_, '_> {
             };
             self.problem.set_slip_smoothing(smoothing);
             let from = (&decision, linear_programs(self.problem, &mut self.programs));
-            let result = minimise_sequentially(self.problem, from, &settings, &mut self.budget, &mut |_, _| {});
+            let result = minimise_sequentially(self.problem, from, (&settings, None), &mut self.budget, &mut |_, _| {});
             self.problem.set_slip_smoothing(0.0);
             self.iterations += result.iterations;
             result.ending?;

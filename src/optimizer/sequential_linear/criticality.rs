@@ -19,6 +19,8 @@ pub struct CriticalityMeasure {
     pub interruption: Option<Interruption>,
     /// The linear model at the point.
     pub model: Linearisation,
+    /// Residuals that it counts as none.
+    pub accepted: DVector<f64>,
 }
 
 /// Criticality measure of a point: the decrease that the linear model predicts within the largest trust region in which
@@ -67,5 +69,6 @@ pub fn criticality_measure(
         }
         search.radius /= RADIUS_FACTOR;
     };
-    Ok(CriticalityMeasure { prediction, better, radius: search.radius, interruption, model: search.model })
+    let Search { radius, model, offset, .. } = search;
+    Ok(CriticalityMeasure { prediction, better, radius, interruption, model, accepted: offset.residual })
 }

@@ -239,10 +239,26 @@ fn the_start_is_passed_on_too() {
     let (stop, mut passed) = (AtomicBool::new(false), Vec::new());
     let mut budget = Budget::new(&stop, PLENTY);
     let mut programs = ElasticSolver::default();
-    minimise_sequentially(&mut problem, (&start, &mut programs), &settings(), &mut budget, &mut |x, _| {
+    minimise_sequentially(&mut problem, (&start, &mut programs), (&settings(), None), &mut budget, &mut |x, _| {
         passed.push(x.clone());
     });
     assert_eq!(passed.first(), Some(&start));
+}
+
+#[test]
+fn accepted_residuals_count_as_none() {
+    // The circle's value on one of radius 1.1.
+    let accepted = DVector::repeat(1, 0.21);
+    let mut problem = SmallProblem::new(&[WIDE; 2], &[circle], &[maratos]);
+    let start = DVector::from_row_slice(&[0.6, 0.8, 1.0]);
+    let (stop, mut programs) = (AtomicBool::new(false), ElasticSolver::default());
+    let (mut budget, settings) = (Budget::new(&stop, PLENTY), (&settings(), Some(&accepted)));
+    let result =
+        minimise_sequentially(&mut problem, (&start, &mut programs), settings, &mut budget, &mut |_, constraints| {
+            assert!(constraints.residual[0] > -0.1, "as the problem has them");
+        });
+    assert!((result.x - DVector::from_row_slice(&[1.1, 0.0, 2.0 * 0.21 - 1.1])).amax() <= ON_CURVE);
+    assert!((result.constraints.residual[0] - 0.21).abs() <= AT_VERTEX);
 }
 
 #[test]
