@@ -70,6 +70,12 @@ impl Candidate {
         self.goal_error <= goal_tolerance && !self.breaks_limits
     }
 
+    /// Whether it is feasible, and faster than another feasible one by more than a share.
+    pub(super) fn gains_on(&self, other: &Self, share: f64, goal_tolerance: f64) -> bool {
+        let is_faster = self.final_time() < (1.0 - share) * other.final_time();
+        self.is_feasible(goal_tolerance) && (is_faster || !other.is_feasible(goal_tolerance))
+    }
+
     /// A feasible one before any other, one that meets the goal before one that misses it; then the faster one or the
     /// one nearer to the goal. A NaN is the worst.
     pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {

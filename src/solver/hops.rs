@@ -38,9 +38,8 @@ impl LocalSearch<'_, '_, '_> {
             let perturbed = self.perturbed(&best.decision, perturbation, &mut rng);
             let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
             let next = self.descend_until(&perturbed, FIRST_RADIUS, (SMALLEST_PREDICTION, time_to_beat))?;
-            // Less than what descents end with is no gain.
-            let gains = next.is_feasible(tolerance) && next.final_time() < (1.0 - CRITICALITY_TOLERANCE) * time_to_beat;
-            in_vain = if gains { 0 } else { in_vain + 1 };
+            // Less than what `converged` allows is no gain.
+            in_vain = if next.gains_on(best, CRITICALITY_TOLERANCE, tolerance) { 0 } else { in_vain + 1 };
             keep_better(best, next, tolerance);
         }
         Ok(())

@@ -231,13 +231,16 @@ impl LocalSearch<'_, '_, '_> {
                 return Ok(());
             };
             let next = self.descend_from_measure(&better, &known.measure)?;
-            if next.is_better_than(best, tolerance) {
-                *best = next;
-            } else if penalty_parameter < LARGEST_PENALTY {
-                penalty_parameter *= PENALTY_GROWTH;
-            } else {
+            // Less than what descents end with is no gain.
+            let gains = next.gains_on(best, SMALLEST_PREDICTION, tolerance);
+            keep_better(best, next, tolerance);
+            if gains {
+                continue;
+            }
+            if penalty_parameter >= LARGEST_PENALTY {
                 return Ok(());
             }
+            penalty_parameter *= PENALTY_GROWTH;
         }
     }
 

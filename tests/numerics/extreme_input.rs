@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use slipdrive::robot::{PerWheel, RobotParameters, State};
 use slipdrive::shooting::{Goal, Maneuver, StateComponent};
-use slipdrive::solver::{Method, RunControl, Solution, SolveInput, SolveParameters, SolverSettings, solve};
+use slipdrive::solver::{Method, RunControl, Solution, SolveInput, SolveParameters, SolverSettings, Status, solve};
 
 fn random_parameters(rng: &mut Xoshiro256PlusPlus) -> RobotParameters {
     let mut spread = |value: f64, decades: f64| value * 10.0_f64.powf(rng.random_range(-decades..decades));
@@ -94,4 +94,34 @@ fn extreme_input_is_answered_with_finite_numbers() {
         assert_finite(seed, &solve(&input, &RunControl::unattended()).unwrap());
     }
     assert!(accepted > 50, "{accepted} inputs were accepted");
+}
+
+#[test]
+fn a_plan_that_ends_within_the_tolerance_settles_there() {
+    // Over 20 um, what a goal tolerance of 1 um leaves gains more time than the last descents.
+    let robot = RobotParameters {
+        chassis_mass: 33.7,
+        wheel_mass: 2.0,
+        chassis_yaw_inertia: 1.827,
+        wheel_diametral_inertia: 0.0108,
+        wheel_spin_inertia: 0.0291,
+        wheel_radius: 0.121,
+        track_width: 0.636,
+        axle_to_front_support: 0.774,
+        front_support_right: -0.075,
+        center_of_mass_right: 0.0206,
+        center_of_mass_forward: 0.387,
+        center_of_mass_height: 0.48,
+        wheel_friction_coefficient: 0.143,
+        ..RobotParameters::default()
+    };
+    let goal = Goal::at_rest(2.07e-5, -3.33e-6, 0.0);
+    for seed in 0..4 {
+        let maneuver =
+            Maneuver { goal: goal.clone(), torque_limit: PerWheel::new(2.39, 2.39), ..Maneuver::forward_drive() };
+        let settings = SolverSettings { start_count: 8, seed, ..SolverSettings::default() };
+        let parameters = SolveParameters { robot: robot.clone(), maneuver, settings, ..SolveParameters::default() };
+        let solution = solve(&SolveInput::new(parameters).unwrap(), &RunControl::unattended()).unwrap();
+        assert_eq!(solution.status, Status::Converged, "seed {seed}: {:?}", solution.report.predicted_decrease);
+    }
 }
