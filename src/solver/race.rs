@@ -194,16 +194,19 @@ impl<'a> Race<'a> {
         }
     }
 
-    /// The best plan with all torques, where those near the grip are not all.
-    pub(super) fn release_torques(&mut self, optima: &mut Vec<Candidate>) {
-        if !self.problem.has_torque_beyond_grip() {
+    /// Improves the best plan until it is a local optimum: with all torques, where those near the grip are not all, or where a descent
+    /// only passed it.
+    pub(super) fn settle_best(&mut self, optima: &mut Vec<Candidate>) {
+        if self.problem.has_torque_beyond_grip() {
+            // What was measured is that of torques near the grip.
+            optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
+            self.problem.release_torques();
+        }
+        let Some(best) = self.found.best.clone().filter(|_| self.found.interruption.is_none()) else { return };
+        if best.stationarity.is_some() || !best.is_feasible(self.input.settings.goal_tolerance) {
             return;
         }
-        // What was measured is that of torques near the grip.
-        optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
-        let Some(best) = self.found.best.clone().filter(|_| self.found.interruption.is_none()) else { return };
-        self.problem.release_torques();
-        if let Some((_, local)) = self.round(1, &|_, search| search.polish(best.clone(), 0, 0)).pop() {
+        if let Some((_, local)) = self.round(1, &|_, search| search.polish(best.clone(), PATIENCE, 0)).pop() {
             optima.retain(|optimum| optimum.decision != best.decision);
             optima.push(local);
         }

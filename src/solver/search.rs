@@ -110,7 +110,7 @@ pub(super) fn search(
     if is_smoothed && !race.is_too_coarse() {
         race.finals(&mut optima);
     }
-    race.release_torques(&mut optima);
+    race.settle_best(&mut optima);
     let (found, starts_tried) = (race.found, race.tried);
     let optima = feasible(optima, settings.goal_tolerance);
     let is_plan = |plan: &&Candidate| plan.is_feasible(settings.goal_tolerance);
