@@ -37,7 +37,7 @@ impl LocalSearch<'_, '_, '_> {
             }
             let perturbed = self.perturbed(&best.decision, perturbation, &mut rng);
             let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
-            let next = self.descend_until(&perturbed, FIRST_RADIUS, (SMALLEST_PREDICTION, time_to_beat))?;
+            let next = self.descend_until(&perturbed, (FIRST_RADIUS, None), (SMALLEST_PREDICTION, time_to_beat))?;
             // Less than what `converged` allows is no gain.
             in_vain = if next.gains_on(best, CRITICALITY_TOLERANCE, tolerance) { 0 } else { in_vain + 1 };
             keep_better(best, next, tolerance);

@@ -9,9 +9,8 @@ use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, improves,
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
-    Budget, Constraints, CriticalityMeasure, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem,
-    SequentialLinearResult, SequentialLinearSettings, StepRatios, criticality_measure, minimise_by_nelder_mead,
-    minimise_sequentially,
+    Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, SequentialLinearResult,
+    SequentialLinearSettings, StepRatios, criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{GoalScales, Penalty, ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
@@ -83,32 +82,12 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     /// Descends under the exact law and restores the goal.
     pub(super) fn descend(&mut self, guess: &DVector<f64>, radius: f64) -> Result<Candidate, Interruption> {
-        self.descend_until(guess, radius, (SMALLEST_PREDICTION, f64::INFINITY))
-    }
-
-    /// As [`Self::descend`] from the better point of a measure, to an end with what the measured plan misses of the goal: on a short
-    /// way the tolerance of the goal gains much time, and a plan that misses nothing is no better.
-    pub(super) fn descend_from_measure(
-        &mut self,
-        better: &DVector<f64>,
-        measure: &CriticalityMeasure,
-    ) -> Result<Candidate, Interruption> {
-        let near = (measure.radius, Some(&measure.accepted));
-        self.descend_to(better, near, (SMALLEST_PREDICTION, f64::INFINITY))
+        self.descend_until(guess, (radius, None), (SMALLEST_PREDICTION, f64::INFINITY))
     }
 
     /// As [`Self::descend`], as long as the linear model promises more than a smallest prediction, as a share of the unit of
-    /// time, and a final time below the one to beat, s.
+    /// time, and a final time below the one to beat, s. Residuals that are accepted count as none.
     pub(super) fn descend_until(
-        &mut self,
-        guess: &DVector<f64>,
-        radius: f64,
-        ending: (f64, f64),
-    ) -> Result<Candidate, Interruption> {
-        self.descend_to(guess, (radius, None), ending)
-    }
-
-    fn descend_to(
         &mut self,
         guess: &DVector<f64>,
         (radius, accepted): (f64, Option<&DVector<f64>>),

@@ -213,7 +213,7 @@ impl LocalSearch<'_, '_, '_> {
 
     /// One descent near a plan of a similar problem.
     fn near(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        self.descend_until(guess, FIRST_RADIUS, (CRITICALITY_TOLERANCE, f64::INFINITY))
+        self.descend_until(guess, (FIRST_RADIUS, None), (CRITICALITY_TOLERANCE, f64::INFINITY))
     }
 
     /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find it
@@ -230,7 +230,9 @@ impl LocalSearch<'_, '_, '_> {
                 self.note_stationarity(best, known);
                 return Ok(());
             };
-            let next = self.descend_from_measure(&better, &known.measure)?;
+            // On a short way the goal tolerance gains much time, and from a plan that uses it a descent to the goal itself is slower.
+            let near = (known.measure.radius, Some(&known.measure.accepted));
+            let next = self.descend_until(&better, near, (SMALLEST_PREDICTION, f64::INFINITY))?;
             // Less than what descents end with is no gain.
             let gains = next.gains_on(best, SMALLEST_PREDICTION, tolerance);
             keep_better(best, next, tolerance);
