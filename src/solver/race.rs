@@ -187,7 +187,8 @@ impl<'a> Race<'a> {
             for (index, local) in self.round(chosen.len(), &polish) {
                 optima[chosen[index]] = local;
             }
-            if chosen.len() == 1 && patience >= PATIENCE {
+            // None where no merit is a number.
+            if chosen.len() <= 1 && patience >= PATIENCE {
                 return;
             }
             (count, patience) = (count.div_ceil(2), 2 * patience);
