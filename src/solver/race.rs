@@ -299,6 +299,21 @@ mod tests {
     use nalgebra::DVector;
 
     use super::*;
+    use crate::simulation::Simulator;
+    use crate::solver::grid_problem::problem_on;
+    use crate::solver::run_control::RunControl;
+
+    #[test]
+    fn finals_end_where_no_merit_is_a_number() {
+        let (input, control) = (SolveInput::forward_drive(), RunControl::unattended());
+        let simulator = Simulator::new(&input.robot);
+        let (problem, _) = problem_on(&input, &simulator, input.settings.step_count);
+        let progress = BestProgress::new(&control, input.settings.goal_tolerance);
+        let mut race = Race::new(&input, &problem, 10, &progress);
+        let diverged = Candidate::new(DVector::from_element(1, 1.0), f64::NAN, true, None);
+        race.finals(&mut [Candidate { merit: f64::NAN, ..diverged }]);
+        assert_eq!(race.found.rollouts, 0);
+    }
 
     #[test]
     fn an_optimum_is_found_again_by_its_merit() {
