@@ -117,10 +117,9 @@ fn a_plan_that_ends_within_the_tolerance_settles_there() {
     };
     let goal = Goal::at_rest(2.07e-5, -3.33e-6, 0.0);
     for seed in 0..4 {
-        let maneuver =
-            Maneuver { goal: goal.clone(), torque_limit: PerWheel::new(2.39, 2.39), ..Maneuver::forward_drive() };
+        let maneuver = Maneuver { goal, torque_limit: PerWheel::new(2.39, 2.39), ..Maneuver::forward_drive() };
         let settings = SolverSettings { start_count: 8, seed, ..SolverSettings::default() };
-        let parameters = SolveParameters { robot: robot.clone(), maneuver, settings, ..SolveParameters::default() };
+        let parameters = SolveParameters { robot, maneuver, settings, ..SolveParameters::default() };
         let solution = solve(&SolveInput::new(parameters).unwrap(), &RunControl::unattended()).unwrap();
         assert_eq!(solution.status, Status::Converged, "seed {seed}: {:?}", solution.report.predicted_decrease);
     }
