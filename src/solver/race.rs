@@ -195,8 +195,8 @@ impl<'a> Race<'a> {
         }
     }
 
-    /// Improves the best plan until it is a local optimum: with all torques, where those near the grip are not all, or where a descent
-    /// only passed it.
+    /// Polishes the best plan where it is not shown to be a local optimum: a descent only passed it, or torques near the grip are not
+    /// all.
     pub(super) fn settle_best(&mut self, optima: &mut Vec<Candidate>) {
         if self.problem.has_torque_beyond_grip() {
             // What was measured is that of torques near the grip.
