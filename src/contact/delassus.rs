@@ -6,7 +6,6 @@ use super::directions::{ROWS, contact_count};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::solution::ContactSolution;
-use super::uniqueness::solutions_are_unique;
 
 /// Derivatives of the friction impulse with respect to the data of the problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,6 +26,7 @@ pub struct DelassusOperator<const N: usize> {
     prox_step: [f64; 3],
     /// Solution maps of the linear patterns; none without wheel friction.
     pub(super) linear_modes: Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]>,
+    pub(super) has_unique_solutions: bool,
 }
 
 impl<const N: usize> DelassusOperator<N> {
@@ -40,13 +40,20 @@ impl<const N: usize> DelassusOperator<N> {
         for (step, rows) in prox_step.iter_mut().zip(ROWS).take(contact_count::<N>()) {
             *step = safe_prox_step(&delassus, rows);
         }
-        Self { delassus, normal_response, friction_coefficient, prox_step, linear_modes: None }
+        Self {
+            delassus,
+            normal_response,
+            friction_coefficient,
+            prox_step,
+            linear_modes: None,
+            has_unique_solutions: false,
+        }
     }
 
     /// Whether every one-step problem with this operator is proved to have exactly one solution. Where it is not proved, a
     /// problem may still have only one.
     pub fn has_unique_solutions(&self) -> bool {
-        solutions_are_unique(self)
+        self.has_unique_solutions
     }
 
     /// The Delassus matrix `W_T' M^-1 W_T`: slip change per friction impulse, 1/kg.

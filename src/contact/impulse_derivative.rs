@@ -10,6 +10,7 @@ use super::directions::ROWS;
 use super::mode_equations::ModeEquations;
 use super::natural_map::friction_radius;
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
+use super::uniqueness::solutions_are_unique;
 
 impl<const N: usize> DelassusOperator<N> {
     /// The operator of a robot, with the solution maps of the linear patterns.
@@ -27,6 +28,7 @@ impl<const N: usize> DelassusOperator<N> {
         assert!(N == 3 || N == 5, "the wheels have 3 directions, with the front support 5");
         let mut operator = Self::unprepared(delassus, normal_response, friction_coefficient);
         operator.linear_modes = operator.solve_linear_modes();
+        operator.has_unique_solutions = solutions_are_unique(&operator);
         operator
     }
 

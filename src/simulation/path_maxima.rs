@@ -61,7 +61,7 @@ fn watch<const N: usize>(
     let mut maxima = vec![PathMaximum { value: f64::NEG_INFINITY, node: 0 }; quantities.len()];
     let (mut separations, mut slips) = (0, false);
     let (control_count, dt) = (rollout.schedule.control_count(), rollout.step_length());
-    let note = |index: usize, step: &Step<N>| {
+    let note = |index: usize, step: &mut Step<N>| {
         let normal_impulse = &step.contact.normal_impulse;
         let weight = normal_impulse.sum();
         separations += normal_impulse.iter().filter(|impulse| separates(**impulse, weight)).count();

@@ -141,7 +141,8 @@ impl Simulator {
     }
 }
 
-/// The time-stepping loop: allocates nothing, prints nothing, reads no clock. `solve` is as in [`StepModel::advance`].
+/// The time-stepping loop: allocates nothing, prints nothing, reads no clock. `solve` is as in [`StepModel::advance`]; `on_step` may move
+/// the contact solution of its step, from which the next one is solved.
 ///
 /// It asks after each step whether it is stopped, because the contact solver of a stopped step may end early.
 #[inline]
@@ -150,7 +151,7 @@ pub(super) fn integrate<const N: usize>(
     rollout: &Rollout,
     mut solve: impl FnMut(&DelassusOperator<N>, &OneStepProblem<N>, &mut ContactSolution<N>),
     stop: Stop,
-    mut on_step: impl FnMut(usize, &Step<N>),
+    mut on_step: impl FnMut(usize, &mut Step<N>),
 ) -> Result<State, Stopped> {
     let steps = rollout.step_count;
     let dt = rollout.step_length();
@@ -159,7 +160,7 @@ pub(super) fn integrate<const N: usize>(
         let interval = control_interval(index, steps, rollout.schedule.control_count());
         model.advance(&mut step, rollout.schedule.torque(interval), dt, &mut solve);
         stop.check()?;
-        on_step(index, &step);
+        on_step(index, &mut step);
     }
     Ok(step.end)
 }
@@ -171,7 +172,7 @@ pub(super) fn integrate_under<const N: usize>(
     model: &StepModel<N>,
     rollout: &Rollout,
     stop: Stop,
-    on_step: impl FnMut(usize, &Step<N>),
+    on_step: impl FnMut(usize, &mut Step<N>),
 ) -> Result<State, Stopped> {
     match law {
         FrictionLaw::Exact => integrate(model, rollout, exactly, stop, on_step),

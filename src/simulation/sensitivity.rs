@@ -84,6 +84,10 @@ impl Simulator {
     /// rollout; the derivatives are valid only after [`Simulator::differentiate`]. Once the memory is there it allocates nothing
     /// but the step model of a robot with viscous friction.
     ///
+    /// In each step Newton starts from the last impulse, moved on as the last recorded rollout went on there, if that had as many
+    /// steps: what is left to find is a difference of differences. So the end state depends on that rollout, but by rounding alone under
+    /// the exact law, and by what Newton leaves (1e-8) under a smoothed one.
+    ///
     /// # Errors
     /// When it was stopped before the end; nothing usable is kept then.
     pub fn record(
@@ -125,12 +129,24 @@ fn record<const N: usize>(
     stop: Stop,
 ) -> Result<(), Stopped> {
     let EndSensitivity { end, path, tape, .. } = sensitivity;
-    tape.clear();
-    tape.reserve(rollout.step_count);
+    // Where motions are not proved to be unique, the rollout must be the one that answers show.
+    let follows_last = tape.len() == rollout.step_count && model.operator.has_unique_solutions();
+    if !follows_last {
+        tape.clear();
+        tape.reserve(rollout.step_count);
+    }
     path.clear(rollout);
-    let note = |index: usize, step: &Step<N>| {
+    let note = |index: usize, step: &mut Step<N>| {
         path.note(index, step, rollout);
-        tape.push(TapeEntry::new(step));
+        let entry = TapeEntry::new(step);
+        if follows_last {
+            let last = std::mem::replace(&mut tape[index], entry);
+            if let Some(next) = tape.get(index + 1) {
+                step.contact.impulse += (next.impulse - last.impulse).fixed_rows::<N>(0);
+            }
+        } else {
+            tape.push(entry);
+        }
     };
     *end = integrate_under(law, model, rollout, stop, note)?;
     Ok(())
@@ -316,6 +332,48 @@ mod tests {
     use super::*;
     use crate::robot::{Robot, RobotParameters};
     use crate::simulation::TorqueSchedule;
+
+    /// What a rollout ends with after another, and by itself.
+    fn after_and_alone(parameters: RobotParameters, law: FrictionLaw, last: &TorqueSchedule) -> [State; 2] {
+        let simulator = Simulator::new(&Robot::new(parameters).unwrap());
+        let schedule = TorqueSchedule { final_time: 1.5, left: vec![0.9, -0.4, 0.1], right: vec![-0.7, 0.8, -0.9] };
+        [Some(last), None].map(|last| {
+            let mut sensitivity = EndSensitivity::default();
+            for schedule in last.into_iter().chain([&schedule]) {
+                let rollout = Rollout { start: &State::default(), schedule, step_count: 60 };
+                simulator.record(&rollout, law, &mut sensitivity, Stop::never()).unwrap();
+            }
+            sensitivity.end
+        })
+    }
+
+    #[test]
+    fn a_rollout_ends_where_it_does_whatever_was_recorded_before() {
+        let slippery = RobotParameters { wheel_friction_coefficient: 0.15, ..RobotParameters::default() };
+        let similar = TorqueSchedule { final_time: 1.48, left: vec![0.9, -0.5, 0.1], right: vec![-0.6, 0.8, -0.9] };
+        let other = TorqueSchedule { final_time: 0.2, left: vec![-1.0, 1.0, 0.0], right: vec![1.0, 1.0, 1.0] };
+        let diverging = TorqueSchedule { final_time: 1.0, left: vec![f64::NAN; 3], right: vec![0.0; 3] };
+        for parameters in [slippery, RobotParameters { front_friction_coefficient: 0.1, ..slippery }] {
+            for last in [&similar, &other, &diverging] {
+                for (law, tolerance) in [(FrictionLaw::Exact, 1e-8), (FrictionLaw::Smoothed(0.05), 1e-5)] {
+                    let [after, alone] = after_and_alone(parameters, law, last).map(|end| end.to_vector());
+                    assert!((after - alone).amax() <= tolerance, "{law:?} {last:?}: {after} {alone}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn motions_that_are_not_unique_follow_no_other() {
+        let parameters = RobotParameters { wheel_friction_coefficient: 1.35, ..RobotParameters::default() };
+        let last = TorqueSchedule { final_time: 1.48, left: vec![0.9, -0.5, 0.1], right: vec![-0.6, 0.8, -0.9] };
+        let rollout = Rollout { start: &State::default(), schedule: &last, step_count: 60 };
+        let simulator = Simulator::new(&Robot::new(parameters).unwrap());
+        let Model::Wheels(model) = &*simulator.model(&rollout) else { panic!("the front support is frictionless") };
+        assert!(!model.operator.has_unique_solutions());
+        let [after, alone] = after_and_alone(parameters, FrictionLaw::Exact, &last);
+        assert_eq!(after, alone);
+    }
 
     #[test]
     fn leaving_out_wheel_angles_changes_no_other_derivative() {

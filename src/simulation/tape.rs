@@ -16,6 +16,8 @@ pub(super) struct TapeEntry {
     /// Impact slip by direction; those of a frictionless front support stay zero.
     pub(super) impact_slip: SVector<f64, 5>,
     pub(super) normal_impulse: Vector3<f64>,
+    /// Friction impulse by direction, likewise.
+    pub(super) impulse: SVector<f64, 5>,
     pub(super) pattern: ContactPattern,
 }
 
@@ -24,12 +26,15 @@ impl TapeEntry {
     pub(super) fn new<const N: usize>(step: &Step<N>) -> Self {
         let mut impact_slip = SVector::<f64, 5>::zeros();
         impact_slip.fixed_rows_mut::<N>(0).copy_from(&step.contact.impact_slip);
+        let mut impulse = SVector::<f64, 5>::zeros();
+        impulse.fixed_rows_mut::<N>(0).copy_from(&step.contact.impulse);
         Self {
             rotation: step.rotation,
             start_velocity: step.start_velocity,
             end_velocity: step.end_velocity,
             impact_slip,
             normal_impulse: step.contact.normal_impulse,
+            impulse,
             pattern: step.contact.pattern,
         }
     }
