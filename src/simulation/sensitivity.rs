@@ -140,10 +140,10 @@ fn record<const N: usize>(
         path.note(index, step, rollout);
         let entry = TapeEntry::new(step);
         if follows_last {
-            let last = std::mem::replace(&mut tape[index], entry);
-            if let Some(next) = tape.get(index + 1) {
+            if let [last, next, ..] = &tape[index..] {
                 step.contact.impulse += (next.impulse - last.impulse).fixed_rows::<N>(0);
             }
+            tape[index] = entry;
         } else {
             tape.push(entry);
         }
