@@ -231,7 +231,8 @@ impl<'a> ShootingProblem<'a> {
         self.path_constraints.are_broken(&self.sensitivity.path, &constraints.inequality)
     }
 
-    /// Rolls out, unless the last rollout was the same: a search linearises at points that it has just evaluated.
+    /// Rolls out, unless the last rollout was the same: a search linearises at points that it has just evaluated. Of one that comes back
+    /// to a point later the values may differ by what [`Simulator::record`] leaves.
     fn record(&mut self, decision: &DVector<f64>, stop: Stop) -> Result<(), Stopped> {
         let is_recorded = |(recorded, law): &(DVector<f64>, FrictionLaw)| recorded == decision && *law == self.law;
         if self.recorded.as_ref().is_some_and(is_recorded) {
