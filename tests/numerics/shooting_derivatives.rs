@@ -88,7 +88,8 @@ fn jacobian_agrees_with_differences_under_every_smoothing() {
             let mut problem = new.clone();
             for smoothing in SMOOTHINGS {
                 let mut fresh = new.clone();
-                [&mut problem, &mut fresh].map(|problem| problem.set_slip_smoothing(smoothing));
+                problem.set_slip_smoothing(smoothing);
+                fresh.set_slip_smoothing(smoothing);
                 let label = format!("seed {seed}, {point:?}, smoothing {smoothing}");
                 normal_forces += compare_columns((&mut problem, &fresh), &decision, &label);
             }
