@@ -84,9 +84,9 @@ impl Simulator {
     /// rollout; the derivatives are valid only after [`Simulator::differentiate`]. Once the memory is there it allocates nothing
     /// but the step model of a robot with viscous friction.
     ///
-    /// In each step Newton starts from the last impulse, moved on as the last recorded rollout went on there, if that had as many
-    /// steps: what is left to find is a difference of differences. So the end state depends on that rollout, but by rounding alone under
-    /// the exact law, and by what Newton leaves (1e-8) under a smoothed one.
+    /// Where motions are proved to be unique, and the last recorded rollout had as many steps, Newton starts from the last impulse moved
+    /// on as that rollout went on there: what is left to find is a difference of differences. So the end state depends on that
+    /// rollout, but by rounding alone under the exact law, and by what Newton leaves (1e-8) under a smoothed one.
     ///
     /// # Errors
     /// When it was stopped before the end; nothing usable is kept then.

@@ -24,17 +24,18 @@ pub(super) struct TapeEntry {
 impl TapeEntry {
     #[inline]
     pub(super) fn new<const N: usize>(step: &Step<N>) -> Self {
-        let mut impact_slip = SVector::<f64, 5>::zeros();
-        impact_slip.fixed_rows_mut::<N>(0).copy_from(&step.contact.impact_slip);
-        let mut impulse = SVector::<f64, 5>::zeros();
-        impulse.fixed_rows_mut::<N>(0).copy_from(&step.contact.impulse);
+        let with_front = |by_direction: &SVector<f64, N>| {
+            let mut all = SVector::<f64, 5>::zeros();
+            all.fixed_rows_mut::<N>(0).copy_from(by_direction);
+            all
+        };
         Self {
             rotation: step.rotation,
             start_velocity: step.start_velocity,
             end_velocity: step.end_velocity,
-            impact_slip,
+            impact_slip: with_front(&step.contact.impact_slip),
             normal_impulse: step.contact.normal_impulse,
-            impulse,
+            impulse: with_front(&step.contact.impulse),
             pattern: step.contact.pattern,
         }
     }
