@@ -347,14 +347,18 @@ mod tests {
         })
     }
 
+    /// What may come before that rollout in a search.
+    fn similar() -> TorqueSchedule {
+        TorqueSchedule { final_time: 1.48, left: vec![0.9, -0.5, 0.1], right: vec![-0.6, 0.8, -0.9] }
+    }
+
     #[test]
     fn a_rollout_ends_where_it_does_whatever_was_recorded_before() {
         let slippery = RobotParameters { wheel_friction_coefficient: 0.15, ..RobotParameters::default() };
-        let similar = TorqueSchedule { final_time: 1.48, left: vec![0.9, -0.5, 0.1], right: vec![-0.6, 0.8, -0.9] };
         let other = TorqueSchedule { final_time: 0.2, left: vec![-1.0, 1.0, 0.0], right: vec![1.0, 1.0, 1.0] };
         let diverging = TorqueSchedule { final_time: 1.0, left: vec![f64::NAN; 3], right: vec![0.0; 3] };
         for parameters in [slippery, RobotParameters { front_friction_coefficient: 0.1, ..slippery }] {
-            for last in [&similar, &other, &diverging] {
+            for last in [&similar(), &other, &diverging] {
                 for (law, tolerance) in [(FrictionLaw::Exact, 1e-8), (FrictionLaw::Smoothed(0.05), 1e-5)] {
                     let [after, alone] = after_and_alone(parameters, law, last).map(|end| end.to_vector());
                     assert!((after - alone).amax() <= tolerance, "{law:?} {last:?}: {after} {alone}");
@@ -366,7 +370,7 @@ mod tests {
     #[test]
     fn motions_that_are_not_unique_follow_no_other() {
         let parameters = RobotParameters { wheel_friction_coefficient: 1.35, ..RobotParameters::default() };
-        let last = TorqueSchedule { final_time: 1.48, left: vec![0.9, -0.5, 0.1], right: vec![-0.6, 0.8, -0.9] };
+        let last = similar();
         let rollout = Rollout { start: &State::default(), schedule: &last, step_count: 60 };
         let simulator = Simulator::new(&Robot::new(parameters).unwrap());
         let Model::Wheels(model) = &*simulator.model(&rollout) else { panic!("the front support is frictionless") };
