@@ -7,7 +7,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use super::progress::is_nearer;
-use crate::optimizer::CriticalityMeasure;
+use crate::optimizer::{CriticalityMeasure, FIRST_RADIUS};
 
 /// Largest accepted criticality measure, as a share of the final time.
 pub(super) const CRITICALITY_TOLERANCE: f64 = 1e-4;
@@ -68,6 +68,12 @@ impl Candidate {
     /// Whether it meets the goal within the limits.
     pub(super) fn is_feasible(&self, goal_tolerance: f64) -> bool {
         self.goal_error <= goal_tolerance && !self.breaks_limits
+    }
+
+    /// Whether its criticality measure, if there is one, is that of a smaller trust region than the first: the merit then has a kink
+    /// nearby, and other optima behind it.
+    pub(super) fn lies_on_kink(&self) -> bool {
+        self.stationarity.as_ref().is_none_or(|stationarity| stationarity.measure.radius < FIRST_RADIUS)
     }
 
     /// Whether it is feasible, and faster than another feasible one by more than a share.

@@ -113,7 +113,7 @@ impl LocalSearch<'_, '_, '_> {
         Ok(Candidate { times_found: from.times_found, ..led_to })
     }
 
-    /// Improves a local optimum by hops, others in each round; in the first one through smoothing before that.
+    /// Improves a local optimum that lies on a kink by hops, others in each round; in the first one through smoothing before that.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
@@ -129,11 +129,14 @@ impl LocalSearch<'_, '_, '_> {
         let _phase = self.control.enter(Phase::Polish);
         self.aim(candidate.goal_heading);
         let (times_found, mut best) = (candidate.times_found, candidate);
-        if round == 0 {
-            self.leave_kinks(&mut best)?;
-        }
-        self.hop(&mut best, patience, round)?;
         self.settle(&mut best)?;
+        if best.lies_on_kink() {
+            if round == 0 {
+                self.leave_kinks(&mut best)?;
+            }
+            self.hop(&mut best, patience, round)?;
+            self.settle(&mut best)?;
+        }
         Ok(Candidate { times_found, ..best })
     }
 
@@ -165,10 +168,11 @@ impl LocalSearch<'_, '_, '_> {
             let next = self.descend(&smoothed.decision, FIRST_RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
-        if !self.problem.is_smooth() {
-            self.hop(&mut best, PATIENCE, 0)?;
-        }
         self.settle(&mut best)?;
+        if !self.problem.is_smooth() && best.lies_on_kink() {
+            self.hop(&mut best, PATIENCE, 0)?;
+            self.settle(&mut best)?;
+        }
         Ok(best)
     }
 
@@ -217,8 +221,12 @@ impl LocalSearch<'_, '_, '_> {
     }
 
     /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find it
-    /// too. Where that leads to no better plan, the merit trades the goal for time, and its penalty parameter is too small.
+    /// too. Where that leads to no better plan, the merit trades the goal for time, and its penalty parameter is too small. One that
+    /// is measured has settled.
     fn settle(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
+        if best.stationarity.is_some() {
+            return Ok(());
+        }
         let tolerance = self.settings.goal_tolerance;
         let mut penalty_parameter = STRICT_PENALTY;
         loop {
