@@ -70,10 +70,11 @@ impl Candidate {
         self.goal_error <= goal_tolerance && !self.breaks_limits
     }
 
-    /// Whether its criticality measure, if there is one, is that of a smaller trust region than the first: the merit then has a kink
-    /// nearby, and other optima behind it.
-    pub(super) fn lies_on_kink(&self) -> bool {
-        self.stationarity.as_ref().is_none_or(|stationarity| stationarity.measure.radius < FIRST_RADIUS)
+    /// Whether it is feasible, and its criticality measure is that of the whole first trust region: where the merit has a kink nearby,
+    /// with other optima behind it, the region shrinks.
+    pub(super) fn is_smooth_optimum(&self, goal_tolerance: f64) -> bool {
+        let is_smooth = |known: &Arc<Stationarity>| known.measure.radius >= FIRST_RADIUS;
+        self.is_feasible(goal_tolerance) && self.stationarity.as_ref().is_some_and(is_smooth)
     }
 
     /// Whether it is feasible, and faster than another feasible one by more than a share.
@@ -145,18 +146,29 @@ mod tests {
     use super::*;
     use crate::optimizer::{Constraints, Linearisation};
 
+    fn measured(plan: Candidate, radius: f64) -> Candidate {
+        let none = DVector::zeros(0);
+        let (accepted, inequality) = (none.clone(), none.clone());
+        let model = Linearisation::new(Constraints { residual: none, inequality }, 1);
+        let (better, interruption) = (None, None);
+        let measure = CriticalityMeasure { prediction: 0.0, better, radius, interruption, model, accepted };
+        let stationarity = Some(Arc::new(Stationarity { penalty_parameter: 300.0, time_unit: 1.0, measure }));
+        Candidate { stationarity, ..plan }
+    }
+
+    #[test]
+    fn a_smooth_optimum_is_feasible_and_its_trust_region_did_not_shrink() {
+        let plan = |goal_error: f64| Candidate::new(DVector::from_element(1, 2.0), goal_error, false, None);
+        assert!(measured(plan(0.0), FIRST_RADIUS).is_smooth_optimum(1e-6));
+        assert!(!measured(plan(0.0), 0.5 * FIRST_RADIUS).is_smooth_optimum(1e-6));
+        assert!(!measured(plan(1.0), FIRST_RADIUS).is_smooth_optimum(1e-6));
+        assert!(!plan(0.0).is_smooth_optimum(1e-6));
+    }
+
     #[test]
     fn a_plan_that_was_noted_before_it_was_measured_is_measured() {
         let plan = |final_time: f64| Candidate::new(DVector::from_element(1, final_time), 0.0, false, None);
-        let measured = |final_time: f64| {
-            let none = DVector::zeros(0);
-            let (accepted, inequality) = (none.clone(), none.clone());
-            let model = Linearisation::new(Constraints { residual: none, inequality }, 1);
-            let (better, interruption) = (None, None);
-            let measure = CriticalityMeasure { prediction: 0.0, better, radius: 0.1, interruption, model, accepted };
-            let stationarity = Some(Arc::new(Stationarity { penalty_parameter: 300.0, time_unit: 1.0, measure }));
-            Candidate { stationarity, ..plan(final_time) }
-        };
+        let measured = |final_time: f64| measured(plan(final_time), FIRST_RADIUS);
         let noted = |plans: &[Candidate]| {
             let mut known = None;
             for plan in plans {

@@ -113,7 +113,8 @@ impl LocalSearch<'_, '_, '_> {
         Ok(Candidate { times_found: from.times_found, ..led_to })
     }
 
-    /// Improves a local optimum that lies on a kink by hops, others in each round; in the first one through smoothing before that.
+    /// Improves a local optimum by hops, others in each round; in the first one through smoothing before that. Where the merit is smooth,
+    /// there is no kink to leave.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
@@ -130,7 +131,7 @@ impl LocalSearch<'_, '_, '_> {
         self.aim(candidate.goal_heading);
         let (times_found, mut best) = (candidate.times_found, candidate);
         self.settle(&mut best)?;
-        if best.lies_on_kink() {
+        if !best.is_smooth_optimum(self.settings.goal_tolerance) {
             if round == 0 {
                 self.leave_kinks(&mut best)?;
             }
@@ -169,7 +170,7 @@ impl LocalSearch<'_, '_, '_> {
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
         self.settle(&mut best)?;
-        if !self.problem.is_smooth() && best.lies_on_kink() {
+        if !self.problem.is_smooth() && !best.is_smooth_optimum(self.settings.goal_tolerance) {
             self.hop(&mut best, PATIENCE, 0)?;
             self.settle(&mut best)?;
         }
