@@ -130,8 +130,7 @@ impl LocalSearch<'_, '_, '_> {
         let _phase = self.control.enter(Phase::Polish);
         self.aim(candidate.goal_heading);
         let (times_found, mut best) = (candidate.times_found, candidate);
-        self.settle(&mut best)?;
-        if !best.is_smooth_optimum(self.settings.goal_tolerance) {
+        if !self.settles_smoothly(&mut best)? {
             if round == 0 {
                 self.leave_kinks(&mut best)?;
             }
@@ -169,11 +168,10 @@ impl LocalSearch<'_, '_, '_> {
             let next = self.descend(&smoothed.decision, FIRST_RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
-        self.settle(&mut best)?;
-        if !self.problem.is_smooth() && !best.is_smooth_optimum(self.settings.goal_tolerance) {
+        if !self.problem.is_smooth() && !self.settles_smoothly(&mut best)? {
             self.hop(&mut best, PATIENCE, 0)?;
-            self.settle(&mut best)?;
         }
+        self.settle(&mut best)?;
         Ok(best)
     }
 
@@ -219,6 +217,16 @@ impl LocalSearch<'_, '_, '_> {
     /// One descent near a plan of a similar problem.
     fn near(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         self.descend_until(guess, (FIRST_RADIUS, None), (CRITICALITY_TOLERANCE, f64::INFINITY))
+    }
+
+    /// Whether a plan settles on a smooth optimum, from which hops gain nothing. What misses the goal is left where it is: a penalty that
+    /// grows leads it to where hops do not meet the goal either.
+    fn settles_smoothly(&mut self, best: &mut Candidate) -> Result<bool, Interruption> {
+        let tolerance = self.settings.goal_tolerance;
+        if best.is_feasible(tolerance) {
+            self.settle(best)?;
+        }
+        Ok(best.is_smooth_optimum(tolerance))
     }
 
     /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find it
