@@ -10,7 +10,9 @@ from conftest import QUICK
 from slipdrive import Client
 from slipdrive.requests import SolveRequest
 
-REQUESTS: list[SolveRequest] = [{**QUICK, "maneuver": {"goal": {"y_m": 1 + place / 100}}} for place in range(200)]
+# Long enough for the client to keep the server's queue filled.
+MANY: SolveRequest = {**QUICK, "grid": {"steps": 200}}
+REQUESTS: list[SolveRequest] = [{**MANY, "maneuver": {"goal": {"y_m": 1 + place / 100}}} for place in range(200)]
 
 if __name__ == "__main__":
     with Client(sys.argv[1]) as client:
