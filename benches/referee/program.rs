@@ -24,6 +24,8 @@ const REFUSED: i32 = 64;
 const START_UPS: usize = 21;
 /// Status of a plan that is what was asked for.
 const CONVERGED: &str = "converged";
+/// The longest time limit that a program takes, s: what a search finds should not depend on the machine.
+const TIME_LIMIT_S: f64 = 60.0;
 /// What stands for the words of an answer that is missing.
 const NONE: &str = "none";
 /// The resolution of the account: the logarithm of a CPU time is finite.
@@ -89,10 +91,12 @@ impl Program {
     /// # Errors
     /// A program that cannot be run, or does not answer the simplest requests.
     pub(crate) fn new(path: &Path, fields: Option<&Value>, load_share: Option<f64>) -> Result<Self> {
+        let mut all_fields = json!({ "solver": { "time_limit_s": TIME_LIMIT_S } });
+        fields.into_iter().for_each(|fields| merge(&mut all_fields, fields));
         let mut program = Self {
             path: path.to_owned(),
             name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-            fields: fields.cloned().unwrap_or_else(|| json!({})),
+            fields: all_fields,
             start_up: Duration::ZERO,
             takes_load_share: false,
         };

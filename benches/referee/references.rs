@@ -23,8 +23,6 @@ use crate::values::digest;
 const COUNT: usize = 100;
 /// Most starts that a program takes in one request; longer searches are several requests with seeds of their own.
 const MOST_STARTS: u64 = 64;
-/// Longest time limit that a program takes, s.
-const TIME_LIMIT_S: f64 = 60.0;
 /// Most rollouts that a program takes.
 const ROLLOUT_LIMIT: u64 = 100_000_000;
 
@@ -147,7 +145,7 @@ impl Search<'_> {
 }
 
 fn long_solver(starts: u64) -> Value {
-    json!({ "solver": { "starts": starts, "time_limit_s": TIME_LIMIT_S, "rollout_limit": ROLLOUT_LIMIT } })
+    json!({ "solver": { "starts": starts, "rollout_limit": ROLLOUT_LIMIT } })
 }
 
 impl References {
