@@ -11,9 +11,12 @@ use super::strategies::Heat;
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 
-/// Where too few starts lead to the best merit, more are tried: up to this multiple of the requested number.
-const MORE_STARTS: usize = 3;
-/// One in so many of the requested starts must lead to the best merit: what is found less often is seldom the best there is.
+/// Where no start leads to a plan, more are tried: up to this multiple of the requested number.
+const MOST_BLOCKS: usize = 3;
+/// Rounds of spins end as soon as so many of them in a row lead to no better plan.
+const MOST_IN_VAIN: usize = 4;
+/// Or one, where one start or spin for so many of the requested starts led to the best merit: what is found less often is seldom the best
+/// there is.
 const STARTS_A_FIND: usize = 8;
 /// Fewest steps per control interval of the grid on which starts are compared.
 const COARSE_STEPS: usize = 2;
@@ -46,23 +49,26 @@ impl<'a> Race<'a> {
         Self { input, problem, coarse_step_count, rollout_limit, progress, found: Total::default(), tried: 0, spun: 0 }
     }
 
-    /// From starts to local optima, in blocks of the requested number, until the best one has been found more than by chance, and
-    /// one is a plan, or until a finer grid should come first. Whether any start goes through smoothed laws.
+    /// From starts to local optima, in blocks of the requested number, until one is a plan, or until a finer grid should come first; then
+    /// from spins of the best. Whether any start goes through smoothed laws.
     pub(super) fn starts(&mut self, optima: &mut Vec<Candidate>) -> bool {
-        let settings = &self.input.settings;
+        let goal_tolerance = self.input.settings.goal_tolerance;
         let mut smoothed = Vec::new();
-        for _ in 0..MORE_STARTS {
+        for _ in 0..MOST_BLOCKS {
             self.block(&mut smoothed, optima);
-            let is_found_again = smoothed.is_empty() || times_found(&smoothed) * STARTS_A_FIND >= settings.start_count;
-            let has_plan = optima.iter().any(|optimum| optimum.is_feasible(settings.goal_tolerance));
-            if is_found_again && has_plan || self.is_too_coarse() || self.found.interruption.is_some() {
+            let has_plan = optima.iter().any(|optimum| optimum.is_feasible(goal_tolerance));
+            if has_plan || self.is_too_coarse() || self.found.interruption.is_some() {
                 break;
             }
+        }
+        if !self.is_too_coarse() {
+            self.spins(&mut smoothed, optima);
+            self.descend(&mut smoothed, optima);
         }
         !smoothed.is_empty()
     }
 
-    /// From so many starts as are requested, and from spins of the best that they lead to, to local optima. Some maneuvers have fewer.
+    /// From so many starts as are requested to local optima. Some maneuvers have fewer.
     pub(super) fn block(&mut self, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
         let first = self.tried;
         let starts = starts(self.input, first + self.input.settings.start_count);
@@ -70,13 +76,16 @@ impl<'a> Race<'a> {
         let count = starts.len();
         let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
         self.tried += self.heats((starts, &numbers), smoothed, optima);
-        self.spins(count / ONE_IN, smoothed, optima);
         self.descend(smoothed, optima);
     }
 
-    /// From spins of the best smoothed plan so far to what they lead to, until so many lead to no better one.
-    fn spins(&mut self, count: usize, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
-        loop {
+    /// From spins of the best smoothed plan so far to what they lead to, in rounds, until one leads to no better plan and the best has been
+    /// found more than by chance, or until several in a row lead to no better one.
+    fn spins(&mut self, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
+        let start_count = self.input.settings.start_count;
+        let count = start_count / ONE_IN;
+        let mut in_vain = 0;
+        while count > 0 && in_vain < MOST_IN_VAIN {
             let (None, Some(best)) = (self.found.interruption, smoothed.first()) else { return };
             let plan = Start {
                 schedule: schedule_from_decision(&best.local.decision),
@@ -87,7 +96,8 @@ impl<'a> Race<'a> {
             let spins = spun(self.input, &plan, (count, (self.tried + self.spun) as u64));
             self.spun += count;
             self.heats((&spins, &numbers), smoothed, optima);
-            if !is_distinct(smoothed[0].local.merit, merit) {
+            in_vain = if is_distinct(smoothed[0].local.merit, merit) { 0 } else { in_vain + 1 };
+            if in_vain > 0 && times_found(smoothed) * STARTS_A_FIND >= start_count {
                 return;
             }
         }
