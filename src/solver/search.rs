@@ -187,9 +187,10 @@ mod tests {
     use nalgebra::DVector;
 
     use super::*;
+    use crate::shooting::StateComponent;
     use crate::simulation::Simulator;
     use crate::solver::grid_problem::problem_on;
-    use crate::solver::settings::{Method, SolveParameters};
+    use crate::solver::settings::{Method, Refinement, SolveParameters};
 
     #[test]
     fn without_further_starts_there_are_no_further_optima() {
@@ -204,6 +205,24 @@ mod tests {
         // As after the searches of several grids; the method has one start.
         result.starts_tried = 3;
         assert!(further_optima(&input, &problem, &mut result, &control).is_empty());
+    }
+
+    #[test]
+    fn more_starts_are_for_where_none_leads_to_a_plan() {
+        let tried = |speed: f64| {
+            let refinement = Refinement::Fixed;
+            let settings = SolverSettings { start_count: 2, step_count: 40, refinement, ..SolverSettings::default() };
+            let mut parameters = SolveParameters { settings, ..SolveParameters::default() };
+            parameters.maneuver.goal.set(StateComponent::Y, Some(1.0));
+            parameters.maneuver.goal.set(StateComponent::VelocityY, Some(speed));
+            let input = SolveInput::new(parameters).unwrap();
+            let (simulator, control) = (Simulator::new(&input.robot), RunControl::unattended());
+            let (problem, _) = problem_on(&input, &simulator, input.settings.step_count);
+            search(&input, &problem, u64::MAX, &control).starts_tried
+        };
+        assert_eq!(tried(0.0), 2);
+        // Faster than a metre's way allows.
+        assert_eq!(tried(50.0), 6);
     }
 
     #[test]
