@@ -11,8 +11,6 @@ use super::strategies::Heat;
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 
-/// Where no start leads to a plan, more are tried: up to this multiple of the requested number.
-const MOST_BLOCKS: usize = 3;
 /// Rounds of spins end as soon as so many of them in a row lead to no better plan.
 const MOST_IN_VAIN: usize = 4;
 /// Or one, where one start or spin for so many of the requested starts led to the best merit: what is found less often is seldom the best
@@ -49,19 +47,15 @@ impl<'a> Race<'a> {
         Self { input, problem, coarse_step_count, rollout_limit, progress, found: Total::default(), tried: 0, spun: 0 }
     }
 
-    /// From starts to local optima, in blocks of the requested number, until one is a plan, or until a finer grid should come first; then
-    /// from spins of the best. Whether any start goes through smoothed laws.
+    /// From starts to local optima, from as many more where none is a plan, and from spins of the best; less where a finer grid should come
+    /// first. Whether any start goes through smoothed laws.
     pub(super) fn starts(&mut self, optima: &mut Vec<Candidate>) -> bool {
-        let goal_tolerance = self.input.settings.goal_tolerance;
         let mut smoothed = Vec::new();
-        for _ in 0..MOST_BLOCKS {
-            self.block(&mut smoothed, optima);
-            let has_plan = optima.iter().any(|optimum| optimum.is_feasible(goal_tolerance));
-            if has_plan || self.is_too_coarse() || self.found.interruption.is_some() {
-                break;
-            }
-        }
+        self.block(&mut smoothed, optima);
         if !self.is_too_coarse() {
+            if !optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance)) {
+                self.block(&mut smoothed, optima);
+            }
             self.spins(&mut smoothed, optima);
             self.descend(&mut smoothed, optima);
         }

@@ -222,7 +222,7 @@ mod tests {
         };
         assert_eq!(tried(0.0), 2);
         // Faster than a metre's way allows.
-        assert_eq!(tried(50.0), 6);
+        assert_eq!(tried(50.0), 4);
     }
 
     #[test]

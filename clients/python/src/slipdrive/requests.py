@@ -437,9 +437,7 @@ class Solver(TypedDict, total=False):
     seed: int
     """Seed of all randomness; default 0. [>= 0, <= 1.84467e+19]"""
     starts: int
-    """How many starts the search tries, and up to three times as many where none leads to a plan; default 36. [>= 1,
-    <= 64]
-    """
+    """How many starts the search tries, and twice as many where none leads to a plan; default 36. [>= 1, <= 64]"""
     time_limit_s: float
     """How long the solve may run, s, counted from its start; default 10. [> 0, <= 60]"""
 
