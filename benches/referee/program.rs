@@ -92,7 +92,9 @@ impl Program {
     /// A program that cannot be run, or does not answer the simplest requests.
     pub(crate) fn new(path: &Path, fields: Option<&Value>, load_share: Option<f64>) -> Result<Self> {
         let mut all_fields = json!({ "solver": { "time_limit_s": TIME_LIMIT_S } });
-        fields.into_iter().for_each(|fields| merge(&mut all_fields, fields));
+        if let Some(fields) = fields {
+            merge(&mut all_fields, fields);
+        }
         let mut program = Self {
             path: path.to_owned(),
             name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
