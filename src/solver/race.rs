@@ -53,7 +53,8 @@ impl<'a> Race<'a> {
         let mut smoothed = Vec::new();
         self.block(&mut smoothed, optima);
         if !self.is_too_coarse() {
-            if !optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance)) {
+            let has_plan = optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance));
+            if !has_plan && self.found.interruption.is_none() {
                 self.block(&mut smoothed, optima);
             }
             self.spins(&mut smoothed, optima);
