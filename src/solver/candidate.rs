@@ -106,7 +106,7 @@ pub(super) fn improves(known: Option<&Candidate>, next: &Candidate, goal_toleran
 }
 
 /// Keeps the better of the best one known and another; of equals the earlier one, with the criticality measure of either.
-pub(super) fn note(known: &mut Option<Candidate>, next: Option<Candidate>, goal_tolerance: f64) {
+pub(super) fn keep_best(known: &mut Option<Candidate>, next: Option<Candidate>, goal_tolerance: f64) {
     let Some(next) = next else { return };
     match known {
         Some(known) if !next.is_better_than(known, goal_tolerance) => {
@@ -172,7 +172,7 @@ mod tests {
         let noted = |plans: &[Candidate]| {
             let mut known = None;
             for plan in plans {
-                note(&mut known, Some(plan.clone()), 1e-6);
+                keep_best(&mut known, Some(plan.clone()), 1e-6);
             }
             known.map(|known| (known.final_time(), known.stationarity.is_some()))
         };

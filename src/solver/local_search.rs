@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, improves, note};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, improves, keep_best};
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
@@ -168,7 +168,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             last.set((goal_error, breaks_limits));
             if goal_error <= tolerance && !breaks_limits {
                 let feasible = Candidate::new(penalty.decision().clone(), goal_error, breaks_limits, goal_heading);
-                note(&mut passed, Some(feasible), tolerance);
+                keep_best(&mut passed, Some(feasible), tolerance);
             }
             Ok(value)
         };
@@ -226,7 +226,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     /// Stores the criticality measure of a candidate, which may be the best one.
     pub(super) fn note_stationarity(&mut self, candidate: &mut Candidate, stationarity: Stationarity) {
         candidate.stationarity = Some(Arc::new(stationarity));
-        note(&mut self.best, Some(candidate.clone()), self.settings.goal_tolerance);
+        keep_best(&mut self.best, Some(candidate.clone()), self.settings.goal_tolerance);
     }
 
     fn note(&mut self, candidate: &Candidate) {

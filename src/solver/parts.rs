@@ -10,7 +10,7 @@ use std::iter;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::candidate::{Candidate, note};
+use super::candidate::{Candidate, keep_best};
 use super::helpers::{CancelOnPanic, SharedWork};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
@@ -78,7 +78,7 @@ impl Total {
     fn add(&mut self, outcome: PartOutcome, goal_tolerance: f64) -> Option<Candidate> {
         self.iterations += outcome.iterations;
         self.rollouts += outcome.rollouts;
-        note(&mut self.best, outcome.best, goal_tolerance);
+        keep_best(&mut self.best, outcome.best, goal_tolerance);
         outcome.local.map_err(|interruption| self.interruption = Some(interruption)).ok()
     }
 }
@@ -107,7 +107,7 @@ impl<'a> Parts<'a> {
             let outcome = match slot {
                 Slot::Done { outcome, limit } if outcome.holds_under(share, limit) => *outcome,
                 slot if control.is_stopped() => {
-                    note(&mut found.best, given_back, goal_tolerance);
+                    keep_best(&mut found.best, given_back, goal_tolerance);
                     for (index, slot) in iter::once((index, slot)).chain(slots) {
                         if let Slot::Done { outcome, .. } = slot {
                             locals.extend(found.add(*outcome, goal_tolerance).map(|local| (index, local)));
@@ -150,7 +150,7 @@ impl<'a> Parts<'a> {
         let mut state = self.state();
         if matches!(outcome.local, Err(Interruption::Stopped)) && !self.progress.control.is_stopped() {
             state.slots[index] = Slot::Open;
-            note(&mut state.given_back, outcome.best, self.progress.goal_tolerance);
+            keep_best(&mut state.given_back, outcome.best, self.progress.goal_tolerance);
             return;
         }
         state.slots[index] = Slot::Done { outcome: Box::new(outcome), limit };
