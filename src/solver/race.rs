@@ -79,11 +79,8 @@ impl<'a> Race<'a> {
     fn spins(&mut self, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
         let start_count = self.input.settings.start_count;
         let count = start_count / ONE_IN;
-        if count == 0 {
-            return;
-        }
         let mut in_vain = 0;
-        while in_vain < MOST_IN_VAIN {
+        while count > 0 && in_vain < MOST_IN_VAIN {
             let (None, Some(best)) = (self.found.interruption, smoothed.first()) else { return };
             let plan = Start {
                 schedule: schedule_from_decision(&best.local.decision),
