@@ -3,7 +3,7 @@
 //! A maneuver from rest to rest is a turn, a drive and a turn, each with full effort and full braking. Forwards and
 //! backwards, either way round, gives several such plans; there and back again in two directions moves a robot aside by little.
 //! A moving start brakes first, a moving goal accelerates last.
-//! These are only first guesses: they neglect slip, the shift of normal forces and the centre of mass off the axle.
+//! These are only first guesses: they neglect slip, the shift of normal forces and the centre of mass ahead of the axle.
 
 mod rolling;
 mod routes;

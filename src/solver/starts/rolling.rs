@@ -20,10 +20,14 @@ pub(super) struct Pose {
 /// Inertias and torques of rolling without slip, from which the legs are computed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rolling {
+    /// The largest of each wheel, N m: those of a turn.
     pub(super) torque: PerWheel<f64>,
-    /// Force of both torques at the floor, N.
+    /// Of a drive, N m. They differ where the centre of mass is off the middle, so that the robot goes straight: a long drive that turns
+    /// a little ends far from its goal.
+    drive_torque: PerWheel<f64>,
+    /// Of a drive at the floor, N.
     force: f64,
-    /// Moment of both torques about the axle midpoint, N m.
+    /// Of a turn about the axle midpoint, N m.
     moment: f64,
     /// kg
     mass: f64,
@@ -48,13 +52,15 @@ impl Rolling {
         let limit = input.robot.torques_near_grip(input.maneuver.torque_limit);
         let torque = PerWheel::new(limited(limit.left), limited(limit.right));
         let spin = 2.0 * robot.wheel_spin_inertia / robot.wheel_radius.powi(2);
-        let force = (torque.left + torque.right) / robot.wheel_radius;
+        let mass = robot.total_mass() + spin;
+        let drive_torque = straight(torque, robot.chassis_mass * robot.center_of_mass_right / (mass * half_track));
         let rim_speed = robot.wheel_radius * top_wheel_rate(robot, limits, torque);
         Self {
             torque,
-            force,
-            moment: force * half_track,
-            mass: robot.total_mass() + spin,
+            drive_torque,
+            force: (drive_torque.left + drive_torque.right) / robot.wheel_radius,
+            moment: (torque.left + torque.right) / robot.wheel_radius * half_track,
+            mass,
             yaw_inertia: robot.chassis_yaw_inertia
                 + robot.chassis_mass * axle.norm_squared()
                 + 2.0 * robot.wheel_diametral_inertia
@@ -73,20 +79,17 @@ impl Rolling {
             .min(largest(limits.deceleration, along))
             .min(largest(limits.yaw_acceleration, self.moment / self.yaw_inertia));
         if share < 1.0 {
-            self.torque = PerWheel::new(share * self.torque.left, share * self.torque.right);
+            self.torque = times(self.torque, (share, share));
+            self.drive_torque = times(self.drive_torque, (share, share));
             (self.force, self.moment) = (share * self.force, share * self.moment);
         }
         self
     }
 
-    fn torques(&self, left: f64, right: f64) -> PerWheel<f64> {
-        PerWheel::new(left * self.torque.left, right * self.torque.right)
-    }
-
     /// Full effort over half the distance, full braking over the rest; at the top speed in between.
     pub(super) fn drive(&self, distance: f64, segments: &mut Vec<Segment>) {
         let sign = distance.signum();
-        let torque = self.torques(sign, sign);
+        let torque = times(self.drive_torque, (sign, sign));
         let half = (distance.abs() * self.mass / self.force).sqrt();
         push_trapezoid((half, distance.abs() / self.top_speed), torque, segments);
     }
@@ -94,7 +97,7 @@ impl Rolling {
     /// Positive angles turn left: the right wheel drives forward.
     pub(super) fn turn(&self, angle: f64, segments: &mut Vec<Segment>) {
         let sign = angle.signum();
-        let torque = self.torques(-sign, sign);
+        let torque = times(self.torque, (-sign, sign));
         let half = (angle.abs() * self.yaw_inertia / self.moment).sqrt();
         push_trapezoid((half, angle.abs() / self.top_yaw_rate), torque, segments);
     }
@@ -109,17 +112,28 @@ impl Rolling {
         if speed.abs() > ROUNDING {
             let duration = speed.abs() * self.mass / self.force;
             let sign = -speed.signum();
-            segments.push(Segment { duration, torque: self.torques(sign, sign) });
+            segments.push(Segment { duration, torque: times(self.drive_torque, (sign, sign)) });
             pose.position += forward * (speed * duration / 2.0);
         }
         if yaw_rate.abs() > ROUNDING {
             let duration = yaw_rate.abs() * self.yaw_inertia / self.moment;
             let sign = -yaw_rate.signum();
-            segments.push(Segment { duration, torque: self.torques(-sign, sign) });
+            segments.push(Segment { duration, torque: times(self.torque, (-sign, sign)) });
             pose.heading += yaw_rate * duration / 2.0;
         }
         pose
     }
+}
+
+/// Torques at most these, in the ratio in which forces that accelerate the robot without turning it exceed and fall short of their mean by a
+/// share, on the right and on the left.
+fn straight(torque: PerWheel<f64>, share: f64) -> PerWheel<f64> {
+    let largest = 1.0 + share.abs();
+    times(torque, ((1.0 - share) / largest, (1.0 + share) / largest))
+}
+
+fn times(torque: PerWheel<f64>, (left, right): (f64, f64)) -> PerWheel<f64> {
+    PerWheel::new(left * torque.left, right * torque.right)
 }
 
 /// The rate at which a wheel may turn under its torque, rad/s.
