@@ -19,6 +19,13 @@ fn solved(input: &SolveInput) -> Solution {
     solve(input, &RunControl::unattended()).unwrap()
 }
 
+/// A goal beside the way, which the first guess misses.
+fn aside() -> SolveInput {
+    let mut input = SolveInput::forward_drive();
+    input.maneuver.goal.set(StateComponent::X, Some(1.0));
+    input
+}
+
 #[test]
 fn forward_drive_is_as_fast_as_the_paper() {
     let solution = solved(&SolveInput::forward_drive());
@@ -161,7 +168,7 @@ impl ProgressObserver for StopAt<'_> {
 #[test]
 fn stopped_search_ends_within_one_rollout() {
     for method in [Method::SequentialLinear, Method::NelderMead] {
-        let mut input = SolveInput::forward_drive();
+        let mut input = aside();
         input.settings.method = method;
         let flag = AtomicBool::new(false);
         let observer = StopAt { flag: &flag, at: 5, heard: AtomicU64::new(0) };
@@ -184,7 +191,7 @@ fn solve_that_is_cut_off_in_its_search_has_no_answer() {
 #[test]
 fn rollout_limit_is_kept() {
     for method in [Method::SequentialLinear, Method::NelderMead] {
-        let mut input = SolveInput::forward_drive();
+        let mut input = aside();
         input.settings.method = method;
         // Too few for any plan.
         input.settings.rollout_limit = 7;
