@@ -137,10 +137,11 @@ fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
     })
 }
 
-/// Full effort towards the goal in the first half, full braking in the second, as if the goal lay straight ahead.
+/// Full effort towards the goal in the first half, full braking in the second, as if the goal lay straight ahead. From a plan that already
+/// meets the goal, Nelder-Mead does not come as near to the paper's: 3.31 in place of 2.95 s.
 fn straight(input: &SolveInput) -> Start {
     let maneuver = &input.maneuver;
-    let rolling = Rolling::new(input, AMPLITUDES[0]);
+    let rolling = Rolling::new(input, AMPLITUDES[0]).with_largest_torques();
     let start = &maneuver.start.configuration;
     let x = maneuver.goal.value(StateComponent::X).unwrap_or(start.x) - start.x;
     let y = maneuver.goal.value(StateComponent::Y).unwrap_or(start.y) - start.y;

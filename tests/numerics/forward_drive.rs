@@ -37,6 +37,14 @@ fn forward_drive_is_as_fast_as_the_paper() {
 }
 
 #[test]
+fn first_guess_goes_straight_to_the_goal() {
+    let mut input = SolveInput::forward_drive();
+    input.settings.rollout_limit = 1;
+    assert!(input.robot.parameters().center_of_mass_right != 0.0);
+    assert_eq!(solved(&input).status, Status::Feasible);
+}
+
+#[test]
 fn right_wheel_slides_while_braking_as_in_the_paper() {
     let solution = solved(&SolveInput::forward_drive());
     let (total, trajectory) = (solution.schedule.final_time, &solution.trajectory);

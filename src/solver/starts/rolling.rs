@@ -25,10 +25,9 @@ pub(super) struct Rolling {
     /// Of a drive, N m. They differ where the centre of mass is off the middle, so that the robot goes straight: a long drive that turns
     /// a little ends far from its goal.
     drive_torque: PerWheel<f64>,
-    /// Of a drive at the floor, N.
-    force: f64,
-    /// Of a turn about the axle midpoint, N m.
-    moment: f64,
+    /// m
+    wheel_radius: f64,
+    half_track: f64,
     /// kg
     mass: f64,
     /// About the axle midpoint, kg m2.
@@ -58,8 +57,8 @@ impl Rolling {
         Self {
             torque,
             drive_torque,
-            force: (drive_torque.left + drive_torque.right) / robot.wheel_radius,
-            moment: (torque.left + torque.right) / robot.wheel_radius * half_track,
+            wheel_radius: robot.wheel_radius,
+            half_track,
             mass,
             yaw_inertia: robot.chassis_yaw_inertia
                 + robot.chassis_mass * axle.norm_squared()
@@ -74,23 +73,37 @@ impl Rolling {
     /// With as much of the torques as the limits of the accelerations allow.
     fn gentle(mut self, limits: &ManeuverLimits) -> Self {
         let largest = |limit: Option<f64>, acceleration: f64| limit.map_or(1.0, |limit| limit / acceleration);
-        let along = self.force / self.mass;
+        let along = self.force() / self.mass;
         let share = largest(limits.acceleration, along)
             .min(largest(limits.deceleration, along))
-            .min(largest(limits.yaw_acceleration, self.moment / self.yaw_inertia));
+            .min(largest(limits.yaw_acceleration, self.moment() / self.yaw_inertia));
         if share < 1.0 {
             self.torque = times(self.torque, (share, share));
             self.drive_torque = times(self.drive_torque, (share, share));
-            (self.force, self.moment) = (share * self.force, share * self.moment);
         }
         self
+    }
+
+    /// With the largest torques in drives, too, which then turn where the centre of mass is off the middle.
+    pub(super) fn with_largest_torques(self) -> Self {
+        Self { drive_torque: self.torque, ..self }
+    }
+
+    /// Of a drive at the floor, N.
+    fn force(&self) -> f64 {
+        (self.drive_torque.left + self.drive_torque.right) / self.wheel_radius
+    }
+
+    /// Of a turn about the axle midpoint, N m.
+    fn moment(&self) -> f64 {
+        (self.torque.left + self.torque.right) / self.wheel_radius * self.half_track
     }
 
     /// Full effort over half the distance, full braking over the rest; at the top speed in between.
     pub(super) fn drive(&self, distance: f64, segments: &mut Vec<Segment>) {
         let sign = distance.signum();
         let torque = times(self.drive_torque, (sign, sign));
-        let half = (distance.abs() * self.mass / self.force).sqrt();
+        let half = (distance.abs() * self.mass / self.force()).sqrt();
         push_trapezoid((half, distance.abs() / self.top_speed), torque, segments);
     }
 
@@ -98,7 +111,7 @@ impl Rolling {
     pub(super) fn turn(&self, angle: f64, segments: &mut Vec<Segment>) {
         let sign = angle.signum();
         let torque = times(self.torque, (-sign, sign));
-        let half = (angle.abs() * self.yaw_inertia / self.moment).sqrt();
+        let half = (angle.abs() * self.yaw_inertia / self.moment()).sqrt();
         push_trapezoid((half, angle.abs() / self.top_yaw_rate), torque, segments);
     }
 
@@ -110,13 +123,13 @@ impl Rolling {
         let yaw_rate = state.velocity.yaw_rate;
         let mut pose = Pose { position: Vector2::new(q.x, q.y), heading: q.heading };
         if speed.abs() > ROUNDING {
-            let duration = speed.abs() * self.mass / self.force;
+            let duration = speed.abs() * self.mass / self.force();
             let sign = -speed.signum();
             segments.push(Segment { duration, torque: times(self.drive_torque, (sign, sign)) });
             pose.position += forward * (speed * duration / 2.0);
         }
         if yaw_rate.abs() > ROUNDING {
-            let duration = yaw_rate.abs() * self.yaw_inertia / self.moment;
+            let duration = yaw_rate.abs() * self.yaw_inertia / self.moment();
             let sign = -yaw_rate.signum();
             segments.push(Segment { duration, torque: times(self.torque, (-sign, sign)) });
             pose.heading += yaw_rate * duration / 2.0;
