@@ -2,7 +2,7 @@
 
 use nalgebra::SVector;
 use slipdrive::contact::{ContactMode, ContactName};
-use slipdrive::robot::{BodyVector, PerWheel, Robot, RobotParameters, State};
+use slipdrive::robot::{BodyVector, PerWheel, Robot, RobotParameters, State, Velocity};
 use slipdrive::simulation::{
     ContactMethod, EndSensitivity, FrictionLaw, Rollout, Simulator, TorqueSchedule, Trajectory,
 };
@@ -42,6 +42,39 @@ fn rolling_accelerates_as_if_the_wheels_added_to_the_mass() {
     assert_near(end.velocity.y, acceleration, ROUNDING);
     assert_near(end.configuration.y, acceleration / 2.0, ROUNDING);
     assert_near(end.configuration.x, 0.0, ROUNDING);
+}
+
+#[test]
+fn rolling_forwards_rights_the_course_and_backwards_loses_it() {
+    let robot = symmetric();
+    let half_track = robot.track_width / 2.0;
+    let lever = robot.chassis_mass * robot.center_of_mass_forward;
+    let rolling_mass = robot.wheel_mass + robot.wheel_spin_inertia / robot.wheel_radius.powi(2);
+    let yaw_inertia = robot.chassis_yaw_inertia
+        + lever * robot.center_of_mass_forward
+        + 2.0 * (robot.wheel_diametral_inertia + rolling_mass * half_track.powi(2));
+    let yaw_rate = 1e-6;
+    for speed in [3.0, -3.0] {
+        // Steps that right the course of a robot that rolls forwards, that overshoot, and that lose it.
+        for share in [0.1, 1.5, 2.5] {
+            let rim_speeds = [-1.0, 1.0].map(|side| speed + side * yaw_rate * half_track);
+            let [left, right] = rim_speeds.map(|speed| speed / robot.wheel_radius);
+            let mut start = State::default();
+            start.velocity = Velocity {
+                x: -yaw_rate * robot.center_of_mass_forward,
+                y: speed,
+                yaw_rate,
+                wheel_rate: PerWheel::new(left, right),
+            };
+            let dt = share * yaw_inertia / (lever * speed.abs());
+            let trajectory = roll(robot, &start, &constant(6.0 * dt, 0.0, 0.0), 6);
+            // The start does not lag its heading yet, so the first step turns by half as much.
+            for pair in trajectory.state[1..].windows(2) {
+                let factor = pair[1].velocity.yaw_rate / pair[0].velocity.yaw_rate;
+                assert_near(factor, 1.0 - share * speed.signum(), 1e-4);
+            }
+        }
+    }
 }
 
 #[test]
