@@ -59,13 +59,13 @@ fn rolling_forwards_rights_the_course_and_backwards_loses_it() {
         for share in [0.1, 1.5, 2.5] {
             let rim_speeds = [-1.0, 1.0].map(|side| speed + side * yaw_rate * half_track);
             let [left, right] = rim_speeds.map(|speed| speed / robot.wheel_radius);
-            let mut start = State::default();
-            start.velocity = Velocity {
+            let velocity = Velocity {
                 x: -yaw_rate * robot.center_of_mass_forward,
                 y: speed,
                 yaw_rate,
                 wheel_rate: PerWheel::new(left, right),
             };
+            let start = State { velocity, ..State::default() };
             let dt = share * yaw_inertia / (lever * speed.abs());
             let trajectory = roll(robot, &start, &constant(6.0 * dt, 0.0, 0.0), 6);
             // The start does not lag its heading yet, so the first step turns by half as much.
