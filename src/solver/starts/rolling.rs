@@ -138,9 +138,12 @@ impl Rolling {
     }
 }
 
-/// Torques at most these, in the ratio in which forces that accelerate the robot without turning it exceed and fall short of their mean by a
-/// share, on the right and on the left.
+/// Torques at most these under which the robot goes straight: the force of the right wheel exceeds the mean by a share, and that of the left
+/// one falls short of it. With a centre of mass beyond a wheel one would have to brake: there they stay as they are.
 fn straight(torque: PerWheel<f64>, share: f64) -> PerWheel<f64> {
+    if share.abs() >= 1.0 {
+        return torque;
+    }
     let largest = 1.0 + share.abs();
     times(torque, ((1.0 - share) / largest, (1.0 + share) / largest))
 }
@@ -171,5 +174,19 @@ fn push_trapezoid((half, at_top_speed): (f64, f64), torque: PerWheel<f64>, segme
             segments.push(Segment { duration: at_top_speed - effort, torque: PerWheel::new(0.0, 0.0) });
         }
         segments.push(Segment { duration: effort, torque: braking });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drives_go_straight_with_the_centre_of_mass_between_the_wheels() {
+        let torque = PerWheel::new(1.0, 1.0);
+        assert_eq!(straight(torque, 0.0), torque);
+        assert_eq!(straight(torque, 0.25), PerWheel::new(0.6, 1.0));
+        assert_eq!(straight(torque, -0.25), PerWheel::new(1.0, 0.6));
+        assert_eq!(straight(torque, 1.0), torque);
     }
 }
