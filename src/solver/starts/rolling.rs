@@ -52,7 +52,7 @@ impl Rolling {
         let torque = PerWheel::new(limited(limit.left), limited(limit.right));
         let spin = 2.0 * robot.wheel_spin_inertia / robot.wheel_radius.powi(2);
         let mass = robot.total_mass() + spin;
-        let drive_torque = straight(torque, robot.chassis_mass * robot.center_of_mass_right / (mass * half_track));
+        let drive_torque = straightened(torque, robot.chassis_mass * robot.center_of_mass_right / (mass * half_track));
         let rim_speed = robot.wheel_radius * top_wheel_rate(robot, limits, torque);
         Self {
             torque,
@@ -140,7 +140,7 @@ impl Rolling {
 
 /// Torques at most these under which the robot goes straight: the force of the right wheel exceeds the mean by a share, and that of the left
 /// one falls short of it. With a centre of mass beyond a wheel one would have to brake: there they stay as they are.
-fn straight(torque: PerWheel<f64>, share: f64) -> PerWheel<f64> {
+fn straightened(torque: PerWheel<f64>, share: f64) -> PerWheel<f64> {
     if share.abs() >= 1.0 {
         return torque;
     }
@@ -184,9 +184,9 @@ mod tests {
     #[test]
     fn drives_go_straight_with_the_centre_of_mass_between_the_wheels() {
         let torque = PerWheel::new(1.0, 1.0);
-        assert_eq!(straight(torque, 0.0), torque);
-        assert_eq!(straight(torque, 0.25), PerWheel::new(0.6, 1.0));
-        assert_eq!(straight(torque, -0.25), PerWheel::new(1.0, 0.6));
-        assert_eq!(straight(torque, 1.0), torque);
+        assert_eq!(straightened(torque, 0.0), torque);
+        assert_eq!(straightened(torque, 0.25), PerWheel::new(0.6, 1.0));
+        assert_eq!(straightened(torque, -0.25), PerWheel::new(1.0, 0.6));
+        assert_eq!(straightened(torque, 1.0), torque);
     }
 }
