@@ -240,6 +240,14 @@ impl RobotParameters {
         self.chassis_mass + 2.0 * self.wheel_mass
     }
 
+    /// What turns a robot whose wheels hold, about the axle midpoint, kg m2: the wheels and what they turn by rolling included.
+    pub fn rolling_yaw_inertia(&self) -> f64 {
+        let rolling_mass = self.wheel_mass + self.wheel_spin_inertia / self.wheel_radius.powi(2);
+        self.chassis_yaw_inertia
+            + self.chassis_mass * self.axle_midpoint().norm_squared()
+            + 2.0 * (self.wheel_diametral_inertia + rolling_mass * (self.track_width / 2.0).powi(2))
+    }
+
     /// Friction coefficients of left wheel, right wheel and front support.
     pub fn friction_coefficients(&self) -> [f64; 3] {
         [self.wheel_friction_coefficient, self.wheel_friction_coefficient, self.front_friction_coefficient]

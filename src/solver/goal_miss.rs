@@ -1,7 +1,10 @@
 //! The reason of a plan that misses the goal or exceeds a limit: what is missed most, and what would help.
 
+use std::borrow::Cow;
+
 use nalgebra::SVector;
 
+use super::course::steps_on_course;
 use super::excluded_ends::slip_at_goal;
 use super::limit_uses::most_exceeded;
 use super::settings::{Method, SolveInput};
@@ -9,6 +12,9 @@ use super::solution::{LimitUse, Reason, StopReason};
 use crate::robot::State;
 use crate::shooting::{SHORTEST_FINAL_TIME, StateComponent, decision_len};
 use crate::simulation::TorqueSchedule;
+
+/// A miss of so many tolerances may be rounding or a kink of the friction law; a larger one is not near the goal.
+const NEAR_MISS: f64 = 1e3;
 
 /// The goal component that a plan misses most, and what would help.
 pub(super) fn goal_missed(
@@ -69,17 +75,18 @@ pub(super) fn limit_missed(limits: &[LimitUse]) -> Reason {
 /// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
 fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> String {
     let for_search = help_for_search(input, miss, stop_reason);
-    let Some(slip) = slip_at_goal(input) else { return for_search.to_owned() };
+    let Some(slip) = slip_at_goal(input) else { return for_search.into_owned() };
     format!(
         "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {slip} m/s), else {for_search}"
     )
 }
 
 /// What would help the search to the goal, for the most certain cause first.
-fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> &'static str {
+fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> Cow<'static, str> {
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
-    match stop_reason {
+    let on_course = steps_on_course(input.robot.parameters(), &input.maneuver);
+    let help = match stop_reason {
         StopReason::Finished if decision_len(settings.control_count) < requirements => {
             "more `grid.control_intervals`, of which there are too few for so many goal fields,"
         }
@@ -91,9 +98,13 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> &'
         }
         StopReason::Stopped => "more time (`solver.time_limit_s` or the deadline)",
         StopReason::RolloutLimit => "a larger `solver.rollout_limit`",
-        StopReason::Finished if settings.is_near_goal(miss.abs()) => {
+        StopReason::Finished if miss.abs() <= NEAR_MISS * settings.goal_tolerance => {
             "a larger `solver.goal_tolerance` or more `grid.steps`"
         }
+        StopReason::Finished if settings.step_count < on_course => {
+            return format!("at least {on_course} `grid.steps`, on which the robot keeps its course so far,").into();
+        }
         StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",
-    }
+    };
+    help.into()
 }

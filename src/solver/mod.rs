@@ -4,6 +4,7 @@ mod candidate;
 mod carried;
 mod certificate;
 mod control_grid;
+mod course;
 mod disturbed;
 mod excluded_ends;
 mod goal_miss;

@@ -52,14 +52,12 @@ impl<'a> Race<'a> {
     pub(super) fn starts(&mut self, optima: &mut Vec<Candidate>) -> bool {
         let mut smoothed = Vec::new();
         self.block(&mut smoothed, optima);
-        if !self.is_too_coarse() {
-            let has_plan = optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance));
-            if !has_plan && self.found.interruption.is_none() {
-                self.block(&mut smoothed, optima);
-            }
-            self.spins(&mut smoothed, optima);
-            self.descend(&mut smoothed, optima);
+        let has_plan = optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance));
+        if !has_plan && self.found.interruption.is_none() {
+            self.block(&mut smoothed, optima);
         }
+        self.spins(&mut smoothed, optima);
+        self.descend(&mut smoothed, optima);
         !smoothed.is_empty()
     }
 
@@ -96,14 +94,6 @@ impl<'a> Race<'a> {
                 return;
             }
         }
-    }
-
-    /// Whether finer grids may follow, and no start came near the goal: on a long maneuver the steps are then too long for the robot
-    /// to keep its course.
-    pub(super) fn is_too_coarse(&self) -> bool {
-        let settings = &self.input.settings;
-        let misses = |best: &Candidate| !settings.is_near_goal(best.goal_error);
-        self.problem.step_count() < settings.finest_step_count() && self.found.best.as_ref().is_none_or(misses)
     }
 
     /// From starts to what they lead to, ever fewer of them and ever more thoroughly. Smoothed ones join the others, best first.

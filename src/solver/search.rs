@@ -107,7 +107,7 @@ pub(super) fn search(
     let mut race = Race::new(input, problem, rollout_limit, &progress);
     let mut optima = Vec::new();
     let is_smoothed = race.starts(&mut optima);
-    if is_smoothed && !race.is_too_coarse() {
+    if is_smoothed {
         race.finals(&mut optima);
     }
     race.settle_best(&mut optima);

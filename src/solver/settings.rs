@@ -3,6 +3,7 @@
 use nalgebra::Vector2;
 
 use super::carried::{check_robot, joined};
+use super::course::{first_step_count, steps_on_course};
 use super::schedule_check::{self, check_schedule};
 use crate::robot::{Payload, Robot, RobotParameters};
 use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
@@ -56,7 +57,7 @@ pub enum Refinement {
 pub struct SolverSettings {
     /// The optimiser.
     pub method: Method,
-    /// Number of time steps, at first.
+    /// Number of time steps, at first; automatic ones of a long drive begin with more.
     pub step_count: usize,
     /// Whether the number of steps may grow.
     pub refinement: Refinement,
@@ -83,8 +84,6 @@ pub struct SolverSettings {
 /// What is smaller, in its unit or as a share of what it is compared with, counts as none, and no tolerance may be tighter: a rollout
 /// of thousands of steps rounds to about 1e-12.
 pub(super) const ROUNDING: f64 = 1e-9;
-/// A miss of so many tolerances may be rounding or a kink of the friction law; a larger one is not near the goal.
-const NEAR_MISS: f64 = 1e3;
 /// Loosest replay tolerances, m and rad: any miss is within.
 const LOOSEST_REPLAY: f64 = 100.0;
 /// m and rad.
@@ -116,11 +115,6 @@ impl SolverSettings {
             &["grid.control_intervals", "grid.steps"],
             "no more control intervals than steps: an interval without a step has no effect",
         )
-    }
-
-    /// Whether the goal is near where it is missed by this much.
-    pub(super) fn is_near_goal(&self, goal_error: f64) -> bool {
-        goal_error <= NEAR_MISS * self.goal_tolerance
     }
 
     /// The paper's number of steps.
@@ -259,6 +253,8 @@ impl SolveInput {
         checks.finish()?;
         let SolveParameters { robot: bare_robot, payload, maneuver, aisle: _, settings, initial_guess } = parameters;
         let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
+        let step_count = first_step_count(&settings, steps_on_course(robot.parameters(), &maneuver));
+        let settings = SolverSettings { step_count, ..settings };
         Ok(Self { robot, bare_robot, payload, maneuver, aisle, settings, initial_guess })
     }
 

@@ -212,6 +212,10 @@ fn unmet() -> Vec<Case> {
             ask_rest_at(case, 0.0, 2.0, 0.0);
             ask(case, VelocityY, 0.5);
         }),
+        case("a long way on few steps", "goal_missed", "", |case| {
+            (case.settings.step_count, case.settings.refinement) = (60, Refinement::Fixed);
+            ask_rest_at(case, 60.0, 80.0, 0.0);
+        }),
         case("the paper's method against eight requirements", "goal_missed", "", |case| {
             case.settings.method = Method::NelderMead;
             case.settings.rollout_limit = 2000;
@@ -288,6 +292,9 @@ fn what_the_search_missed_is_named_with_what_would_help() {
         let cause = match kind {
             "no rollouts to search with" => "`solver.rollout_limit`",
             "one torque for the whole maneuver" => "`grid.control_intervals`",
+            "a long way on few steps" => {
+                "at least 452 `grid.steps`, on which the robot keeps its course so far, would help"
+            }
             "the paper's method against eight requirements" => "the method `sequential_linear` would help",
             "a speed with locked wheels" => {
                 "wheel rates fit its velocity or are free (as asked, a wheel slips by 0.5 m/s)"

@@ -40,7 +40,6 @@ pub(super) struct Rolling {
 impl Rolling {
     pub(super) fn new(input: &SolveInput, amplitude: f64) -> Self {
         let robot = input.robot.parameters();
-        let axle = robot.axle_midpoint();
         let half_track = robot.track_width / 2.0;
         let axle_load = robot.total_mass() * robot.gravity
             - robot.chassis_mass * robot.gravity * robot.center_of_mass_forward / robot.axle_to_front_support;
@@ -60,10 +59,7 @@ impl Rolling {
             wheel_radius: robot.wheel_radius,
             half_track,
             mass,
-            yaw_inertia: robot.chassis_yaw_inertia
-                + robot.chassis_mass * axle.norm_squared()
-                + 2.0 * robot.wheel_diametral_inertia
-                + (2.0 * robot.wheel_mass + spin) * half_track * half_track,
+            yaw_inertia: robot.rolling_yaw_inertia(),
             top_speed: rim_speed.min(limits.speed.unwrap_or(f64::INFINITY)),
             top_yaw_rate: (rim_speed / half_track).min(limits.yaw_rate.unwrap_or(f64::INFINITY)),
         }
