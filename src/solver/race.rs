@@ -16,9 +16,7 @@ const MOST_IN_VAIN: usize = 4;
 /// Or one, where one start or spin for so many of the requested starts led to the best merit: what is found less often is seldom the best
 /// there is.
 const STARTS_A_FIND: usize = 8;
-/// Fewest steps per control interval of the grid on which starts are compared.
-const COARSE_STEPS: usize = 2;
-/// Its longest step, as a share of the robot's natural time.
+/// Longest step of the grid on which starts are compared, as a share of the robot's natural time.
 const LONGEST_STEP: f64 = 0.25;
 
 /// A search in rounds, each of which is over before the next one begins: so the answer does not depend on who runs which part.
@@ -234,7 +232,7 @@ fn coarse_step_count(input: &SolveInput, final_time: f64) -> usize {
     let needed = (interval / (LONGEST_STEP * input.robot.parameters().natural_time())).ceil();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and whole")]
     let needed = needed as usize;
-    needed.max(COARSE_STEPS).saturating_mul(control_count)
+    needed.saturating_mul(control_count)
 }
 
 /// The number of a start, and how many there are.
