@@ -105,9 +105,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let mut report_improvement = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
             let breaks_limits = constraints.largest_inequality_violation() > inequality_tolerance;
-            if goal_error > tolerance || !breaks_limits {
-                report(control, start, x, goal_error);
-            }
+            report(control, start, x, (goal_error, breaks_limits), tolerance);
             if goal_error <= tolerance && !breaks_limits {
                 passed = Some(Candidate::new(x.clone(), goal_error, breaks_limits, goal_heading));
             }
@@ -175,9 +173,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let mut best = last.get();
         let mut report_improvement = |x: &DVector<f64>| {
             best = last.get();
-            if best.0 > tolerance || !best.1 {
-                report(control, start, x, best.0);
-            }
+            report(control, start, x, best, tolerance);
         };
         let result = minimise_by_nelder_mead(&mut value, guess, &scale, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
@@ -233,10 +229,8 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let tolerance = self.settings.goal_tolerance;
         if improves(self.best.as_ref(), candidate, tolerance) {
             self.best = Some(candidate.clone());
-            // A decision that meets the goal beyond the limits is not reported.
-            if candidate.goal_error > tolerance || candidate.is_feasible(tolerance) {
-                report(self.control, self.start, &candidate.decision, candidate.goal_error);
-            }
+            let misses = (candidate.goal_error, candidate.breaks_limits);
+            report(self.control, self.start, &candidate.decision, misses, tolerance);
         }
     }
 }
@@ -249,9 +243,18 @@ pub(super) fn linear_programs<'a>(problem: &ShootingProblem, last: &'a mut Elast
     last
 }
 
-fn report(control: &RunControl, (start, start_count): (usize, usize), x: &DVector<f64>, goal_error: f64) {
-    let best_final_time = x[x.len() - 1];
-    control.report(&SolveProgress { best_final_time, best_goal_error: goal_error, start, start_count });
+/// Reports a decision, but for one that meets the goal beyond the limits.
+fn report(
+    control: &RunControl,
+    (start, start_count): (usize, usize),
+    x: &DVector<f64>,
+    (best_goal_error, breaks_limits): (f64, bool),
+    tolerance: f64,
+) {
+    if best_goal_error > tolerance || !breaks_limits {
+        let best_final_time = x[x.len() - 1];
+        control.report(&SolveProgress { best_final_time, best_goal_error, start, start_count });
+    }
 }
 
 #[cfg(test)]
