@@ -23,17 +23,18 @@ pub(super) fn steps_on_course(robot: &RobotParameters, maneuver: &Maneuver) -> u
     steps
 }
 
-/// Steps of the first grid: those asked for, or as many more as the robot needs to keep its course where the grid may be refined and all
-/// control intervals are equally long.
-pub(super) fn first_step_count(settings: &SolverSettings, on_course: usize) -> usize {
-    match settings.refinement {
-        Refinement::Fixed => settings.step_count,
-        Refinement::UntilConfirmed { .. } => {
-            let finest = settings.finest_step_count();
-            let steps = settings.step_count.max(on_course).min(finest);
-            steps.next_multiple_of(settings.control_count).min(finest)
-        }
+/// The settings, whose automatic steps begin with as many as the robot needs to keep its course, all control intervals equally long.
+pub(super) fn beginning_on_course(
+    settings: SolverSettings,
+    robot: &RobotParameters,
+    maneuver: &Maneuver,
+) -> SolverSettings {
+    if settings.refinement == Refinement::Fixed {
+        return settings;
     }
+    let finest = settings.finest_step_count();
+    let steps = settings.step_count.max(steps_on_course(robot, maneuver)).min(finest);
+    SolverSettings { step_count: steps.next_multiple_of(settings.control_count).min(finest), ..settings }
 }
 
 #[cfg(test)]

@@ -45,8 +45,8 @@ impl<'a> Race<'a> {
         Self { input, problem, coarse_step_count, rollout_limit, progress, found: Total::default(), tried: 0, spun: 0 }
     }
 
-    /// From starts to local optima, from as many more where none is a plan, and from spins of the best; less where a finer grid should come
-    /// first. Whether any start goes through smoothed laws.
+    /// From starts to local optima, from as many more where none is a plan, and from spins of the best. Whether any start goes through
+    /// smoothed laws.
     pub(super) fn starts(&mut self, optima: &mut Vec<Candidate>) -> bool {
         let mut smoothed = Vec::new();
         self.block(&mut smoothed, optima);

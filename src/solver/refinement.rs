@@ -81,8 +81,7 @@ impl Refiner<'_, '_> {
         if is_confirmed { RefinementOutcome::WithinTolerance } else { outcome }
     }
 
-    /// The plans of the search, or of the same search on the coarsest finer grid that has any: on long maneuvers a step of a
-    /// coarse grid is too long for the robot to keep its course.
+    /// The plans of the search, or of the same search on the coarsest finer grid that has any.
     fn candidates_on_the_coarsest_grid(&mut self) -> Vec<Candidate> {
         let mut step_count = self.result.step_count;
         loop {

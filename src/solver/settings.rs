@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::carried::{check_robot, joined};
-use super::course::{first_step_count, steps_on_course};
+use super::course::beginning_on_course;
 use super::schedule_check::{self, check_schedule};
 use crate::robot::{Payload, Robot, RobotParameters};
 use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
@@ -253,8 +253,7 @@ impl SolveInput {
         checks.finish()?;
         let SolveParameters { robot: bare_robot, payload, maneuver, aisle: _, settings, initial_guess } = parameters;
         let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
-        let step_count = first_step_count(&settings, steps_on_course(robot.parameters(), &maneuver));
-        let settings = SolverSettings { step_count, ..settings };
+        let settings = beginning_on_course(settings, robot.parameters(), &maneuver);
         Ok(Self { robot, bare_robot, payload, maneuver, aisle, settings, initial_guess })
     }
 
