@@ -1,7 +1,5 @@
 //! The reason of a plan that misses the goal or exceeds a limit: what is missed most, and what would help.
 
-use std::borrow::Cow;
-
 use nalgebra::SVector;
 
 use super::course::steps_on_course;
@@ -75,14 +73,14 @@ pub(super) fn limit_missed(limits: &[LimitUse]) -> Reason {
 /// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
 fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> String {
     let for_search = help_for_search(input, miss, stop_reason);
-    let Some(slip) = slip_at_goal(input) else { return for_search.into_owned() };
+    let Some(slip) = slip_at_goal(input) else { return for_search };
     format!(
         "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {slip} m/s), else {for_search}"
     )
 }
 
 /// What would help the search to the goal, for the most certain cause first.
-fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> Cow<'static, str> {
+fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> String {
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     let on_course = steps_on_course(input.robot.parameters(), &input.maneuver);
@@ -102,9 +100,9 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> Co
             "a larger `solver.goal_tolerance` or more `grid.steps`"
         }
         StopReason::Finished if settings.step_count < on_course => {
-            return format!("at least {on_course} `grid.steps`, on which the robot keeps its course so far,").into();
+            return format!("at least {on_course} `grid.steps`, on which the robot keeps its course so far,");
         }
         StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",
     };
-    help.into()
+    help.to_owned()
 }
