@@ -63,12 +63,11 @@ impl Spins {
         let turns = [drawn_from(&[1.0, -1.0], rng), drawn_from(&[1.0, -1.0], rng)];
         let count = drawn_from(&[1, 2], rng);
         let is_twice = count == 2;
-        let brakes = is_twice && drawn_from(&[false, true], rng);
-        let mut times: Vec<f64> = if brakes {
-            to_brake(rng.random(), half_turn).to_vec()
-        } else {
-            (0..2 * count).map(|_| rng.random()).collect()
-        };
+        let mut times: Vec<f64> = (0..2 * count).map(|_| rng.random()).collect();
+        let brakes = drawn_from(&[false, true], rng);
+        if let (true, &[middle, end, first, second]) = (brakes, times.as_slice()) {
+            times = to_brake([middle, end, first, second], half_turn).to_vec();
+        }
         times.sort_by(f64::total_cmp);
         let spin = |(times, turn): (&[f64], f64)| Spin { begin: times[0], end: times[1], turn };
         let parts = times.chunks(2).zip(turns).map(spin).collect();
