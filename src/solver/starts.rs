@@ -9,9 +9,12 @@ mod rolling;
 mod routes;
 mod spins;
 
+use rand::SeedableRng;
+use rand_xoshiro::Xoshiro256PlusPlus;
+
 use rolling::{AMPLITUDES, Rolling};
 use routes::rolling_plans;
-use spins::SpinDraw;
+use spins::Spins;
 
 use super::segments::{resampled, schedule_from_segments};
 use super::settings::{Method, SolveInput};
@@ -78,13 +81,13 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
         starts.push(Start { strategy: Strategy::Direct, ..plans[0].clone() });
         starts.push(plans[0].clone());
         let mut others = plans.iter().skip(1);
-        let mut spins = SpinDraw::new(input, 0);
+        let (torque, mut rng) = (spin_torque(input), Xoshiro256PlusPlus::seed_from_u64(input.settings.seed));
         for plan in plans[..SPUN_PLANS.min(plans.len())].iter().cycle() {
             if starts.len() >= count {
                 break;
             }
             starts.extend(others.next().cloned());
-            starts.push(spins.spun(plan));
+            starts.push(Spins::drawn(&mut rng).of(plan, torque));
         }
     }
     starts.truncate(if is_nelder_mead { 1 } else { count });
@@ -94,8 +97,9 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
 
 /// So many spins of a plan, drawn from a stream of their own.
 pub(super) fn spun(input: &SolveInput, plan: &Start, (count, stream): (usize, u64)) -> Vec<Start> {
-    let mut spins = SpinDraw::new(input, stream);
-    let mut starts: Vec<_> = (0..count).map(|_| spins.spun(plan)).collect();
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed.wrapping_add(stream));
+    let torque = spin_torque(input);
+    let mut starts: Vec<_> = (0..count).map(|_| Spins::drawn(&mut rng).of(plan, torque)).collect();
     sharpen(&mut starts);
     starts
 }
@@ -105,6 +109,11 @@ fn sharpen(starts: &mut [Start]) {
     let smoothed = starts.iter_mut().filter(|start| start.strategy == Strategy::Smoothed);
     let chosen = smoothed.skip(ONE_IN - 1).step_by(ONE_IN);
     chosen.for_each(|start| start.strategy = Strategy::Sharper);
+}
+
+/// As much as the wheels bring to the floor under their loads at rest: more spins them up, which makes slower plans of strong motors.
+fn spin_torque(input: &SolveInput) -> PerWheel<f64> {
+    Rolling::new(input, 1.0).torque
 }
 
 /// Without torque there is only the final time to choose: those of the start's speed, the most likely first.

@@ -1,10 +1,8 @@
 //! Rolling without slip: turns, drives and braking in segments of constant torque.
 
-use std::f64::consts::PI;
-
 use nalgebra::Vector2;
 
-use super::super::segments::{Segment, duration};
+use super::super::segments::Segment;
 use super::super::settings::{ROUNDING, SolveInput};
 use crate::robot::{Motor, PerWheel, RobotParameters, State};
 use crate::shooting::ManeuverLimits;
@@ -23,7 +21,7 @@ pub(super) struct Pose {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rolling {
     /// The largest of each wheel, N m: those of a turn.
-    torque: PerWheel<f64>,
+    pub(super) torque: PerWheel<f64>,
     /// Of a drive, N m. They differ where the centre of mass is off the middle, so that the robot goes straight: a long drive that turns
     /// a little ends far from its goal.
     drive_torque: PerWheel<f64>,
@@ -85,13 +83,6 @@ impl Rolling {
     /// With the largest torques in drives, too, which then turn where the centre of mass is off the middle.
     pub(super) fn with_largest_torques(self) -> Self {
         Self { drive_torque: self.torque, ..self }
-    }
-
-    /// The largest torques, N m, and what a half turn takes with them, s.
-    pub(super) fn half_turn(&self) -> (PerWheel<f64>, f64) {
-        let mut segments = Vec::new();
-        self.turn(PI, &mut segments);
-        (self.torque, duration(&segments))
     }
 
     /// Of a drive at the floor, N.

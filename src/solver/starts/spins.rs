@@ -2,41 +2,16 @@
 
 use std::f64::consts::TAU;
 
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::super::settings::SolveInput;
 use super::Start;
-use super::rolling::Rolling;
 use crate::robot::PerWheel;
 use crate::simulation::TorqueSchedule;
 
-/// Draws spins of plans.
-pub(super) struct SpinDraw {
-    rng: Xoshiro256PlusPlus,
-    /// As much as the wheels bring to the floor under their loads at rest, N m: more spins them up, which makes slower plans of strong motors.
-    torque: PerWheel<f64>,
-    /// What a half turn takes with it, s.
-    half_turn: f64,
-}
-
-impl SpinDraw {
-    /// From a stream of the request's seed.
-    pub(super) fn new(input: &SolveInput, stream: u64) -> Self {
-        let rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed.wrapping_add(stream));
-        let (torque, half_turn) = Rolling::new(input, 1.0).half_turn();
-        Self { rng, torque, half_turn }
-    }
-
-    /// The plan with drawn spins.
-    pub(super) fn spun(&mut self, plan: &Start) -> Start {
-        Spins::drawn(&mut self.rng, self.half_turn / plan.schedule.final_time).of(plan, self.torque)
-    }
-}
-
 /// Wheels driven against each other for one or two parts of a plan: leads to drifting turns.
 #[derive(Debug, Clone)]
-struct Spins {
+pub(super) struct Spins {
     /// One after the other.
     parts: Vec<Spin>,
     /// Whether all torques are reversed after each spin: turned round, the robot brakes by driving forwards.
@@ -57,27 +32,22 @@ struct Spin {
 
 impl Spins {
     /// One or two, as often. After one the robot is turned round two times in three, and in one of three with a turn more or less. With
-    /// two it drives turned round in between, then turns back or right round: at any time, or as often to brake. A half turn takes this
-    /// share of the final time.
-    fn drawn(rng: &mut Xoshiro256PlusPlus, half_turn: f64) -> Self {
+    /// two it drives turned round in between, then turns back or right round.
+    pub(super) fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
         let turns = [drawn_from(&[1.0, -1.0], rng), drawn_from(&[1.0, -1.0], rng)];
         let count = drawn_from(&[1, 2], rng);
-        let is_twice = count == 2;
         let mut times: Vec<f64> = (0..2 * count).map(|_| rng.random()).collect();
-        let brakes = drawn_from(&[false, true], rng);
-        if let (true, &[middle, end, first, second]) = (brakes, times.as_slice()) {
-            times = to_brake([middle, end, first, second], half_turn).to_vec();
-        }
         times.sort_by(f64::total_cmp);
         let spin = |(times, turn): (&[f64], f64)| Spin { begin: times[0], end: times[1], turn };
         let parts = times.chunks(2).zip(turns).map(spin).collect();
+        let is_twice = count == 2;
         let revolutions = [0.0, 0.0, 0.0, 0.0, 1.0, -1.0];
         let revolutions = if is_twice { 0.5 * (turns[0] + turns[1]) } else { drawn_from(&revolutions, rng) };
         Self { parts, turns_round: is_twice || drawn_from(&[false, true, true], rng), revolutions }
     }
 
     /// The plan with these spins under as much torque.
-    fn of(&self, plan: &Start, torque: PerWheel<f64>) -> Start {
+    pub(super) fn of(&self, plan: &Start, torque: PerWheel<f64>) -> Start {
         let mut schedule = plan.schedule.clone();
         for spin in &self.parts {
             spin.enter(&mut schedule, torque, self.turns_round);
@@ -108,15 +78,6 @@ impl Spin {
             }
         }
     }
-}
-
-/// Begins and ends of two spins by drawn shares: one from about the middle of the plan on, where a drive begins to brake, the other at its
-/// end. Neither is longer than a half turn. The fastest plans of long drives brake by driving forwards in between.
-fn to_brake([middle, end, first, second]: [f64; 4], half_turn: f64) -> [f64; 4] {
-    let longest = half_turn.min(1.0);
-    let begin = 0.5 + (middle - 0.5) * longest;
-    let end = 1.0 - end * longest;
-    [begin, begin + first * longest, end - second * longest, end].map(|time| time.clamp(0.0, 1.0))
 }
 
 fn drawn_from<T: Copy>(values: &[T], rng: &mut Xoshiro256PlusPlus) -> T {
@@ -153,13 +114,6 @@ mod tests {
         let spun = back.of(&Start { schedule, ..plan(None) }, PerWheel::new(3.0, 2.0)).schedule;
         assert_eq!(spun.left, [1.0, -3.0, -1.0, -1.0, 3.0, 3.0, 1.0, 1.0]);
         assert_eq!(spun.right, [1.0, 2.0, -1.0, -1.0, -2.0, -2.0, 1.0, 1.0]);
-    }
-
-    #[test]
-    fn two_spins_to_brake_lie_about_the_middle_and_at_the_end() {
-        assert_eq!(to_brake([0.0, 0.0, 1.0, 1.0], 0.25), [0.375, 0.625, 0.75, 1.0]);
-        assert_eq!(to_brake([1.0, 1.0, 0.0, 0.5], 0.25), [0.625, 0.625, 0.625, 0.75]);
-        assert_eq!(to_brake([1.0, 1.0, 1.0, 1.0], f64::INFINITY), [1.0, 1.0, 0.0, 0.0]);
     }
 
     #[test]
