@@ -11,9 +11,11 @@ use super::strategies::Heat;
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 
-/// Rounds of spins end as soon as so many of them in a row lead to no better plan, or one, where one start or spin for so many of the
-/// requested starts led to the best merit: what is found less often may not be the best there is.
+/// Rounds of spins end as soon as so many of them in a row lead to no better plan.
 const MOST_IN_VAIN: usize = 8;
+/// Or one, where one start or spin for so many of the requested starts led to the best merit: what is found less often may not be the best
+/// there is.
+const STARTS_A_FIND: usize = 8;
 /// Longest step of the grid on which starts are compared, as a share of the robot's natural time.
 const LONGEST_STEP: f64 = 0.25;
 
@@ -86,7 +88,7 @@ impl<'a> Race<'a> {
             self.spun += count;
             self.heats((&spins, &numbers), smoothed, optima);
             in_vain = if is_distinct(smoothed[0].local.merit, merit) { 0 } else { in_vain + 1 };
-            if in_vain > 0 && times_found(smoothed) * MOST_IN_VAIN >= start_count {
+            if in_vain > 0 && times_found(smoothed) * STARTS_A_FIND >= start_count {
                 return;
             }
         }
