@@ -81,13 +81,13 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
         starts.push(Start { strategy: Strategy::Direct, ..plans[0].clone() });
         starts.push(plans[0].clone());
         let mut others = plans.iter().skip(1);
-        let (torque, mut rng) = (spin_torque(input), Xoshiro256PlusPlus::seed_from_u64(input.settings.seed));
+        let mut spun = spinning(input, 0);
         for plan in plans[..SPUN_PLANS.min(plans.len())].iter().cycle() {
             if starts.len() >= count {
                 break;
             }
             starts.extend(others.next().cloned());
-            starts.push(Spins::drawn(&mut rng).of(plan, torque));
+            starts.push(spun(plan));
         }
     }
     starts.truncate(if is_nelder_mead { 1 } else { count });
@@ -97,9 +97,8 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
 
 /// So many spins of a plan, drawn from a stream of their own.
 pub(super) fn spun(input: &SolveInput, plan: &Start, (count, stream): (usize, u64)) -> Vec<Start> {
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed.wrapping_add(stream));
-    let torque = spin_torque(input);
-    let mut starts: Vec<_> = (0..count).map(|_| Spins::drawn(&mut rng).of(plan, torque)).collect();
+    let mut spun = spinning(input, stream);
+    let mut starts: Vec<_> = (0..count).map(|_| spun(plan)).collect();
     sharpen(&mut starts);
     starts
 }
@@ -111,9 +110,12 @@ fn sharpen(starts: &mut [Start]) {
     chosen.for_each(|start| start.strategy = Strategy::Sharper);
 }
 
-/// As much as the wheels bring to the floor under their loads at rest: more spins them up, which makes slower plans of strong motors.
-fn spin_torque(input: &SolveInput) -> PerWheel<f64> {
-    Rolling::new(input, 1.0).torque
+/// Draws spins of plans from a stream of the seed, under as much torque as the wheels bring to the floor under their loads at rest: more
+/// spins them up, which makes slower plans of strong motors.
+fn spinning(input: &SolveInput, stream: u64) -> impl FnMut(&Start) -> Start {
+    let torque = Rolling::new(input, 1.0).torque;
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed.wrapping_add(stream));
+    move |plan| Spins::drawn(&mut rng).of(plan, torque)
 }
 
 /// Without torque there is only the final time to choose: those of the start's speed, the most likely first.
