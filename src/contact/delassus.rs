@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
 use super::directions::{ROWS, contact_count};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
+use super::slipping_front::WheelResponse;
 use super::solution::ContactSolution;
 
 /// Derivatives of the friction impulse with respect to the data of the problem.
@@ -26,6 +27,8 @@ pub struct DelassusOperator<const N: usize> {
     prox_step: [f64; 3],
     /// Solution maps of the linear patterns; none without wheel friction.
     pub(super) linear_modes: Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]>,
+    /// How the wheels answer a slipping front support in their linear patterns; none without its friction or theirs.
+    pub(super) wheel_responses: Option<[WheelResponse<N>; WheelPattern::LINEAR.len()]>,
     pub(super) has_unique_solutions: bool,
 }
 
@@ -46,6 +49,7 @@ impl<const N: usize> DelassusOperator<N> {
             friction_coefficient,
             prox_step,
             linear_modes: None,
+            wheel_responses: None,
             has_unique_solutions: false,
         }
     }

@@ -1,15 +1,16 @@
 //! The exact contact solver: enumeration of the contact modes. It finds the contact pattern and solves its equations.
 //!
-//! Patterns with at most one slipping wheel are linear, and their solution maps are constants of the robot. Only
-//! spatial slip (both wheels, or the front support) needs a small Newton iteration. A candidate is accepted only if
-//! its residual, the [natural map](super::natural_map), vanishes to rounding. The order of the attempts: the pattern of the
-//! last step, in which Newton starts from the last impulse and is given up where it overshoots; the linear patterns; the pattern of
-//! the last step from its slip; the patterns that an [interior point](super::interior_point) comes to in at most 60 steps of one small
-//! linear solve each; and, where its path is lost, the patterns that are left.
+//! Patterns with at most one slipping wheel are linear, and their solution maps are constants of the robot. With a [front support that slips
+//! besides](super::slipping_front) they are one equation for its direction. Two slipping wheels need a small Newton iteration. A candidate is
+//! accepted only if its residual, the [natural map](super::natural_map), vanishes to rounding. The order of the attempts: the pattern of the
+//! last step, in which Newton starts from the last impulse and is given up where it overshoots; the linear patterns; both slipping wheels of
+//! the last step from its slip; all directions of a slipping front support; the patterns that an [interior point](super::interior_point)
+//! comes to in at most 60 steps of one small linear solve each; and, where its path is lost, the patterns that are left.
 
 use nalgebra::SVector;
 
 use super::delassus::DelassusOperator;
+use super::directions::ROWS;
 use super::fixed_point::{FixedPointSettings, FixedPointSolver};
 use super::interior_point::InteriorPoint;
 use super::mode_equations::ModeEquations;
@@ -17,6 +18,7 @@ use super::natural_map::{contact_impulses, miss_bound, residual, split};
 use super::newton::{Newton, impulse_at};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
+use super::slipping_front::SlippingFront;
 use super::solution::ContactSolution;
 use crate::stop::Stop;
 
@@ -28,7 +30,7 @@ const SLIP_ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// Below this update, relative to m g dt, quadratic convergence has arrived at rounding.
 const NEWTON_UPDATE: f64 = 1e-8;
 /// Most steps of the interior point, and after how many of them it is asked for its pattern. Half of the steps that come to it
-/// take 6, and 99 of 100 take 24.
+/// take 6, and 99 of 100 take 27.
 const INTERIOR_LIMIT: usize = 60;
 const INTERIOR_PERIOD: usize = 3;
 /// Residual that answers keep, apart from the exceptions that [`ExactSolver::solve`] names.
@@ -88,14 +90,10 @@ impl ExactSolver {
         let search = Search { operator, problem, backtracks: true };
         let mut other = ContactSolution::default();
         let starts = [solution.impulse, -solution.impulse, search.impulse_against_free_slip()];
-        all_patterns::<N>().any(|pattern| {
-            // The solution of a linear pattern does not depend on the start.
-            let count = if DelassusOperator::<N>::linear_index(pattern).is_some() { 1 } else { starts.len() };
-            starts[..count].iter().any(|start| {
-                search.in_pattern(pattern, start, &mut other)
-                    && (other.impulse - solution.impulse).amax() > DISTINCT_IMPULSE * problem.weight_impulse()
-            })
-        })
+        let is_another = |other: &ContactSolution<N>| {
+            (other.impulse - solution.impulse).amax() > DISTINCT_IMPULSE * problem.weight_impulse()
+        };
+        all_patterns::<N>().any(|pattern| search.anywhere_in(pattern, &starts, &mut other, is_another))
     }
 }
 
@@ -131,50 +129,102 @@ impl<const N: usize> Search<'_, N> {
         last_slip: &SVector<f64, N>,
         solution: &mut ContactSolution<N>,
     ) -> SolvePath {
-        let is_linear = |pattern: &ContactPattern| DelassusOperator::<N>::linear_index(*pattern).is_some();
-        if self.in_one_of(|pattern| *pattern != guess && is_linear(pattern), solution) {
+        let start = [self.impulse_against_free_slip()];
+        // Of the directions of a slipping front support only one was tried.
+        let is_left = |pattern: &ContactPattern, equations| {
+            equations_of::<N>(*pattern) == equations && (*pattern != guess || equations == Equations::FrontDirection)
+        };
+        let in_others = |equations: Equations, solution: &mut ContactSolution<N>| {
+            let mut others = all_patterns::<N>().filter(|pattern| is_left(pattern, equations));
+            others.any(|pattern| self.anywhere_in(pattern, &start, solution, |_| true))
+        };
+        if in_others(Equations::Linear, solution) {
             return SolvePath::OtherPattern;
         }
-        if is_linear(&guess) {
-            // Two slipping wheels are one Newton iteration; with a front support nine patterns need one, and the interior point
-            // finds the right one sooner.
-            if N == 3 && self.in_one_of(|pattern| !is_linear(pattern), solution) {
-                return SolvePath::OtherPattern;
-            }
-        } else if impulse_at(self.operator, self.problem, last_slip)
-            .is_some_and(|start| self.in_pattern(guess, &start, solution))
+        if equations_of::<N>(guess) == Equations::Spatial
+            && impulse_at(self.operator, self.problem, last_slip)
+                .is_some_and(|start| self.in_pattern(guess, &start, solution))
         {
             return SolvePath::GuessedPattern;
+        }
+        // Two slipping wheels are one Newton iteration; with a front support they are two, and the interior point finds the right one sooner.
+        if in_others(if N == 5 { Equations::FrontDirection } else { Equations::Spatial }, solution) {
+            return SolvePath::OtherPattern;
         }
         let steps = self.by_interior_point(solution);
         if !self.accepts(solution.residual) {
             let closest = *solution;
-            if !self.in_one_of(|pattern| N == 5 && *pattern != guess && !is_linear(pattern), solution) {
+            if N == 3 || !in_others(Equations::Spatial, solution) {
                 *solution = self.polished(closest);
             }
         }
         SolvePath::InteriorPoint { steps }
     }
 
-    fn in_one_of(&self, patterns: impl Fn(&ContactPattern) -> bool, solution: &mut ContactSolution<N>) -> bool {
-        let start = self.impulse_against_free_slip();
-        all_patterns::<N>().filter(patterns).any(|pattern| self.in_pattern(pattern, &start, solution))
+    /// Whether a pattern has a solution that is wanted, with spatial slip from one of these starts.
+    fn anywhere_in(
+        &self,
+        pattern: ContactPattern,
+        starts: &[SVector<f64, N>],
+        solution: &mut ContactSolution<N>,
+        is_wanted: impl Fn(&ContactSolution<N>) -> bool,
+    ) -> bool {
+        match equations_of::<N>(pattern) {
+            Equations::Linear => self.in_linear_pattern(pattern, solution) && is_wanted(solution),
+            Equations::FrontDirection => self.slipping_front(pattern).is_some_and(|front| {
+                front.all().any(|impulse| self.with_impulse(pattern, impulse, solution) && is_wanted(solution))
+            }),
+            Equations::Spatial => {
+                starts.iter().any(|start| self.by_newton(pattern, start, solution) && is_wanted(solution))
+            }
+        }
     }
 
     #[expect(clippy::inline_always, reason = "a call would hide a pattern that is known")]
     #[inline(always)]
     fn in_pattern(&self, pattern: ContactPattern, start: &SVector<f64, N>, solution: &mut ContactSolution<N>) -> bool {
-        match DelassusOperator::<N>::linear_index(pattern) {
-            Some(index) => self.in_linear_pattern(pattern, index, solution),
-            None => self.by_newton(pattern, start, solution),
+        match equations_of::<N>(pattern) {
+            Equations::Linear => self.in_linear_pattern(pattern, solution),
+            Equations::FrontDirection => self.near_slipping_front(pattern, start, solution),
+            Equations::Spatial => self.by_newton(pattern, start, solution),
         }
+    }
+
+    /// With a slip of the front support against its friction at the start, or near that.
+    fn near_slipping_front(
+        &self,
+        pattern: ContactPattern,
+        start: &SVector<f64, N>,
+        solution: &mut ContactSolution<N>,
+    ) -> bool {
+        let front = self.slipping_front(pattern);
+        let impulse = front.and_then(|front| front.nearest(ROWS[2].map(|row| -start[row])));
+        impulse.is_some_and(|impulse| self.with_impulse(pattern, impulse, solution))
+    }
+
+    #[inline]
+    fn slipping_front(&self, pattern: ContactPattern) -> Option<SlippingFront<'_, N>> {
+        let wheels = &self.operator.wheel_responses.as_ref()?[pattern.wheels.linear_index()?];
+        Some(SlippingFront::new(self.operator, self.problem, wheels))
     }
 
     #[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
     #[inline(always)]
-    fn in_linear_pattern(&self, pattern: ContactPattern, index: usize, solution: &mut ContactSolution<N>) -> bool {
-        let Some(map) = self.operator.linear_mode(index) else { return false };
+    fn in_linear_pattern(&self, pattern: ContactPattern, solution: &mut ContactSolution<N>) -> bool {
+        let Some(map) = self.operator.linear_derivative(pattern) else { return false };
         let impulse = map.by_free_slip * self.problem.free_slip + map.by_free_normal * self.problem.free_normal;
+        self.with_impulse(pattern, impulse, solution)
+    }
+
+    /// Whether an impulse solves the step while the wheels' pattern is linear.
+    #[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
+    #[inline(always)]
+    fn with_impulse(
+        &self,
+        pattern: ContactPattern,
+        impulse: SVector<f64, N>,
+        solution: &mut ContactSolution<N>,
+    ) -> bool {
         let impact_slip = self.operator.impact_slip(self.problem, &impulse);
         let normal_impulse = self.operator.normal_impulse(self.problem, &impulse);
         let bound = miss_bound(self.operator, pattern, &impulse, &impact_slip, &normal_impulse);
@@ -183,7 +233,7 @@ impl<const N: usize> Search<'_, N> {
         bound <= ACCEPTED_RESIDUAL * unit || self.accepted_at_its_edge(solution)
     }
 
-    /// Whether a linear pattern solves the step where its inequalities do not tell.
+    /// Where the inequalities of the pattern do not tell.
     #[cold]
     fn accepted_at_its_edge(&self, solution: &mut ContactSolution<N>) -> bool {
         *solution = self.candidate(solution.pattern, solution.impulse);
@@ -289,6 +339,26 @@ impl<const N: usize> Search<'_, N> {
         let parts = contact_impulses(self.operator, &candidate);
         let residual = residual(self.operator, self.problem, &parts, impact_slip, normal_impulse);
         ContactSolution { residual, ..candidate }
+    }
+}
+
+/// What a pattern asks of a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Equations {
+    /// Linear ones.
+    Linear,
+    /// One for the direction in which the front support slips.
+    FrontDirection,
+    /// Those of two wheels that slip.
+    Spatial,
+}
+
+#[inline]
+fn equations_of<const N: usize>(pattern: ContactPattern) -> Equations {
+    match pattern {
+        ContactPattern { wheels: WheelPattern::BothSlip, .. } => Equations::Spatial,
+        ContactPattern { front: ContactMode::Slip, .. } if N == 5 => Equations::FrontDirection,
+        ContactPattern { .. } => Equations::Linear,
     }
 }
 

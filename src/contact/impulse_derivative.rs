@@ -10,6 +10,7 @@ use super::directions::ROWS;
 use super::mode_equations::ModeEquations;
 use super::natural_map::friction_radius;
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
+use super::slipping_front::WheelResponse;
 use super::uniqueness::solutions_are_unique;
 
 impl<const N: usize> DelassusOperator<N> {
@@ -27,7 +28,8 @@ impl<const N: usize> DelassusOperator<N> {
     ) -> Self {
         assert!(N == 3 || N == 5, "the wheels have 3 directions, with the front support 5");
         let mut operator = Self::unprepared(delassus, normal_response, friction_coefficient);
-        operator.linear_modes = operator.solve_linear_modes();
+        operator.linear_modes = operator.solution_maps(Self::linear_patterns());
+        operator.wheel_responses = operator.solve_wheel_responses();
         operator.has_unique_solutions = solutions_are_unique(&operator);
         operator
     }
@@ -80,17 +82,30 @@ impl<const N: usize> DelassusOperator<N> {
         [false, true].into_iter().find_map(derivative).expect("the equations of sticking contacts are regular")
     }
 
-    fn solve_linear_modes(&self) -> Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]> {
+    /// None without a front support that has friction.
+    fn solve_wheel_responses(&self) -> Option<[WheelResponse<N>; WheelPattern::LINEAR.len()]> {
+        if N == 3 {
+            return None;
+        }
+        let patterns = WheelPattern::LINEAR.map(|wheels| ContactPattern { wheels, front: ContactMode::Slip });
+        Some(self.solution_maps(patterns)?.map(|map| WheelResponse::new(self, map)))
+    }
+
+    /// Solution maps of patterns with linear equations, where a front support that slips has no normal force; none without wheel friction.
+    fn solution_maps<const COUNT: usize>(
+        &self,
+        patterns: [ContactPattern; COUNT],
+    ) -> Option<[ImpulseDerivative<N>; COUNT]> {
         if self.friction_coefficient()[0] <= 0.0 {
             return None;
         }
-        let zero = ImpulseDerivative { by_free_slip: SMatrix::zeros(), by_free_normal: SMatrix::zeros() };
-        let mut modes = [zero; WheelPattern::LINEAR.len()];
-        for (mode, pattern) in modes.iter_mut().zip(Self::linear_patterns()) {
-            // In a linear pattern the coefficients depend on neither slip nor normal impulse: any values do.
-            let equations = ModeEquations::at(self, pattern, &SVector::zeros(), &Vector3::repeat(1.0), 0.0)?;
-            *mode = equations.impulse_derivative(self)?;
+        let mut maps = [ImpulseDerivative { by_free_slip: SMatrix::zeros(), by_free_normal: SMatrix::zeros() }; COUNT];
+        for (map, pattern) in maps.iter_mut().zip(patterns) {
+            // The coefficients of wheels depend on neither slip nor normal impulse here: any values do.
+            let normal_impulse = Vector3::new(1.0, 1.0, 0.0);
+            let equations = ModeEquations::at(self, pattern, &SVector::zeros(), &normal_impulse, 0.0)?;
+            *map = equations.impulse_derivative(self)?;
         }
-        Some(modes)
+        Some(maps)
     }
 }

@@ -28,6 +28,7 @@ mod newton;
 mod one_step_problem;
 mod pattern;
 mod prox;
+mod slipping_front;
 mod small_systems;
 mod smoothed;
 mod solution;

@@ -12,7 +12,7 @@ use nalgebra::{SVector, Vector3};
 use super::delassus::DelassusOperator;
 use super::directions::{AXLE, ROWS, contact_count};
 use super::one_step_problem::OneStepProblem;
-use super::pattern::{ContactPattern, WheelPattern};
+use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::prox::{project_onto_disc, project_onto_half_line};
 use super::solution::{ContactImpulse, ContactSolution};
 
@@ -44,12 +44,13 @@ pub fn residual<const N: usize>(
     worst.sqrt() / problem.weight_impulse()
 }
 
-/// Upper bound of what impulses of a linear pattern miss the law by, summed over the contacts, N s; rounding where the pattern is right.
-/// Without the roots and divisions of the prox map, for which a step would wait. Infinite where a contact does not do what the pattern says, or only just.
+/// Upper bound of what impulses miss the law by while the wheels' pattern is linear, summed over the contacts, N s; rounding where the pattern
+/// is right. Without the roots and divisions of the wheels' prox maps, for which a step would wait. Infinite where a contact does not do
+/// what the pattern says, or only just.
 ///
 /// Prox maps do not stretch distances. So an impulse inside its disc, which is its own nearest point, misses by at most `r |xi|`. One
-/// against a lengthwise slip misses nothing on the rim, nor does a longer argument in that direction; off the rim both are as far from
-/// those, and a lateral slip adds `r |xi|`.
+/// against its slip misses nothing on the rim, nor does a longer argument in that direction; off the rim both are as far from
+/// those, and what of the slip is across adds r times itself.
 #[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
 #[inline(always)]
 pub(super) fn miss_bound<const N: usize>(
@@ -80,13 +81,31 @@ pub(super) fn miss_bound<const N: usize>(
         WheelPattern::LeftSlips(_) => (lateral <= spare(1), stuck(1) + sliding(0)),
         WheelPattern::BothSlip => (false, 0.0),
     };
-    let (front_is_inside, front_miss) = if N == 5 {
-        let [x, y] = ROWS[2].map(|row| impulse[row]);
-        (x * x + y * y <= radius(2) * radius(2), stuck(2))
-    } else {
-        (true, 0.0)
-    };
-    if is_inside && front_is_inside { miss + front_miss } else { f64::INFINITY }
+    let front = if N == 5 { front_miss_bound(operator, pattern.front, impulse, impact_slip, radius(2)) } else { 0.0 };
+    if is_inside { miss + front } else { f64::INFINITY }
+}
+
+/// The part of the front support.
+#[expect(clippy::inline_always, reason = "a call would take vectors through memory")]
+#[inline(always)]
+fn front_miss_bound<const N: usize>(
+    operator: &DelassusOperator<N>,
+    mode: ContactMode,
+    impulse: &SVector<f64, N>,
+    impact_slip: &SVector<f64, N>,
+    radius: f64,
+) -> f64 {
+    let [[x, y], [slip_x, slip_y]] = [impulse, impact_slip].map(|vector| ROWS[2].map(|row| vector[row]));
+    let (squared, step) = (x * x + y * y, operator.prox_step()[2]);
+    match mode {
+        ContactMode::Stick if squared <= radius * radius => step * (slip_x.abs() + slip_y.abs()),
+        ContactMode::Slip if x * slip_x + y * slip_y <= 0.0 => {
+            let size = squared.sqrt();
+            let across = if size > 0.0 { (x * slip_y - y * slip_x).abs() / size } else { 0.0 };
+            2.0 * (size - radius).abs() + step * across
+        }
+        ContactMode::Stick | ContactMode::Slip => f64::INFINITY,
+    }
 }
 
 /// `Lambda_i - r_i xi_i`.
