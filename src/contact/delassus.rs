@@ -103,18 +103,11 @@ impl<const N: usize> DelassusOperator<N> {
         ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual: 0.0 }
     }
 
-    /// The affine solution map of a linear pattern (with sticking front support when N = 5).
-    ///
-    /// None without wheel friction, when no wheel can stick.
+    /// Derivatives of the friction impulse in a linear pattern, the same at each solution and so its solution map; none in other
+    /// patterns, and none without wheel friction, when no wheel can stick.
     #[inline]
-    pub(super) fn linear_mode(&self, index: usize) -> Option<&ImpulseDerivative<N>> {
-        self.linear_modes.as_ref().map(|modes| &modes[index])
-    }
-
-    /// Derivatives of the friction impulse in a linear pattern, the same at each solution; none in other patterns, and none
-    /// without wheel friction.
     pub fn linear_derivative(&self, pattern: ContactPattern) -> Option<&ImpulseDerivative<N>> {
-        self.linear_mode(Self::linear_index(pattern)?)
+        Some(&self.linear_modes.as_ref()?[Self::linear_index(pattern)?])
     }
 
     /// The patterns with constant solution maps, by their index.
