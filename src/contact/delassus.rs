@@ -17,6 +17,14 @@ pub struct ImpulseDerivative<const N: usize> {
     pub by_free_normal: SMatrix<f64, N, 3>,
 }
 
+impl<const N: usize> ImpulseDerivative<N> {
+    /// The impulse of a linear pattern, whose solution map this is.
+    #[inline]
+    pub(super) fn impulse(&self, problem: &OneStepProblem<N>) -> SVector<f64, N> {
+        self.by_free_slip * problem.free_slip + self.by_free_normal * problem.free_normal
+    }
+}
+
 /// How friction impulses change the slip and the normal impulses of a robot, in `N` = 3 or 5 directions (see the
 /// [module](super)); the same in every time step.
 #[derive(Debug, Clone)]

@@ -130,13 +130,12 @@ impl<const N: usize> Search<'_, N> {
         solution: &mut ContactSolution<N>,
     ) -> SolvePath {
         let start = [self.impulse_against_free_slip()];
-        // Of the directions of a slipping front support only one was tried.
-        let is_left = |pattern: &ContactPattern, equations| {
-            equations_of::<N>(*pattern) == equations && (*pattern != guess || equations == Equations::FrontDirection)
-        };
         let in_others = |equations: Equations, solution: &mut ContactSolution<N>| {
-            let mut others = all_patterns::<N>().filter(|pattern| is_left(pattern, equations));
-            others.any(|pattern| self.anywhere_in(pattern, &start, solution, |_| true))
+            // Of the directions of a slipping front support only one was tried.
+            let with_guess = equations == Equations::FrontDirection;
+            all_patterns::<N>()
+                .filter(|pattern| equations_of::<N>(*pattern) == equations && (with_guess || *pattern != guess))
+                .any(|pattern| self.anywhere_in(pattern, &start, solution, |_| true))
         };
         if in_others(Equations::Linear, solution) {
             return SolvePath::OtherPattern;
@@ -212,8 +211,7 @@ impl<const N: usize> Search<'_, N> {
     #[inline(always)]
     fn in_linear_pattern(&self, pattern: ContactPattern, solution: &mut ContactSolution<N>) -> bool {
         let Some(map) = self.operator.linear_derivative(pattern) else { return false };
-        let impulse = map.by_free_slip * self.problem.free_slip + map.by_free_normal * self.problem.free_normal;
-        self.with_impulse(pattern, impulse, solution)
+        self.with_impulse(pattern, map.impulse(self.problem), solution)
     }
 
     /// Whether an impulse solves the step while the wheels' pattern is linear.

@@ -37,9 +37,7 @@ impl HeldSolver {
         step: &mut ContactSolution<N>,
     ) {
         let [sticking, ..] = DelassusOperator::<N>::linear_patterns();
-        let impulse = operator.linear_derivative(sticking).map_or_else(SVector::zeros, |map| {
-            map.by_free_slip * problem.free_slip + map.by_free_normal * problem.free_normal
-        });
+        let impulse = operator.linear_derivative(sticking).map_or_else(SVector::zeros, |map| map.impulse(problem));
         let sticks = operator.solution_at(problem, (sticking, impulse));
         *step = if N == 3 || self.slip_smoothing == 0.0 && front_sticks(operator, &sticks) {
             sticks

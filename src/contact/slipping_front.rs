@@ -91,8 +91,7 @@ impl<'a, const N: usize> SlippingFront<'a, N> {
         problem: &OneStepProblem<N>,
         wheels: &'a WheelResponse<N>,
     ) -> Self {
-        let ImpulseDerivative { by_free_slip, by_free_normal } = &wheels.map;
-        let without_front = by_free_slip * problem.free_slip + by_free_normal * problem.free_normal;
+        let without_front = wheels.map.impulse(problem);
         let slip = operator.impact_slip(problem, &without_front);
         let [a, b] = [slip[ROWS[2][0]], slip[ROWS[2][1]]];
         let friction = operator.friction_coefficient()[2];
@@ -118,10 +117,10 @@ impl<'a, const N: usize> SlippingFront<'a, N> {
 
     /// The impulses of all that solves the step.
     pub(super) fn all(&self) -> impl Iterator<Item = SVector<f64, N>> {
-        let last = DIRECTIONS[DIRECTIONS.len() - 1];
-        let pairs = DIRECTIONS.into_iter().scan(last, |last, next| Some((std::mem::replace(last, next), next)));
-        let roots = pairs.filter_map(|(from, to)| {
-            let (before, after) = (self.value(from), self.value(to));
+        let looked_at = DIRECTIONS.map(|direction| (direction, self.value(direction)));
+        let count = looked_at.len();
+        let roots = (0..count).filter_map(move |index| {
+            let [(from, before), (to, after)] = [looked_at[(index + count - 1) % count], looked_at[index]];
             let share = before / (before - after);
             let between = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
             ((before < 0.0) != (after < 0.0)).then(|| self.near(between))?
