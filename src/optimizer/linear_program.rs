@@ -18,7 +18,7 @@
 //! iteration takes a basic variable or a row that contradicts its place and moves the multipliers along the edge that frees
 //! it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
 //! Method", 2003). Rows that stay slack cost no more than a scalar product, and those that nothing within the bounds violates are left
-//! out. In programs of many rows multipliers, gradients and point move along the edge, and are computed afresh where the simplex would
+//! out. Multipliers, gradients and point move along the edge, and are computed afresh where the simplex would
 //! end.
 
 mod basis;
@@ -165,7 +165,6 @@ impl ElasticSolver {
         self.range = DVector::from_iterator(rows, ranges);
         self.largest_range = self.range.amax();
         self.small_gradient = TOLERANCE * program.cost.amax();
-        self.basis.is_kept = rows > Basis::SMALL;
         self.is_basic = vec![false; columns];
         self.rest = vec![Rest::Zero; columns];
     }
@@ -210,7 +209,7 @@ impl ElasticSolver {
             add_multiple(&mut self.multiplier, kink.step, self.direction.as_slice());
             add_multiple(&mut self.gradient, kink.step, self.slope.as_slice());
             self.exchange(program, leaving, kink.at);
-            is_afresh = !self.basis.has_inverse();
+            is_afresh = !self.basis.is_inverted;
             // As many iterations as there are variables without progress are no accident.
             if stalled > columns {
                 self.perturbation = Perturbation::new(program);

@@ -42,29 +42,10 @@ pub struct SequentialLinearSettings {
     pub smallest_prediction: f64,
     /// The merit to beat: the iteration ends where the model no longer promises to.
     pub merit_to_beat: f64,
-    /// Which steps are corrected, and after which the trust region grows.
-    pub step_ratios: StepRatios,
     /// Most iterations.
     pub iteration_limit: usize,
     /// Whether the final point is an answer, whose violations are driven to zero, and no intermediate one.
     pub restores: bool,
-}
-
-/// What steps are judged by: their share of the decrease that the linear model predicts.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StepRatios {
-    /// Steps below this are corrected for curvature.
-    correct: f64,
-    /// Steps above this let the trust region grow.
-    grow: f64,
-}
-
-impl StepRatios {
-    /// Where most variables are at their bounds, the linear model is good until another bound counts.
-    pub const BOUNDS: Self = Self { correct: SHRINK_RATIO, grow: 0.5 };
-    /// Where curves are followed, those of limits or of smoothed friction, a step r gains about r (1 - k r). A ratio below a half is a
-    /// step beyond the best one, and from three quarters on one of twice the length keeps a half.
-    pub const CURVES: Self = Self { correct: 0.5, grow: 0.75 };
 }
 
 /// First trust radius at a plan, of descents and of the criticality measure: variables may change by a tenth of their scale, enough to
@@ -72,7 +53,13 @@ impl StepRatios {
 pub const FIRST_RADIUS: f64 = 0.1;
 const LARGEST_RADIUS: f64 = 1.0;
 const SMALLEST_RADIUS: f64 = 1e-6;
+/// Steps are judged by their share of the decrease that the linear model predicts. The trust region shrinks below this one.
 const SHRINK_RATIO: f64 = 0.1;
+/// Along curves, those of limits or of friction that slips, a step r gains about r (1 - k r): below a half it went beyond the best length,
+/// and is corrected for curvature.
+const CORRECT_RATIO: f64 = 0.5;
+/// From here on a step of twice the length keeps a half, and the trust region grows.
+const GROW_RATIO: f64 = 0.75;
 /// The factor by which the trust radius grows, and shrinks.
 const RADIUS_FACTOR: f64 = 2.0;
 /// Corrections above this share of their step are not tried: of 8,000 in two searches, larger ones helped one time in
@@ -215,7 +202,7 @@ impl<'a> Search<'a> {
             if merit - HOPE * prediction > self.settings.merit_to_beat {
                 return Ok(false);
             }
-            let good_merit = merit - self.settings.step_ratios.correct * prediction;
+            let good_merit = merit - CORRECT_RATIO * prediction;
             let trial = self.try_step(&step, good_merit, budget)?;
             let gain = merit - trial.merit;
             self.adapt_radius(gain / prediction);
@@ -336,7 +323,7 @@ impl<'a> Search<'a> {
     }
 
     fn adapt_radius(&mut self, ratio: f64) {
-        if ratio > self.settings.step_ratios.grow {
+        if ratio > GROW_RATIO {
             self.radius = (RADIUS_FACTOR * self.radius).min(LARGEST_RADIUS);
         } else if ratio < SHRINK_RATIO || ratio.is_nan() {
             self.radius /= RADIUS_FACTOR;

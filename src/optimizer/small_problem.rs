@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     Budget, Constraints, ElasticSolver, Linearisation, Problem, SequentialLinearResult, SequentialLinearSettings,
-    StepRatios, minimise_sequentially,
+    minimise_sequentially,
 };
 use crate::stop::{Stop, Stopped};
 
@@ -112,7 +112,6 @@ pub(super) fn settings() -> SequentialLinearSettings {
         inequality_tolerance: 0.0,
         smallest_prediction: 1e-8,
         merit_to_beat: f64::INFINITY,
-        step_ratios: StepRatios::BOUNDS,
         iteration_limit: 400,
         restores: true,
     }

@@ -180,11 +180,6 @@ impl<'a> ShootingProblem<'a> {
             && self.simulator.robot().parameters().front_friction_coefficient == 0.0
     }
 
-    /// Whether a plan must keep more on the way than its normal forces.
-    pub fn has_path_limits(&self) -> bool {
-        self.path_constraints.has_limits()
-    }
-
     /// Sets the slip smoothing of the friction law as a share of the maneuver's speed, unit of length over unit of time; 0 is the
     /// exact law. Held wheels stay held.
     pub fn set_slip_smoothing(&mut self, share: f64) {

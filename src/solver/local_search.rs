@@ -10,7 +10,7 @@ use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
     Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, SequentialLinearResult,
-    SequentialLinearSettings, StepRatios, criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
+    SequentialLinearSettings, criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{GoalScales, Penalty, ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
@@ -110,7 +110,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
                 passed = Some(Candidate::new(x.clone(), goal_error, breaks_limits, goal_heading));
             }
         };
-        let from = (guess, linear_programs(self.problem, &mut self.programs));
+        let from = (guess, &mut self.programs);
         let result =
             minimise_sequentially(self.problem, from, (&settings, accepted), &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
@@ -133,7 +133,6 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             inequality_tolerance: self.problem.inequality_tolerance(),
             smallest_prediction,
             merit_to_beat: f64::INFINITY,
-            step_ratios: if self.problem.has_path_limits() { StepRatios::CURVES } else { StepRatios::BOUNDS },
             iteration_limit: ITERATION_LIMIT,
             restores: true,
         }
@@ -214,7 +213,7 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             feasibility_tolerance: self.settings.goal_tolerance * self.scales.largest(),
             ..self.descent(0.5 * CRITICALITY_TOLERANCE * plan.final_time() / time_unit)
         };
-        let from = (&plan.decision, linear_programs(self.problem, &mut self.programs));
+        let from = (&plan.decision, &mut self.programs);
         let measure = criticality_measure(self.problem, from, &settings, &mut self.budget)?;
         Ok(Stationarity { penalty_parameter, time_unit, measure })
     }
@@ -233,14 +232,6 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
             report(self.control, self.start, &candidate.decision, misses, tolerance);
         }
     }
-}
-
-/// What linear programs begin from: with limits, where most of their rows are tight and stay so, where the last one ended.
-pub(super) fn linear_programs<'a>(problem: &ShootingProblem, last: &'a mut ElasticSolver) -> &'a mut ElasticSolver {
-    if !problem.has_path_limits() {
-        *last = ElasticSolver::default();
-    }
-    last
 }
 
 /// Reports a decision, but for one that meets the goal beyond the limits.

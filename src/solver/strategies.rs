@@ -4,14 +4,12 @@ use nalgebra::DVector;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, is_distinct, keep_better};
 use super::hops::PATIENCE;
-use super::local_search::{LARGEST_PENALTY, LocalSearch, SMALLEST_PREDICTION, STRICT_PENALTY, linear_programs};
+use super::local_search::{LARGEST_PENALTY, LocalSearch, SMALLEST_PREDICTION, STRICT_PENALTY};
 use super::run_control::Phase;
 use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
-use crate::optimizer::{
-    FIRST_RADIUS, Interruption, PENALTY_GROWTH, SequentialLinearSettings, StepRatios, minimise_sequentially,
-};
+use crate::optimizer::{FIRST_RADIUS, Interruption, PENALTY_GROWTH, SequentialLinearSettings, minimise_sequentially};
 use crate::shooting::decision_from_schedule;
 
 /// Slip smoothings between a start and the exact law, as shares of the maneuver's speed: they remove the kinks where contacts
@@ -297,12 +295,11 @@ impl LocalSearch<'_, '_, '_> {
             let settings = SequentialLinearSettings {
                 first_radius,
                 iteration_limit,
-                step_ratios: StepRatios::CURVES,
                 restores: false,
                 ..self.descent(SMALLEST_PREDICTION)
             };
             self.problem.set_slip_smoothing(smoothing);
-            let from = (&decision, linear_programs(self.problem, &mut self.programs));
+            let from = (&decision, &mut self.programs);
             let result = minimise_sequentially(self.problem, from, (&settings, None), &mut self.budget, &mut |_, _| {});
             self.problem.set_slip_smoothing(0.0);
             self.iterations += result.iterations;

@@ -1,7 +1,7 @@
 //! Tight rows, basic variables and the inverse of their matrix.
 //!
-//! In programs of many rows the inverse is updated by the row or column that changes (product form), at the cost of one of its squares
-//! in place of its cube, and made afresh where a pivot is small or an answer shows that it has lost its digits.
+//! The inverse is updated by the row or column that changes (product form), at the cost of one of its squares in place of its cube, and made
+//! afresh where a pivot is small or an answer shows that it has lost its digits.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -16,22 +16,13 @@ pub(super) struct Basis {
     pub(super) basic: Vec<usize>,
     /// Inverse of the basic columns of the tight rows: a row per basic variable, a column per tight row.
     pub(super) inverse: DMatrix<f64>,
-    is_inverted: bool,
-    /// Whether the inverse is updated, not made afresh.
-    pub(super) is_kept: bool,
+    /// Whether the inverse is there and need not be made.
+    pub(super) is_inverted: bool,
     /// Whether the inverse was updated since it was made.
     pub(super) is_updated: bool,
 }
 
 impl Basis {
-    /// Programs of up to so many rows have their inverse made afresh each time: there an update saves next to nothing.
-    pub(super) const SMALL: usize = 24;
-
-    /// Whether the inverse is there and need not be made.
-    pub(super) fn has_inverse(&self) -> bool {
-        self.is_kept && self.is_inverted
-    }
-
     pub(super) fn clear(&mut self) {
         self.tight.clear();
         self.basic.clear();
@@ -79,7 +70,7 @@ impl Basis {
     /// Another variable becomes basic in place of one.
     pub(super) fn replace_column(&mut self, program: &ElasticProgram, position: usize, column: usize) {
         self.basic[position] = column;
-        if !self.may_keep() {
+        if !self.is_inverted {
             return;
         }
         let change = &self.inverse * program.matrix.column(column).select_rows(&self.tight);
@@ -93,7 +84,7 @@ impl Basis {
     /// Another row becomes tight in place of one.
     pub(super) fn replace_row(&mut self, program: &ElasticProgram, position: usize, row: usize) {
         self.tight[position] = row;
-        if !self.may_keep() {
+        if !self.is_inverted {
             return;
         }
         let change = self.inverse.tr_mul(&self.basic_part(program, row));
@@ -106,7 +97,7 @@ impl Basis {
 
     /// A row becomes tight and a variable basic.
     pub(super) fn add(&mut self, program: &ElasticProgram, row: usize, column: usize) {
-        if !self.may_keep() {
+        if !self.is_inverted {
             return self.push(row, column);
         }
         let size = self.tight.len();
@@ -129,7 +120,7 @@ impl Basis {
     pub(super) fn remove(&mut self, tight: usize, basic: usize) {
         self.tight.remove(tight);
         self.basic.remove(basic);
-        if !self.may_keep() {
+        if !self.is_inverted {
             return;
         }
         let pivot = self.inverse[(basic, tight)];
@@ -140,12 +131,6 @@ impl Basis {
             let inverse = std::mem::take(&mut self.inverse);
             self.inverse = inverse.remove_row(basic).remove_column(tight);
         }
-    }
-
-    /// Whether there is an inverse that is to be updated; else it is made afresh.
-    fn may_keep(&mut self) -> bool {
-        self.is_inverted &= self.is_kept;
-        self.is_inverted
     }
 
     /// Whether the inverse can be updated by this pivot; else it is to be made afresh.

@@ -29,8 +29,7 @@ impl ElasticSolver {
         let columns = program.cost.len();
         let is_free = |column: &usize| *column < columns && program.width(*column) > 0.0;
         let columns: Vec<usize> = basic.into_iter().filter(is_free).collect();
-        let is_whole = candidates.len() == columns.len() && self.basis.is_kept;
-        if is_whole && self.basis.adopt(program, &candidates, &columns) {
+        if candidates.len() == columns.len() && self.basis.adopt(program, &candidates, &columns) {
             for (row, column) in candidates.into_iter().zip(columns) {
                 self.place[row] = RowPlace::Tight;
                 self.is_basic[column] = true;
