@@ -185,7 +185,7 @@ impl ElasticSolver {
                 continue;
             }
             let Some(leaving) = self.leaving(program) else {
-                if !is_afresh || self.has_drifted() && self.basis.forget_updates() {
+                if !is_afresh || self.has_drifted(program) && self.basis.forget_updates() {
                     is_afresh = true;
                     continue;
                 }
@@ -313,8 +313,9 @@ impl ElasticSolver {
     }
 
     /// Whether an inverse that was updated has lost its digits: what it should make zero is not.
-    fn has_drifted(&self) -> bool {
-        self.basis.tight.iter().any(|row| self.value[*row].abs() > TOLERANCE * self.range[*row])
+    fn has_drifted(&self, program: &ElasticProgram) -> bool {
+        let is_missed = |row: &usize| self.value[*row].abs() > SUM_ROUNDING * self.range[*row];
+        self.gradient_error > SUM_ROUNDING * program.cost.amax() || self.basis.tight.iter().any(is_missed)
     }
 
     /// Variables at the bounds that their gradients choose; the basic ones meet the tight rows, from where they are or afresh.
