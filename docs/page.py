@@ -30,7 +30,9 @@ def draw(browser: Browser, service: Service, file: Path, preset: str, at_s: floa
     page.select_option("#preset", preset)
     page.click("#solve")
     expect(page.locator("#figures figure").first).to_be_visible(timeout=30_000)
-    page.locator("#scrub").evaluate("(bar, time) => { bar.value = time; bar.dispatchEvent(new Event('input')); }", at_s)
+    end_s = float(page.inner_text("#time").split(" s of ")[1].removesuffix(" s"))
+    to = "(bar, share) => { bar.value = share * bar.max; bar.dispatchEvent(new Event('input')); }"
+    page.locator("#scrub").evaluate(to, at_s / end_s)
     # Else the button would show that it has the keyboard.
     page.evaluate("() => { document.activeElement?.blur(); scrollTo(0, 0); }")
     page.mouse.move(0, 0)

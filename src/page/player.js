@@ -2,6 +2,9 @@
 
 import { byId } from "./dom.js";
 
+/** Steps of the slider over a motion. In seconds the last one could lie beyond the end by rounding, and no browser would go there. */
+const STEPS = 1000;
+
 export class Player {
   #button = byId("play", HTMLButtonElement);
   #slider = byId("scrub", HTMLInputElement);
@@ -17,7 +20,7 @@ export class Player {
     this.#button.addEventListener("click", () => (this.#frame ? this.pause() : this.play()));
     this.#slider.addEventListener("input", () => {
       this.pause();
-      this.seek(this.#slider.valueAsNumber);
+      this.seek((this.#slider.valueAsNumber / STEPS) * this.#duration);
     });
   }
 
@@ -27,15 +30,14 @@ export class Player {
     this.#duration = duration;
     const isStill = !(duration > 0);
     for (const control of [this.#button, this.#slider, this.#speed]) control.disabled = isStill;
-    this.#slider.max = String(duration);
-    this.#slider.step = String(duration / 1000 || 1);
+    this.#slider.max = String(STEPS);
     this.seek(0);
   }
 
   /** @param {number} time s */
   seek(time) {
     this.#time = Math.min(this.#duration, Math.max(0, time));
-    this.#slider.value = String(this.#time);
+    this.#slider.value = String(Math.round((this.#time / this.#duration) * STEPS) || 0);
     this.#shown.value = `${this.#time.toFixed(3)} s of ${this.#duration.toFixed(3)} s`;
     this.#slider.setAttribute("aria-valuetext", `${this.#time.toFixed(3)} s`);
     this.onTime(this.#time);
