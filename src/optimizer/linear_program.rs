@@ -18,8 +18,7 @@
 //! iteration takes a basic variable or a row that contradicts its place and moves the multipliers along the edge that frees
 //! it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
 //! Method", 2003). Rows that stay slack cost no more than a scalar product, and those that nothing within the bounds violates are left
-//! out. Multipliers, gradients and point move along the edge, and are computed afresh where the simplex would
-//! end.
+//! out. Multipliers, gradients and point move along the edge, and are computed afresh where the simplex would end.
 
 mod basis;
 mod beginning;
@@ -39,9 +38,9 @@ use crate::stop::{Stop, Stopped};
 /// Gradients within so many times the largest of a basic variable, which should be zero, are rounding, where correction leaves one: on
 /// motions that amplify errors beyond all digits.
 const GRADIENT_MARGIN: f64 = 10.0;
-/// The rounding of sums, as a share of what they are sums of: of slopes and pivots, and of the objective. Where rows are nearly
-/// dependent these sums are far larger: with the tolerance of other comparisons the kinks that were passed over let D fall, and the
-/// simplex came back.
+/// The rounding of sums, as a share of what they are sums of: of slopes and pivots, of the objective, and of what an inverse should make
+/// zero. Where rows are nearly dependent these sums are far larger: with the tolerance of other comparisons the kinks that were passed over
+/// let D fall, and the simplex came back.
 const SUM_ROUNDING: f64 = 1e-12;
 /// Smaller shares are rounding: of the largest cost, in gradients (costs are as small as the trust region of a program: an absolute
 /// tolerance passed the perturbation in small ones, and the simplex came back to the same vertices); of a variable's or row's range that
