@@ -218,13 +218,23 @@ impl<'a> Search<'a> {
         Ok(true)
     }
 
-    /// Makes the penalty parameter larger, if it may be.
+    /// Makes the penalty parameter larger, if it may be and may be too small: at a kink far from the constraints, where what is violated
+    /// costs more than any point within the bounds saves, it is not.
     fn tightens(&mut self) -> bool {
-        let may_grow = self.penalty_parameter < self.settings.largest_penalty_parameter;
+        let violation_cost = self.penalty_parameter * self.model.constraints.violation_sum();
+        let may_be_too_small = violation_cost <= self.largest_saving();
+        let may_grow = may_be_too_small && self.penalty_parameter < self.settings.largest_penalty_parameter;
         if may_grow {
             self.penalty_parameter *= PENALTY_GROWTH;
         }
         may_grow
+    }
+
+    /// All that the cost can fall by within the bounds.
+    fn largest_saving(&self) -> f64 {
+        let [above_lower, above_upper] = [self.problem.lower(), self.problem.upper()].map(|bound| &self.x - bound);
+        let saving = |cost: f64, above: f64, below: f64| (cost * above).max(cost * below);
+        self.problem.cost().zip_zip_map(&above_lower, &above_upper, saving).sum()
     }
 
     /// Whether the constraints are met within their tolerances.

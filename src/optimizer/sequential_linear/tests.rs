@@ -211,6 +211,19 @@ fn a_penalty_parameter_that_is_too_small_grows() {
 }
 
 #[test]
+fn a_penalty_parameter_does_not_grow_where_violations_cost_more_than_can_be_saved() {
+    // t may fall from 0 to -1000.
+    for (penalty_parameter, residual, grows) in [(5.0, 100.0, true), (5.0, 300.0, false), (50.0, 100.0, false)] {
+        let mut problem = SmallProblem::new(&[WIDE; 2], &[circle], &[maratos]);
+        let settings = SequentialLinearSettings { penalty_parameter, largest_penalty_parameter: 1e3, ..settings() };
+        let (start, mut programs) = (DVector::from_row_slice(&[0.6, 0.8, 0.0]), ElasticSolver::default());
+        let mut search = Search::new(&mut problem, (&start, &mut programs), &settings);
+        search.model.constraints.residual.fill(residual);
+        assert_eq!(search.tightens(), grows);
+    }
+}
+
+#[test]
 fn a_merit_out_of_reach_ends_the_iteration() {
     let settings = SequentialLinearSettings { merit_to_beat: -1e6, ..settings() };
     let mut problem = SmallProblem::new(&[WIDE; 2], &[circle], &[maratos]);
