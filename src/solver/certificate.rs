@@ -19,9 +19,7 @@ use super::solution::{
 use crate::contact::ContactName;
 use crate::optimizer::{Interruption, largest_magnitude, sign_violations};
 use crate::robot::State;
-use crate::shooting::{
-    LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent, schedule_from_decision,
-};
+use crate::shooting::{LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent};
 use crate::simulation::{ContactMethod, NormalLoad, Rollout, Simulator, TorqueSchedule, Trajectory};
 use crate::stop::{Stop, Stopped};
 
@@ -34,29 +32,25 @@ pub(crate) const REPLAY_EXCESS: f64 = 5e-3;
 /// Rollouts that the criticality measure of a stopped solve may take.
 const URGENT_ROLLOUTS: u64 = 12;
 
-/// Certifies the search's best decision.
+/// Certifies a decision, whose motion is known.
 ///
 /// A certificate that is cut off shows the motion of the plan, but neither its replay, nor its sensitivity, nor the lower bound,
 /// and claims no local optimum.
-///
-/// # Errors
-/// When it is cut off before the motion of the plan is known.
 pub(super) fn certified(
     input: &SolveInput,
     simulator: &Simulator,
     (problem, bound): (&mut ShootingProblem, LowerBound),
-    best: &Candidate,
+    (best, motion): (Candidate, Motion),
     (result, cut): (SearchResult, Stop),
-) -> Result<Solution, Stopped> {
+) -> Solution {
     let step_count = result.step_count;
-    let motion = Motion::of_plan(input, simulator, (schedule_from_decision(&best.decision), step_count), cut)?;
     if let Some(heading) = best.goal_heading {
         problem.aim_at_heading(heading);
     }
     problem.tighten(&best.margins);
     let is_urgent = result.stop_reason == StopReason::Stopped;
     let mut certificate = || -> Result<(Optimality, Certificate), Stopped> {
-        let optimality = Optimality::of_decision(problem, best, (&input.settings, is_urgent), cut)?;
+        let optimality = Optimality::of_decision(problem, &best, (&input.settings, is_urgent), cut)?;
         let replayed = match &result.replayed {
             Some(replayed) => replayed.clone(),
             None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
@@ -71,7 +65,7 @@ pub(super) fn certified(
         Ok((optimality, shown)) => (optimality, Some(shown)),
         Err(Stopped) => (Optimality::unknown(&best.decision), None),
     };
-    Ok(motion.solution(input, result, (optimality, shown)))
+    motion.solution(input, result, (optimality, shown))
 }
 
 /// What is shown of a plan beside its motion.
@@ -191,7 +185,7 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
 }
 
 /// A plan and its motion on its own grid.
-struct Motion {
+pub(super) struct Motion {
     schedule: TorqueSchedule,
     /// States at the reference point.
     trajectory: Trajectory,
@@ -202,7 +196,7 @@ struct Motion {
 }
 
 impl Motion {
-    fn of_plan(
+    pub(super) fn of_plan(
         input: &SolveInput,
         simulator: &Simulator,
         (schedule, step_count): (TorqueSchedule, usize),
@@ -218,6 +212,11 @@ impl Motion {
         let slips = |contact| trajectory.slip_time(contact) > 0.0;
         let sticks = !slips(ContactName::Left) && !slips(ContactName::Right);
         Ok(Self { schedule, trajectory, goal_error, limits, sticks })
+    }
+
+    /// Whether it stays within what numbers can say.
+    pub(super) fn is_finite(&self) -> bool {
+        self.trajectory.end_state.to_vector().iter().all(|value| value.is_finite())
     }
 
     /// Whether every contact carries its least load, and sticks where it must.

@@ -46,13 +46,16 @@ pub use solution::{
 pub(crate) use certificate::{REPLAY_EXCESS, REPLAY_REFINEMENT};
 pub(crate) use helpers::CancelOnPanic;
 
+use std::iter;
+
 use candidate::Candidate;
+use certificate::Motion;
 use grid_problem::problem_on;
 use nalgebra::DVector;
+use search::SearchResult;
 use settings::ROUNDING;
 
-use crate::optimizer::Problem as _;
-use crate::shooting::{ShootingProblem, decision_from_schedule, decision_len};
+use crate::shooting::{decision_from_schedule, decision_len, schedule_from_decision};
 use crate::simulation::Simulator;
 use crate::stop::{Stop, Stopped};
 
@@ -79,23 +82,35 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopp
     }
     let _phase = control.enter(Phase::Certificate);
     problem.release_torques();
-    let best = result.best.take().filter(|best| best.goal_error.is_finite());
-    let best = match best {
-        Some(best) => best,
-        None => fallback(input, &mut problem, control.cut())?.unwrap_or_else(|| standing_still(input)),
-    };
-    certificate::certified(input, &simulator, (&mut problem, bound), &best, (result, control.cut()))
+    let answered = answered(input, &simulator, &mut result, control.cut())?;
+    Ok(certificate::certified(input, &simulator, (&mut problem, bound), answered, (result, control.cut())))
 }
 
-/// The first start, as the answer of a solve that was stopped before its first rollout; none when its motion diverges.
-fn fallback(input: &SolveInput, problem: &mut ShootingProblem, stop: Stop) -> Result<Option<Candidate>, Stopped> {
+/// The decision to answer, with its motion: the best one, or the first start of a solve that was stopped before its first rollout, where
+/// that diverges no torque. The motion alone decides: rollouts of the search follow others, and may stay finite where it does not.
+fn answered(
+    input: &SolveInput,
+    simulator: &Simulator,
+    result: &mut SearchResult,
+    stop: Stop,
+) -> Result<(Candidate, Motion), Stopped> {
+    let step_count = result.step_count;
+    let moving = |candidate: Candidate| {
+        let schedule = schedule_from_decision(&candidate.decision);
+        Motion::of_plan(input, simulator, (schedule, step_count), stop).map(|motion| (candidate, motion))
+    };
+    for candidate in result.best.take().into_iter().chain(iter::once_with(|| first_start(input))) {
+        let (candidate, motion) = moving(candidate)?;
+        if motion.is_finite() {
+            return Ok((candidate, motion));
+        }
+    }
+    moving(standing_still(input))
+}
+
+fn first_start(input: &SolveInput) -> Candidate {
     let start = &starts::starts(input, 1)[0];
-    let decision = decision_from_schedule(&start.schedule);
-    let mut constraints = problem.constraints();
-    problem.evaluate(&decision, &mut constraints, stop)?;
-    let goal_error = problem.goal_scales().largest_goal_error(&constraints.residual);
-    let candidate = Candidate::new(decision, goal_error, true, start.goal_heading);
-    Ok(goal_error.is_finite().then_some(candidate))
+    Candidate::new(decision_from_schedule(&start.schedule), f64::INFINITY, true, start.goal_heading)
 }
 
 /// The answer where every motion that was tried diverged: no torque, for so short a time that none does.
