@@ -196,6 +196,10 @@ pub(super) struct Motion {
 }
 
 impl Motion {
+    /// Rolls a plan out, as answers show it.
+    ///
+    /// # Errors
+    /// When it is cut off before the end.
     pub(super) fn of_plan(
         input: &SolveInput,
         simulator: &Simulator,
