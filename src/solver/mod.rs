@@ -104,6 +104,8 @@ fn answered(
         if motion.is_finite() {
             return Ok((candidate, motion));
         }
+        // It is that of the best one.
+        result.replayed = None;
     }
     moving(standing_still(input))
 }
@@ -118,4 +120,27 @@ fn standing_still(input: &SolveInput) -> Candidate {
     let mut decision = DVector::zeros(decision_len(input.settings.control_count));
     decision[2 * input.settings.control_count] = ROUNDING;
     Candidate::new(decision, f64::INFINITY, true, None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_replay_is_that_of_the_answer() {
+        let input = SolveInput::forward_drive();
+        let (simulator, step_count) = (Simulator::new(&input.robot), 200);
+        let start = first_start(&input);
+        let schedule = schedule_from_decision(&start.decision);
+        let replayed = certificate::replay(&input, &simulator, (&schedule, step_count), Stop::never()).unwrap();
+        let answered_with = |decision: DVector<f64>| {
+            let best = Some(Candidate { decision, ..start.clone() });
+            let replayed = Some(replayed.clone());
+            let mut result = SearchResult { best, step_count, replayed, ..SearchResult::default() };
+            let (candidate, motion) = answered(&input, &simulator, &mut result, Stop::never()).unwrap();
+            (candidate.decision, motion.is_finite(), result.replayed.is_some())
+        };
+        assert_eq!(answered_with(start.decision.clone()), (start.decision.clone(), true, true));
+        assert_eq!(answered_with(1e300 * &start.decision), (start.decision.clone(), true, false));
+    }
 }
