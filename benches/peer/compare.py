@@ -129,8 +129,9 @@ def children_cpu() -> float:
 
 
 def run_slipdrive(slipdrive: Path, request: Path) -> Run:
-    """Solves with slipdrive."""
-    answer, cpu = run_for_answer([str(slipdrive), "solve", str(request)], accepted=(0, EXIT_NO_PLAN))
+    """Solves with slipdrive, on one thread as the peer."""
+    command = [str(slipdrive), "solve", str(request), "--threads", "1"]
+    answer, cpu = run_for_answer(command, accepted=(0, EXIT_NO_PLAN))
     simulated = simulate(slipdrive, request, answer["torque_schedule"])
     return Run(answer["status"], answer["final_time_s"], answer["report"]["solve_time_s"], cpu, *simulated)
 
