@@ -193,7 +193,8 @@ impl<'a> Search<'a> {
             let prediction = merit - self.modelled_merit(&step);
             if prediction <= self.settings.smallest_prediction {
                 // At an optimum of the merit that violates constraints the penalty parameter is too small.
-                if self.violation_cost() > self.settings.smallest_prediction && self.tightens() {
+                let violation_cost = self.violation_cost(&self.model.constraints);
+                if violation_cost > self.settings.smallest_prediction && self.tightens() {
                     continue;
                 }
                 return Ok(true);
@@ -220,16 +221,12 @@ impl<'a> Search<'a> {
     /// Makes the penalty parameter larger, if it may be and may be too small: at a kink far from the constraints, where what is violated
     /// costs more than any point within the bounds saves, it is not.
     fn tightens(&mut self) -> bool {
-        let may_be_too_small = self.violation_cost() <= self.largest_saving();
+        let may_be_too_small = self.violation_cost(&self.model.constraints) <= self.largest_saving();
         let may_grow = may_be_too_small && self.penalty_parameter < self.settings.largest_penalty_parameter;
         if may_grow {
             self.penalty_parameter *= PENALTY_GROWTH;
         }
         may_grow
-    }
-
-    fn violation_cost(&self) -> f64 {
-        self.penalty_parameter * self.model.constraints.violation_sum()
     }
 
     /// All that the cost can fall by within the bounds.
@@ -395,7 +392,11 @@ impl<'a> Search<'a> {
     }
 
     fn merit(&self, x: &DVector<f64>, constraints: &Constraints) -> f64 {
-        self.problem.cost().dot(x) + self.penalty_parameter * constraints.violation_sum()
+        self.problem.cost().dot(x) + self.violation_cost(constraints)
+    }
+
+    fn violation_cost(&self, constraints: &Constraints) -> f64 {
+        self.penalty_parameter * constraints.violation_sum()
     }
 }
 

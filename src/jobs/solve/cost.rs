@@ -15,7 +15,7 @@ const FINISHING_STEP_S: f64 = 7e-6;
 const STEPS_PER_CONTROL: f64 = 2.5;
 
 /// What the settings ask for. Goals of 1 to 5 m take 130 to 280 rollouts from one start, and on average 2,000 from two, 4,000
-/// from six, 17,000 from 36: the best optima are searched on.
+/// from six; those of the suite take 17,000 from 36: the best optima are searched on.
 pub(super) fn expected(settings: &SolverSettings) -> Cost {
     let starts = settings.start_count as f64;
     let rollouts = match settings.method {
