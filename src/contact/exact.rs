@@ -63,7 +63,8 @@ impl ExactSolver {
     ///
     /// The residual of the answer is the accuracy to which the friction law holds. It is at most 1e-10, except for steps so
     /// short that the rounding of the slip exceeds that, and some in which contacts lift off.
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
+    #[inline(always)]
     pub fn solve<const N: usize>(
         self,
         operator: &DelassusOperator<N>,

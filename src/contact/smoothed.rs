@@ -35,7 +35,8 @@ impl SmoothedSolver {
 
     /// Solves one step; `solution` is the last step's, from whose impulse Newton starts, or else from its slip, and then this one's. Its
     /// residual, of this law, is at most 1e-8, or counts as 0 where the last update was small, or is NaN where Newton failed.
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
+    #[inline(always)]
     pub fn solve<const N: usize>(
         &self,
         operator: &DelassusOperator<N>,

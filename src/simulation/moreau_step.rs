@@ -137,7 +137,8 @@ impl<const N: usize> StepModel<N> {
     /// finds the last step's solution in the place of this one's.
     ///
     /// The frame turns on by `dt omega`, from one midpoint to the next; what rounding adds grows with the root of the number of steps.
-    #[inline]
+    #[expect(clippy::inline_always, reason = "a call would take the step through memory")]
+    #[inline(always)]
     pub(super) fn advance(
         &self,
         step: &mut Step<N>,

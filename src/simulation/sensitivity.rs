@@ -298,7 +298,9 @@ impl RowPair {
         let through = |of_velocity: &[f64; 5]| through(&by_end, of_velocity);
         let PerWheel { left, right } = &derivative.by_torque;
         let by_torque = PerWheel::new(through(left.as_ref()), through(right.as_ref()));
-        let by_start = derivative.by_velocity.data.0.each_ref().map(through);
+        let [right, forward, yaw, left, right_wheel] = &derivative.by_velocity.data.0;
+        // One by one: the map of an array may be a call.
+        let by_start = [through(right), through(forward), through(yaw), through(left), through(right_wheel)];
         self.by_step_length += through(derivative.by_step_length.as_ref()) + self.by_heading * step.mean_yaw_rate;
 
         // u_A into the body frame, and the heading of the midpoint.
