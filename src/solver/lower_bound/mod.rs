@@ -61,23 +61,24 @@ pub(super) fn largest_lower_bound(input: &SolveInput, grid: Grid) -> LowerBound 
 /// The bounds for motions of a grid.
 pub(super) fn lower_bounds(input: &SolveInput, grid: Grid, wanted: Wanted) -> Vec<LowerBound> {
     let mut bounds = Bounds::new(input, grid);
+    let direction = bounds.most_promising_direction();
     // The equations of motion have no step, and so no frame of its end.
     let Grid::Steps(step_count) = grid else {
-        return bounds.all(wanted);
+        return bounds.all(direction, wanted);
     };
     let goal = &input.maneuver.goal;
     let rest = [StateComponent::VelocityX, StateComponent::VelocityY, StateComponent::YawRate];
     if rest.iter().all(|component| goal.value(*component) == Some(0.0)) {
         // A turn by rounding: that of the longest plan does not matter either.
         bounds.turn_end(LONGEST_FINAL_TIME, step_count);
-        return bounds.all(wanted);
+        return bounds.all(direction, wanted);
     }
-    let longest = largest(&bounds.all(Wanted::Largest)).time;
+    let longest = largest(&bounds.all(direction, Wanted::Largest)).time;
     // The longer the step, the more the frame of the goal's velocity turns: plans up to the first bound turn it at most so
     // much, and longer plans need no second one.
     bounds.turn_end(longest, step_count);
     let within = |bound: LowerBound| LowerBound { time: bound.time.min(longest), ..bound };
-    bounds.all(wanted).into_iter().map(within).collect()
+    bounds.all(direction, wanted).into_iter().map(within).collect()
 }
 
 fn largest(bounds: &[LowerBound]) -> LowerBound {
@@ -134,9 +135,12 @@ impl<'a> Bounds<'a> {
         targets.turn_end(turn, speed + capacity.center.norm() * yaw_rate);
     }
 
-    fn all(&self, wanted: Wanted) -> Vec<LowerBound> {
+    /// With the motion of the whole robot's centre of mass along this direction, if there is one.
+    fn all(&self, direction: Option<Vector2<f64>>, wanted: Wanted) -> Vec<LowerBound> {
         let mut found = Found { wanted, bounds: Vec::new() };
-        self.of_center(&mut found);
+        if let Some(direction) = direction {
+            self.of_center(direction, &mut found);
+        }
         self.of_yaw(&mut found);
         let of_drive_norm = self.of_drive_norm(found.floor());
         found.bounds.extend(of_drive_norm);
@@ -178,9 +182,9 @@ impl<'a> Bounds<'a> {
         directions
     }
 
-    /// Bounds by the motion of the whole robot's centre of mass.
-    fn of_center(&self, found: &mut Found) {
-        let Some((direction, axis)) = self.most_promising_axis() else { return };
+    /// Bounds by the motion of the whole robot's centre of mass along a direction.
+    fn of_center(&self, direction: Vector2<f64>, found: &mut Found) {
+        let axis = self.axis_along(direction);
         let name = |demand| match (demand, direction.x.abs() > direction.y.abs()) {
             (Demand::Displacement, true) => StateComponent::X,
             (Demand::Displacement, false) => StateComponent::Y,
@@ -195,15 +199,18 @@ impl<'a> Bounds<'a> {
         }
     }
 
-    /// The direction with the largest bound by friction alone, and the whole robot's centre of mass along it.
-    fn most_promising_axis(&self) -> Option<(Vector2<f64>, Axis)> {
-        let mut axes = self.directions().into_iter().map(|direction| (direction, self.axis_along(direction)));
-        let mut best = axes.next()?;
+    /// The direction along which friction alone gives the largest bound by the motion of the whole robot's centre of mass.
+    fn most_promising_direction(&self) -> Option<Vector2<f64>> {
+        let promise = |direction: Vector2<f64>, floor| {
+            let axis = self.axis_along(direction).without_drive();
+            self.least_time(&axis, GridLaw::Exact, floor).0
+        };
+        let mut directions = self.directions().into_iter();
+        let mut best = directions.next()?;
         let mut largest_promise = None;
-        for next in axes {
-            let promise = |axis: &Axis, floor| self.least_time(&axis.without_drive(), GridLaw::Exact, floor).0;
-            let known = *largest_promise.get_or_insert_with(|| promise(&best.1, Floor::ZERO));
-            let promised = promise(&next.1, Floor { time: known, is_proven: false });
+        for next in directions {
+            let known = *largest_promise.get_or_insert_with(|| promise(best, Floor::ZERO));
+            let promised = promise(next, Floor { time: known, is_proven: false });
             if promised > known {
                 (best, largest_promise) = (next, Some(promised));
             }

@@ -21,7 +21,9 @@ fn bound(maneuver: &Maneuver) -> LowerBound {
 }
 
 fn by_friction(maneuver: &Maneuver, parameters: RobotParameters, step_count: usize) -> f64 {
-    Bounds::new(&input(maneuver, parameters), Grid::Steps(step_count)).all(Wanted::Largest)[0].time
+    let input = input(maneuver, parameters);
+    let bounds = Bounds::new(&input, Grid::Steps(step_count));
+    bounds.all(bounds.most_promising_direction(), Wanted::Largest)[0].time
 }
 
 /// Hollow wheels on the chassis centre of mass: the scheme keeps every law exactly. The front support rubs like the wheels,
