@@ -115,19 +115,16 @@ impl<const N: usize> DelassusOperator<N> {
     /// patterns, and none without wheel friction, when no wheel can stick.
     #[inline]
     pub fn linear_derivative(&self, pattern: ContactPattern) -> Option<&ImpulseDerivative<N>> {
-        Some(&self.linear_modes.as_ref()?[Self::linear_index(pattern)?])
+        if N == 5 && pattern.front == ContactMode::Slip {
+            return None;
+        }
+        Some(&self.linear_modes.as_ref()?[pattern.wheels.linear_index()?])
     }
 
     /// The patterns with constant solution maps, by their index.
     pub fn linear_patterns() -> [ContactPattern; WheelPattern::LINEAR.len()] {
         let front = if N == 5 { ContactMode::Stick } else { ContactMode::Slip };
         WheelPattern::LINEAR.map(|wheels| ContactPattern { wheels, front })
-    }
-
-    /// Index of the precomputed solution map of a pattern, if it has one.
-    #[inline]
-    pub fn linear_index(pattern: ContactPattern) -> Option<usize> {
-        if N == 5 && pattern.front == ContactMode::Slip { None } else { pattern.wheels.linear_index() }
     }
 }
 

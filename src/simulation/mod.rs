@@ -1,6 +1,5 @@
 //! Moreau time stepping, rollouts and their trajectories.
 
-mod chain;
 mod contact_timeline;
 mod end_frame;
 mod friction_law;

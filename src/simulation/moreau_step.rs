@@ -9,14 +9,12 @@
 //! Viscous friction `-C u_E` of the wheels acts at the end of the step, so that it brakes at any step length. Solved for `u_E` it
 //! is a torque `-c psidot_A` on wheels of inertia `J + c dt`: with it `M` below is `M + C dt`, and `h` is `h - C u_A`.
 
+use std::ops::{Add, Mul};
+
 use nalgebra::{SMatrix, SVector, Vector3};
 
-use super::chain::Chain;
-use super::path_quantity::PathGradient;
 use super::turn::{seen_from, sine_and_cosine};
-use crate::contact::{
-    ContactPattern, ContactSolution, DelassusOperator, ImpulseDerivative, OneStepProblem, WheelPattern,
-};
+use crate::contact::{ContactSolution, DelassusOperator, OneStepProblem};
 use crate::robot::{BodyVector, PerWheel, Robot, State};
 
 /// The constant data of the robot that a step needs (with viscous friction: a step of one length), with `N` friction directions (3, or 5 with front friction).
@@ -25,8 +23,8 @@ pub(super) struct StepModel<const N: usize> {
     pub(super) operator: DelassusOperator<N>,
     /// `W_T'`, rows by direction.
     pub(super) slip_map: SMatrix<f64, N, 5>,
-    /// `M^-1 W_T`.
-    pub(super) impulse_response: SMatrix<f64, 5, N>,
+    /// P, `M^-1 W_T`.
+    impulse_response: SMatrix<f64, 5, N>,
     /// 1 + restitution.
     pub(super) restitution_factor: f64,
     /// Body acceleration (right, forward, yaw) per squared yaw rate.
@@ -36,8 +34,6 @@ pub(super) struct StepModel<const N: usize> {
     /// c of each wheel, N m s/rad.
     pub(super) viscous_friction: f64,
     pub(super) free_normal_force: FreeNormalForce,
-    /// Derivatives of the motion in the linear contact patterns, which are the same in every step.
-    linear_chains: Option<[Chain<5>; WheelPattern::LINEAR.len()]>,
 }
 
 /// Normal forces without friction: affine in the squared rates and the net torques. Viscous friction, between chassis and wheels,
@@ -87,7 +83,7 @@ impl<const N: usize> StepModel<N> {
             parameters.friction_coefficients(),
         );
         let unit_rate = responses.inverse_mass_matrix * robot.smooth_force(1.0, [0.0, 0.0]);
-        let mut model = Self {
+        Self {
             operator,
             slip_map,
             impulse_response: responses.impulse_response.fixed_columns::<N>(0).into_owned(),
@@ -96,41 +92,7 @@ impl<const N: usize> StepModel<N> {
             inverse_spin_inertia,
             viscous_friction: parameters.wheel_viscous_friction,
             free_normal_force: FreeNormalForce::new(robot, &unit_rate, inverse_spin_inertia),
-            linear_chains: None,
-        };
-        model.linear_chains = model.solve_linear_chains();
-        model
-    }
-
-    /// Derivatives of the motion in a contact pattern, where they are the same in every step; none in other patterns.
-    #[inline]
-    pub(super) fn linear_chain(&self, pattern: ContactPattern) -> Option<&Chain<5>> {
-        let chains = self.linear_chains.as_ref()?;
-        DelassusOperator::<N>::linear_index(pattern).map(|index| &chains[index])
-    }
-
-    /// Derivatives of the body velocity at the end: `u_E = u_A + dt a + P Lambda`.
-    #[expect(clippy::inline_always, reason = "called in a sweep: a call would take derivatives through memory")]
-    #[inline(always)]
-    pub(super) fn motion_chain(&self, impulse: &ImpulseDerivative<N>) -> Chain<5> {
-        let response = (&self.impulse_response, impulse);
-        Chain::new((&self.slip_map, self.restitution_factor), &SMatrix::identity(), &SMatrix::zeros(), response)
-    }
-
-    /// Derivatives of a path quantity.
-    #[inline]
-    pub(super) fn quantity_chain(&self, gradient: &PathGradient<N>, impulse: &ImpulseDerivative<N>) -> Chain<1> {
-        let PathGradient { by_end_velocity, by_impulse, by_normal_impulse, .. } = gradient;
-        let response =
-            by_impulse + by_end_velocity * self.impulse_response + by_normal_impulse * self.operator.normal_response();
-        let slip = (&self.slip_map, self.restitution_factor);
-        Chain::new(slip, by_end_velocity, by_normal_impulse, (&response, impulse))
-    }
-
-    fn solve_linear_chains(&self) -> Option<[Chain<5>; WheelPattern::LINEAR.len()]> {
-        let chain = |pattern| Some(self.motion_chain(self.operator.linear_derivative(pattern)?));
-        let chains: Option<Vec<_>> = DelassusOperator::<N>::linear_patterns().into_iter().map(chain).collect();
-        chains?.try_into().ok()
+        }
     }
 
     /// From one step to the next, of length `dt`, in place: copies would take longer than the step. What solves the friction problem
@@ -154,7 +116,7 @@ impl<const N: usize> StepModel<N> {
         let smooth_change = dt * self.smooth_acceleration(&start_velocity, torque);
         let problem = self.one_step_problem(&start_velocity, torque, &smooth_change, dt);
         solve(&self.operator, &problem, &mut step.contact);
-        let end_velocity = start_velocity + smooth_change + self.impulse_response * step.contact.impulse;
+        let end_velocity = start_velocity + smooth_change + self.velocity_change(&step.contact.impulse);
 
         let half = 0.5 * dt;
         let (q, u) = (&mut step.end.configuration, step.end.velocity);
@@ -196,6 +158,36 @@ impl<const N: usize> StepModel<N> {
         ])
     }
 
+    /// `P Lambda`, skipping the zeros of P: friction turns a wheel by its own lengthwise impulse alone.
+    #[inline]
+    fn velocity_change(&self, impulse: &SVector<f64, N>) -> BodyVector {
+        let response = &self.impulse_response;
+        let mut change =
+            BodyVector::from([0.0, 0.0, 0.0, response[(3, 0)] * impulse[0], response[(4, 1)] * impulse[1]]);
+        for direction in 0..N {
+            for velocity in 0..3 {
+                change[velocity] += response[(velocity, direction)] * impulse[direction];
+            }
+        }
+        change
+    }
+
+    /// `P'` times derivatives by the velocities at the end, likewise: those by the friction impulse.
+    #[expect(clippy::inline_always, reason = "called in a sweep: a call would take derivatives through memory")]
+    #[inline(always)]
+    pub(super) fn by_impulse<T: Linear>(&self, [right, forward, yaw, left_wheel, right_wheel]: &[T; 5]) -> [T; N] {
+        let response = &self.impulse_response;
+        let mut by_impulse = [*right; N];
+        for (direction, by_impulse) in by_impulse.iter_mut().enumerate() {
+            *by_impulse = *right * response[(0, direction)]
+                + *forward * response[(1, direction)]
+                + *yaw * response[(2, direction)];
+        }
+        by_impulse[0] = by_impulse[0] + *left_wheel * response[(3, 0)];
+        by_impulse[1] = by_impulse[1] + *right_wheel * response[(4, 1)];
+        by_impulse
+    }
+
     /// The data of the one-step friction problem.
     #[inline]
     fn one_step_problem(
@@ -213,7 +205,7 @@ impl<const N: usize> StepModel<N> {
 
     /// `W_T'` times a body velocity, skipping the zeros of `W_T'`.
     #[inline]
-    fn slip(&self, velocity: &BodyVector) -> SVector<f64, N> {
+    pub(super) fn slip(&self, velocity: &BodyVector) -> SVector<f64, N> {
         let map = &self.slip_map;
         let mut slip = SVector::zeros();
         slip[0] = velocity[1] + map[(0, 2)] * velocity[2] + map[(0, 3)] * velocity[3];
@@ -226,6 +218,11 @@ impl<const N: usize> StepModel<N> {
         slip
     }
 }
+
+/// What linear maps take: a number, or its derivatives.
+pub(super) trait Linear: Copy + Add<Output = Self> + Mul<f64, Output = Self> {}
+
+impl<T: Copy + Add<Output = T> + Mul<f64, Output = T>> Linear for T {}
 
 impl FreeNormalForce {
     fn new(robot: &Robot, unit_rate: &BodyVector, inverse_spin: f64) -> Self {

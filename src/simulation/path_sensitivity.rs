@@ -11,16 +11,13 @@
 //! u_A of the next step = Rot(-dt omega_E) u_E
 //! ```
 
-use nalgebra::RowSVector;
-
-use super::chain::product;
 use super::friction_law::FrictionLaw;
 use super::moreau_step::StepModel;
 use super::path_row::{PathDerivative, PathRow};
 use super::path_tangents;
 use super::rollout::{Model, Rollout, Simulator};
 use super::sensitivity::EndSensitivity;
-use super::step_derivative::{StepDerivative, impulse_derivative};
+use super::step_derivative::StepDerivative;
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
 use crate::robot::{BodyVector, PerWheel};
@@ -30,7 +27,7 @@ use crate::stop::{Stop, Stopped};
 struct Row {
     /// The step of the value.
     step: usize,
-    by_velocity: RowSVector<f64, 5>,
+    by_velocity: [f64; 5],
     by_step_length: f64,
 }
 
@@ -87,20 +84,15 @@ fn differentiate_backwards<const N: usize>(
         stop.check()?;
         let interval = control_interval(index, rollout.step_count, control_count);
         let controls = (rollout.schedule.torque(interval), dt);
-        let motion = StepDerivative::of_motion(model, entry, controls, law);
+        let by_step = StepDerivative::new(model, entry, controls, law);
         let turn = (dt * entry.end_velocity[2]).sin_cos();
         let reached = rows.iter_mut().zip(&mut derivatives).zip(chosen).filter(|((row, _), _)| row.step >= index);
         for ((row, derivative), &value) in reached {
             let by_torque = if row.step == index {
-                let impulse = impulse_derivative(model, entry, law);
-                row.begin(&PathRow::new(
-                    (path.quantity(value), &path.sample(index)),
-                    model,
-                    (entry, &impulse),
-                    controls,
-                ))
+                let value = (path.quantity(value), &path.sample(index));
+                row.begin(&PathRow::new(value, (entry, dt), &by_step))
             } else {
-                row.step_back(&motion, entry, (&sensitivity.tape[index + 1], turn), dt)
+                row.step_back(&by_step, entry, (&sensitivity.tape[index + 1], turn), dt)
             };
             derivative.by_left_torque[interval] += by_torque.left;
             derivative.by_right_torque[interval] += by_torque.right;
@@ -115,19 +107,19 @@ fn differentiate_backwards<const N: usize>(
 
 impl Row {
     fn new(step: usize) -> Self {
-        Self { step, by_velocity: RowSVector::zeros(), by_step_length: 0.0 }
+        Self { step, by_velocity: [0.0; 5], by_step_length: 0.0 }
     }
 
     /// The step of the value itself; returns the derivatives by its torques.
     fn begin(&mut self, row: &PathRow) -> PerWheel<f64> {
-        (self.by_velocity, self.by_step_length) = (row.by_velocity, row.by_step_length);
-        row.by_torque
+        (self.by_velocity, self.by_step_length) = (row.by_input.by_velocity, row.by_input.by_step_length);
+        row.by_input.by_torque
     }
 
     /// Back over an earlier step; `next` is the step after it, whose body frame is turned by the angle with this sine and cosine.
-    fn step_back(
+    fn step_back<const N: usize>(
         &mut self,
-        motion: &StepDerivative<5>,
+        by_step: &StepDerivative<N>,
         entry: &TapeEntry,
         (next, (sin, cos)): (&TapeEntry, (f64, f64)),
         dt: f64,
@@ -139,11 +131,10 @@ impl Row {
         self.by_velocity[2] += dt * by_angle;
         self.by_step_length += entry.end_velocity[2] * by_angle;
 
-        let by_end = self.by_velocity;
-        self.by_step_length += product(&by_end, &motion.by_step_length)[0];
-        self.by_velocity = product(&by_end, &motion.by_velocity);
-        let PerWheel { left, right } = &motion.by_torque;
-        PerWheel::new(product(&by_end, left)[0], product(&by_end, right)[0])
+        let by_input = by_step.back(&self.by_velocity);
+        self.by_velocity = by_input.by_velocity;
+        self.by_step_length += by_input.by_step_length;
+        by_input.by_torque
     }
 
     /// The first midpoint is turned by half a step from the start.

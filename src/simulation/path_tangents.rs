@@ -18,10 +18,10 @@ use super::moreau_step::StepModel;
 use super::path_row::{PathDerivative, PathRow};
 use super::rollout::Rollout;
 use super::sensitivity::EndSensitivity;
-use super::step_derivative::{StepDerivative, impulse_derivative};
+use super::step_derivative::{ByInput, StepDerivative};
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
-use crate::robot::{BodyVector, PerWheel};
+use crate::robot::BodyVector;
 use crate::stop::{Stop, Stopped};
 
 /// Variables are handled so many at a time, in vector registers.
@@ -42,14 +42,6 @@ struct Tangents {
     reached: usize,
     /// Memory for one row.
     values: Vec<f64>,
-}
-
-/// Derivatives of what a step leads to by its start velocity, torques and length.
-#[expect(clippy::struct_field_names, reason = "each field is a derivative by what its name says")]
-struct Passage<const K: usize> {
-    by_velocity: SMatrix<f64, K, 5>,
-    by_torque: PerWheel<SVector<f64, K>>,
-    by_step_length: SVector<f64, K>,
 }
 
 /// Of any quantities; as `path_sensitivity` of the simulator otherwise.
@@ -75,18 +67,16 @@ pub(super) fn differentiate<const N: usize>(
         stop.check()?;
         let interval = control_interval(index, rollout.step_count, control_count);
         let controls = (rollout.schedule.torque(interval), dt);
-        let motion = StepDerivative::of_motion(model, entry, controls, law);
+        let by_step = StepDerivative::new(model, entry, controls, law);
+        let motion = by_step.back(&unit_velocities());
         tangents.reach(interval);
         if has_pose {
             tangents.advance_pose(&motion, entry, dt, interval);
         }
-        if coming.peek().is_some_and(|&row| path.step(chosen[row]) == index) {
-            let impulse = impulse_derivative(model, entry, law);
-            while let Some(row) = coming.next_if(|&row| path.step(chosen[row]) == index) {
-                let value = (path.quantity(chosen[row]), &path.sample(index));
-                let by_step = PathRow::new(value, model, (entry, &impulse), controls);
-                tangents.write(&by_step, interval, rollout.step_count, &mut derivatives[row]);
-            }
+        while let Some(row) = coming.next_if(|&row| path.step(chosen[row]) == index) {
+            let value = (path.quantity(chosen[row]), &path.sample(index));
+            let path_row = PathRow::new(value, (entry, dt), &by_step);
+            tangents.write(&path_row, interval, rollout.step_count, &mut derivatives[row]);
         }
         tangents.advance_velocity(&motion, entry, dt, interval);
     }
@@ -112,20 +102,14 @@ impl Tangents {
     }
 
     /// From the pose at the start to that at the end of a step.
-    fn advance_pose(&mut self, motion: &StepDerivative<5>, entry: &TapeEntry, dt: f64, interval: usize) {
+    fn advance_pose(&mut self, motion: &ByInput<BodyVector>, entry: &TapeEntry, dt: f64, interval: usize) {
         let change = PoseChange::new(entry, dt);
-        let start = BodyVector::zeros();
-        let passage = Passage {
-            by_velocity: SMatrix::from_fn(|row, column| {
-                let start = BodyVector::from_fn(|row, _| f64::from(u8::from(row == column)));
-                change.of(&start, &motion.by_velocity.column(column).into_owned())[row]
-            }),
-            by_torque: PerWheel::new(
-                change.of(&start, &motion.by_torque.left),
-                change.of(&start, &motion.by_torque.right),
-            ),
-            by_step_length: change.of(&start, &motion.by_step_length) + change.by_step_length(entry),
-        };
+        let mut passage = motion.map(|end| change.of(&BodyVector::zeros(), end));
+        for (by_velocity, start) in passage.by_velocity.iter_mut().zip(&unit_velocities()) {
+            *by_velocity += change.of(start, &BodyVector::zeros());
+        }
+        passage.by_step_length += change.by_step_length(entry);
+        let by_velocity = SMatrix::from_columns(&passage.by_velocity);
         let turned = change.by_midpoint_heading;
         for (pose, velocity) in self.pose.iter_mut().zip(&self.velocity).take(self.reached) {
             let heading = pose[2];
@@ -134,39 +118,35 @@ impl Tangents {
                     *value += by_heading * heading;
                 }
             }
-            add_product(pose, &passage.by_velocity, velocity);
+            add_product(pose, &by_velocity, velocity);
         }
-        passage.add_controls(&mut self.pose, interval);
+        add_controls(&mut self.pose, &passage, interval);
     }
 
     /// From the velocity at the start of a step to that at the start of the next one, each in the frame of its own step.
-    fn advance_velocity(&mut self, motion: &StepDerivative<5>, entry: &TapeEntry, dt: f64, interval: usize) {
+    fn advance_velocity(&mut self, motion: &ByInput<BodyVector>, entry: &TapeEntry, dt: f64, interval: usize) {
         let end = &entry.end_velocity;
         let (sin, cos) = (dt * end[2]).sin_cos();
         let into_next = |of: &SVector<f64, 5>| Vector2::new(cos * of[0] + sin * of[1], cos * of[1] - sin * of[0]);
         let next = into_next(end);
         let by_angle = by_angle(next.x, next.y);
-        let turned = |of: &SVector<f64, 5>| {
+        let mut passage = motion.map(|of| {
             let planar = into_next(of) + by_angle * (dt * of[2]);
             SVector::from([planar.x, planar.y, of[2], of[3], of[4]])
-        };
-        let mut passage = Passage {
-            by_velocity: SMatrix::from_fn(|row, column| turned(&motion.by_velocity.column(column).into_owned())[row]),
-            by_torque: PerWheel::new(turned(&motion.by_torque.left), turned(&motion.by_torque.right)),
-            by_step_length: turned(&motion.by_step_length),
-        };
+        });
         let mut planar = passage.by_step_length.fixed_rows_mut::<2>(0);
         planar += by_angle * end[2];
+        let by_velocity = SMatrix::from_columns(&passage.by_velocity);
         for velocity in &mut self.velocity[..self.reached] {
             let start = std::mem::replace(velocity, [[0.0; LANES]; 5]);
-            add_product(velocity, &passage.by_velocity, &start);
+            add_product(velocity, &by_velocity, &start);
         }
-        passage.add_controls(&mut self.velocity, interval);
+        add_controls(&mut self.velocity, &passage, interval);
     }
 
     /// The derivatives of a value in this step by all variables so far.
     fn write(&mut self, row: &PathRow, interval: usize, step_count: usize, derivative: &mut PathDerivative) {
-        let by_velocity = SMatrix::<f64, 1, 5>::from(row.by_velocity);
+        let by_velocity = SMatrix::<f64, 1, 5>::from(row.by_input.by_velocity);
         let by_pose = row.by_end_pose.map(SMatrix::<f64, 1, 3>::from);
         self.values.clear();
         for (velocity, pose) in self.velocity.iter().zip(&self.pose).take(self.reached) {
@@ -181,25 +161,28 @@ impl Tangents {
             derivative.by_left_torque[interval] = self.values[left_torque(interval)];
             derivative.by_right_torque[interval] = self.values[right_torque(interval)];
         }
-        derivative.by_left_torque[interval] += row.by_torque.left;
-        derivative.by_right_torque[interval] += row.by_torque.right;
-        derivative.by_final_time = (self.values[STEP_LENGTH] + row.by_step_length) / step_count as f64;
+        derivative.by_left_torque[interval] += row.by_input.by_torque.left;
+        derivative.by_right_torque[interval] += row.by_input.by_torque.right;
+        derivative.by_final_time = (self.values[STEP_LENGTH] + row.by_input.by_step_length) / step_count as f64;
     }
 }
 
-impl<const K: usize> Passage<K> {
-    /// Adds the derivatives by the step's own torques and its length.
-    fn add_controls(&self, tangents: &mut [Block<K>], interval: usize) {
-        for (variable, derivative) in [
-            (left_torque(interval), &self.by_torque.left),
-            (right_torque(interval), &self.by_torque.right),
-            (STEP_LENGTH, &self.by_step_length),
-        ] {
-            for (of_component, derivative) in tangents[variable / LANES].iter_mut().zip(derivative) {
-                of_component[variable % LANES] += derivative;
-            }
+/// Adds the derivatives by the step's own torques and its length.
+fn add_controls<const K: usize>(tangents: &mut [Block<K>], passage: &ByInput<SVector<f64, K>>, interval: usize) {
+    for (variable, derivative) in [
+        (left_torque(interval), &passage.by_torque.left),
+        (right_torque(interval), &passage.by_torque.right),
+        (STEP_LENGTH, &passage.by_step_length),
+    ] {
+        for (of_component, derivative) in tangents[variable / LANES].iter_mut().zip(derivative) {
+            of_component[variable % LANES] += derivative;
         }
     }
+}
+
+/// One velocity each.
+fn unit_velocities() -> [BodyVector; 5] {
+    std::array::from_fn(|velocity| BodyVector::ith(velocity, 1.0))
 }
 
 /// How the pose changes in a step, `dt/2 (u_A + u_E)` in the world.

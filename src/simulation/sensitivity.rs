@@ -21,7 +21,7 @@ use super::moreau_step::{Step, StepModel};
 use super::path_extremes::PathExtremes;
 use super::path_quantity::PathQuantity;
 use super::rollout::{Model, Rollout, Simulator, integrate_under};
-use super::step_derivative::StepDerivative;
+use super::step_derivative::{ByInput, StepDerivative};
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
 use crate::robot::{BodyVector, PerWheel, State};
@@ -237,8 +237,8 @@ struct RowPair {
 }
 
 /// What all rows need of a step.
-struct BackwardStep {
-    derivative: StepDerivative<5>,
+struct BackwardStep<'a, const N: usize> {
+    derivative: StepDerivative<'a, N>,
     /// Sine and cosine of the midpoint's heading.
     rotation: (f64, f64),
     start_velocity: BodyVector,
@@ -248,18 +248,13 @@ struct BackwardStep {
     step_length: f64,
 }
 
-impl BackwardStep {
+impl<'a, const N: usize> BackwardStep<'a, N> {
     #[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
     #[inline(always)]
-    fn new<const N: usize>(
-        model: &StepModel<N>,
-        entry: &TapeEntry,
-        controls: (PerWheel<f64>, f64),
-        law: FrictionLaw,
-    ) -> Self {
+    fn new(model: &'a StepModel<N>, entry: &TapeEntry, controls: (PerWheel<f64>, f64), law: FrictionLaw) -> Self {
         let ((sin, cos), w) = (entry.rotation, &entry.end_velocity);
         Self {
-            derivative: StepDerivative::of_motion(model, entry, controls, law),
+            derivative: StepDerivative::new(model, entry, controls, law),
             rotation: entry.rotation,
             start_velocity: entry.start_velocity,
             end_velocity: (cos * w[0] - sin * w[1], sin * w[0] + cos * w[1]),
@@ -288,23 +283,18 @@ impl RowPair {
     /// Goes back over one step; returns the derivatives by its torques.
     #[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
     #[inline(always)]
-    fn step(&mut self, step: &BackwardStep) -> PerWheel<Pair> {
+    fn step<const N: usize>(&mut self, step: &BackwardStep<N>) -> PerWheel<Pair> {
         let BackwardStep { derivative, rotation: (sin, cos), start_velocity: v, end_velocity: w, .. } = step;
         // u_E from the body frame of the midpoint into the world: rotate the derivatives back.
         let [x, y, yaw, left, right] = self.by_velocity;
         let mut by_midpoint_heading = y * w.0 - x * w.1;
         let by_end = [x * *cos + y * *sin, y * *cos - x * *sin, yaw, left, right];
 
-        let through = |of_velocity: &[f64; 5]| through(&by_end, of_velocity);
-        let PerWheel { left, right } = &derivative.by_torque;
-        let by_torque = PerWheel::new(through(left.as_ref()), through(right.as_ref()));
-        let [right, forward, yaw, left, right_wheel] = &derivative.by_velocity.data.0;
-        // One by one: the map of an array may be a call.
-        let by_start = [through(right), through(forward), through(yaw), through(left), through(right_wheel)];
-        self.by_step_length += through(derivative.by_step_length.as_ref()) + self.by_heading * step.mean_yaw_rate;
+        let ByInput { by_velocity, by_torque, by_step_length } = derivative.back(&by_end);
+        self.by_step_length += by_step_length + self.by_heading * step.mean_yaw_rate;
 
         // u_A into the body frame, and the heading of the midpoint.
-        let [right, forward, yaw, left, right_wheel] = by_start;
+        let [right, forward, yaw, left, right_wheel] = by_velocity;
         by_midpoint_heading += right * v[1] - forward * v[0];
         self.by_step_length += by_midpoint_heading * (0.5 * v[2]);
         self.by_heading += by_midpoint_heading;
@@ -318,15 +308,6 @@ impl RowPair {
         ];
         by_torque
     }
-}
-
-/// The chain rule: derivatives by the velocities, and those velocities' derivatives by one variable.
-#[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
-#[inline(always)]
-fn through(by_velocity: &[Pair; 5], of_velocity: &[f64; 5]) -> Pair {
-    let [right, forward, yaw, left_wheel, right_wheel] = by_velocity;
-    let of = of_velocity;
-    right * of[0] + forward * of[1] + yaw * of[2] + left_wheel * of[3] + right_wheel * of[4]
 }
 
 #[cfg(test)]
