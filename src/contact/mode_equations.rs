@@ -161,11 +161,12 @@ impl<const N: usize> ModeEquations<N> {
         if radius <= 0.0 {
             return Some(());
         }
-        let speed = (slip[0] * slip[0] + slip[1] * slip[1] + slip_smoothing * slip_smoothing).sqrt();
-        if speed <= f64::MIN_POSITIVE {
+        let squared_speed = slip[0] * slip[0] + slip[1] * slip[1] + slip_smoothing * slip_smoothing;
+        if squared_speed <= f64::MIN_POSITIVE {
             return None;
         }
-        let inverse_speed = 1.0 / speed;
+        // Root and division do not wait for each other.
+        let inverse_speed = squared_speed.sqrt() * (1.0 / squared_speed);
         let direction = [slip[0] * inverse_speed, slip[1] * inverse_speed];
         for (row, direction) in rows.into_iter().zip(direction) {
             self.term[row] += radius * direction;

@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::optimizer::elastic_program::ElasticProgram;
+use crate::optimizer::evaluation::largest_magnitude;
 use crate::optimizer::pseudo_solve::DEPENDENT;
 
 /// The choice of rows and variables that is a vertex of the dual.
@@ -40,8 +41,8 @@ impl Basis {
     pub(super) fn adopt(&mut self, program: &ElasticProgram, rows: &[usize], columns: &[usize]) -> bool {
         self.tight.extend_from_slice(rows);
         self.basic.extend_from_slice(columns);
-        let largest = program.matrix.amax();
-        let is_regular = self.invert(program) && self.inverse.amax() * largest < 1.0 / DEPENDENT;
+        let largest = |matrix: &DMatrix<f64>| largest_magnitude(matrix.as_slice().iter().copied());
+        let is_regular = self.invert(program) && largest(&self.inverse) * largest(program.matrix) < 1.0 / DEPENDENT;
         if !is_regular {
             self.clear();
         }

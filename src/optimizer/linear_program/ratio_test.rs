@@ -106,7 +106,7 @@ impl ElasticSolver {
         let infinite = kinks.iter().filter(|kink| kink.fall.is_infinite());
         let end = infinite.map(|kink| kink.step).fold(f64::INFINITY, f64::min);
         kinks.retain(|kink| kink.step <= (1.0 + TOLERANCE) * end);
-        kinks.sort_unstable_by(|a, b| a.step.total_cmp(&b.step).then(b.fall.total_cmp(&a.fall)));
+        kinks.sort_unstable_by(|a, b| a.step.total_cmp(&b.step).then_with(|| b.fall.total_cmp(&a.fall)));
         self.kinks = kinks;
     }
 }
