@@ -15,8 +15,8 @@
 //! the dual has k *tight* rows, whose multipliers are inside their box, and k *basic* variables, whose gradient is zero; all
 //! other variables rest at the bound that their gradient's sign chooses. So every choice of rows and variables with a regular
 //! k x k matrix is a vertex, and the last program's choice is a good start for the next one, whatever has changed (a warm start). One
-//! iteration takes a basic variable or a row that contradicts its place and moves the multipliers along the edge that frees
-//! it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
+//! iteration takes a basic variable or a row that contradicts its place, that with the steepest edge (Forrest & Goldfarb 1992), and moves
+//! the multipliers along the edge that frees it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
 //! Method", 2003). Rows that stay slack cost no more than a scalar product, and those that nothing within the bounds violates are left
 //! out. Multipliers, gradients and point move along the edge, and are computed afresh where the simplex would end.
 
@@ -350,14 +350,10 @@ impl ElasticSolver {
     /// The change of the multipliers along the edge, and that of the gradients.
     fn update_direction(&mut self, program: &ElasticProgram, leaving: Leaving) {
         self.direction.as_mut_slice().fill(0.0);
-        let tight = match leaving {
-            Leaving::Basic { position, sign } => self.basis.inverse.row(position).transpose() * sign,
-            Leaving::Row { row, sign } => {
-                self.direction[row] = sign;
-                self.basis.inverse.tr_mul(&(self.basis.basic_part(program, row) * -sign))
-            }
-        };
-        for (row, change) in self.basis.tight.iter().zip(tight.iter()) {
+        if let Leaving::Row { row, sign } = leaving {
+            self.direction[row] = sign;
+        }
+        for (row, change) in self.basis.tight.iter().zip(self.changes_of_tight(program, leaving).iter()) {
             self.direction[*row] = *change;
         }
         self.slope.as_mut_slice().fill(0.0);
@@ -365,6 +361,14 @@ impl ElasticSolver {
             if *change != 0.0 {
                 add_multiple(&mut self.slope, *change, coefficients.as_slice());
             }
+        }
+    }
+
+    /// The changes of the tight rows' multipliers along the edge.
+    fn changes_of_tight(&self, program: &ElasticProgram, leaving: Leaving) -> DVector<f64> {
+        match leaving {
+            Leaving::Basic { position, sign } => self.basis.inverse.row(position).transpose() * sign,
+            Leaving::Row { row, sign } => self.basis.inverse.tr_mul(&(self.basis.basic_part(program, row) * -sign)),
         }
     }
 

@@ -2,9 +2,9 @@
 
 mod elastic_program;
 mod evaluation;
+mod independent_rows;
 mod linear_program;
 mod nelder_mead;
-mod pseudo_solve;
 mod sequential_linear;
 #[cfg(test)]
 mod small_problem;

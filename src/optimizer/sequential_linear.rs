@@ -22,8 +22,8 @@ use nalgebra::{DMatrix, DVector};
 use self::move_limits::MoveLimits;
 use super::elastic_program::{ElasticProgram, violation_sum};
 use super::evaluation::{Budget, Constraints, Interruption, Linearisation, Problem};
+use super::independent_rows::weights_of_independent;
 use super::linear_program::ElasticSolver;
-use super::pseudo_solve::pseudo_solve;
 
 /// Parameters of the iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -387,7 +387,7 @@ impl<'a> Search<'a> {
         }
         let mut scaled = self.model.jacobian.select_rows(rows);
         scale_columns(&mut scaled, &scale);
-        let weights = pseudo_solve(&(&scaled * scaled.transpose()), &missed.select_rows(rows))?;
+        let weights = weights_of_independent(&(&scaled * scaled.transpose()), &missed.select_rows(rows))?;
         Some((scaled.transpose() * weights).component_mul(&scale))
     }
 

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::optimizer::elastic_program::ElasticProgram;
 use crate::optimizer::evaluation::largest_magnitude;
-use crate::optimizer::pseudo_solve::DEPENDENT;
+use crate::optimizer::independent_rows::DEPENDENT;
 
 /// The choice of rows and variables that is a vertex of the dual.
 #[derive(Debug, Clone, Default)]

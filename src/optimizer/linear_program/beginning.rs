@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::{ElasticSolver, RowPlace};
 use crate::optimizer::elastic_program::ElasticProgram;
-use crate::optimizer::pseudo_solve::DEPENDENT;
+use crate::optimizer::independent_rows::DEPENDENT;
 
 impl ElasticSolver {
     /// All rows violated or slack as at x = 0.

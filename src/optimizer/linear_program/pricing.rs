@@ -13,16 +13,21 @@ pub(super) enum Leaving {
 }
 
 impl ElasticSolver {
-    /// The variable or row that contradicts its place most, as a share of its range; none at the optimum.
+    /// The variable or row that contradicts its place and whose edge is the steepest: along which D rises most for the length that the
+    /// multipliers, each times its row's range, move; none at the optimum.
     pub(super) fn leaving(&self, program: &ElasticProgram) -> Option<Leaving> {
-        let mut worst = TOLERANCE;
-        let mut leaving = None;
+        let ranges = self.range.select_rows(&self.basis.tight);
+        let length = |leaving: Leaving| self.changes_of_tight(program, leaving).component_mul(&ranges).norm();
+        let (mut steepest, mut leaving) = (0.0, None);
         for (position, &column) in self.basis.basic.iter().enumerate() {
-            let below = (program.lower[column] - self.x[column]) / program.width(column);
-            let above = (self.x[column] - program.upper[column]) / program.width(column);
-            if below.max(above) > worst {
-                worst = below.max(above);
-                leaving = Some(Leaving::Basic { position, sign: if below > above { 1.0 } else { -1.0 } });
+            let (below, above) = (program.lower[column] - self.x[column], self.x[column] - program.upper[column]);
+            if below.max(above) <= TOLERANCE * program.width(column) {
+                continue;
+            }
+            let candidate = Leaving::Basic { position, sign: if below > above { 1.0 } else { -1.0 } };
+            let steepness = below.max(above) / length(candidate);
+            if steepness > steepest {
+                (steepest, leaving) = (steepness, Some(candidate));
             }
         }
         for (row, place) in self.place.iter().enumerate() {
@@ -31,10 +36,15 @@ impl ElasticSolver {
                 RowPlace::Tight => continue,
                 RowPlace::High => -1.0,
             };
-            let violation = sign * self.value[row] / self.range[row];
-            if violation > worst && self.range[row] > 0.0 {
-                worst = violation;
-                leaving = Some(Leaving::Row { row, sign });
+            // The edge is no shorter than the change of the row's own multiplier: few lengths are needed.
+            let violation = sign * self.value[row];
+            if violation <= TOLERANCE.max(steepest) * self.range[row] || self.range[row] <= 0.0 {
+                continue;
+            }
+            let candidate = Leaving::Row { row, sign };
+            let steepness = violation / length(candidate).hypot(self.range[row]);
+            if steepness > steepest {
+                (steepest, leaving) = (steepness, Some(candidate));
             }
         }
         leaving
