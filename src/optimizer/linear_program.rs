@@ -15,10 +15,11 @@
 //! the dual has k *tight* rows, whose multipliers are inside their box, and k *basic* variables, whose gradient is zero; all
 //! other variables rest at the bound that their gradient's sign chooses. So every choice of rows and variables with a regular
 //! k x k matrix is a vertex, and the last program's choice is a good start for the next one, whatever has changed (a warm start). One
-//! iteration takes a basic variable or a row that contradicts its place, that with the steepest edge (Forrest & Goldfarb 1992), and moves
-//! the multipliers along the edge that frees it, past the kinks of D as long as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex
-//! Method", 2003). Rows that stay slack cost no more than a scalar product, and those that nothing within the bounds violates are left
-//! out. Multipliers, gradients and point move along the edge, and are computed afresh where the simplex would end.
+//! iteration takes a basic variable or a row that contradicts its place, that with the steepest edge (Forrest & Goldfarb, "Steepest-edge
+//! simplex algorithms for linear programming", 1992), and moves the multipliers along the edge that frees it, past the kinks of D as long
+//! as D rises: the bound flipping ratio test of Maros ("Computational Techniques of the Simplex Method", 2003). Rows that stay slack cost
+//! no more than a scalar product, and those that nothing within the bounds violates are left out. Multipliers, gradients and point move
+//! along the edge, and are computed afresh where the simplex would end.
 
 mod basis;
 mod beginning;
