@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn independent_rows_have_the_weights_of_the_inverse() {
-        let rows = DMatrix::from_fn(5, 9, |row, column| ((3 * row + 7 * column) as f64).sin());
+        let rows = DMatrix::from_fn(5, 9, |row, column| (((row + 1) * (7 * column + 3)) as f64).sin());
         let (gram, residual) = (&rows * rows.transpose(), DVector::from_fn(5, |row, _| row as f64 - 1.5));
         let weights = weights_of_independent(&gram, &residual).unwrap();
         assert!((weights - Cholesky::new(gram).unwrap().solve(&residual)).amax() < 1e-12);
