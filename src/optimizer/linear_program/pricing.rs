@@ -1,5 +1,7 @@
 //! Pricing: what leaves its place in the next iteration.
 
+use nalgebra::DVector;
+
 use super::{ElasticSolver, RowPlace, TOLERANCE};
 use crate::optimizer::elastic_program::ElasticProgram;
 
@@ -17,17 +19,16 @@ impl ElasticSolver {
     /// multipliers, each times its row's range, move; none at the optimum.
     pub(super) fn leaving(&self, program: &ElasticProgram) -> Option<Leaving> {
         let ranges = self.range.select_rows(&self.basis.tight);
-        let length = |leaving: Leaving| self.changes_of_tight(program, leaving).component_mul(&ranges).norm();
         let (mut steepest, mut leaving) = (0.0, None);
         for (position, &column) in self.basis.basic.iter().enumerate() {
             let (below, above) = (program.lower[column] - self.x[column], self.x[column] - program.upper[column]);
             if below.max(above) <= TOLERANCE * program.width(column) {
                 continue;
             }
-            let candidate = Leaving::Basic { position, sign: if below > above { 1.0 } else { -1.0 } };
-            let steepness = below.max(above) / length(candidate);
+            let steepness = below.max(above) / length(self.basis.inverse.row(position).iter(), &ranges);
             if steepness > steepest {
-                (steepest, leaving) = (steepness, Some(candidate));
+                let sign = if below > above { 1.0 } else { -1.0 };
+                (steepest, leaving) = (steepness, Some(Leaving::Basic { position, sign }));
             }
         }
         for (row, place) in self.place.iter().enumerate() {
@@ -42,11 +43,17 @@ impl ElasticSolver {
                 continue;
             }
             let candidate = Leaving::Row { row, sign };
-            let steepness = violation / length(candidate).hypot(self.range[row]);
+            let steepness =
+                violation / length(self.changes_of_tight(program, candidate).iter(), &ranges).hypot(self.range[row]);
             if steepness > steepest {
                 (steepest, leaving) = (steepness, Some(candidate));
             }
         }
         leaving
     }
+}
+
+/// How far the multipliers of the tight rows move, each times its range.
+fn length<'a>(changes: impl Iterator<Item = &'a f64>, ranges: &DVector<f64>) -> f64 {
+    changes.zip(ranges.as_slice()).map(|(change, range)| (change * range).powi(2)).sum::<f64>().sqrt()
 }

@@ -24,15 +24,25 @@ pub(super) enum KinkAt {
     OtherBound,
 }
 
+impl Kink {
+    /// In the order of steps, and of equal steps the larger fall first.
+    fn comes_before(&self, other: &Self) -> bool {
+        self.step < other.step || self.step == other.step && self.fall > other.fall
+    }
+}
+
 impl ElasticSolver {
     /// The kink at which D stops to rise; none where no pivot is large enough.
     pub(super) fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
         self.list_kinks(program, leaving);
-        let mut rise = self.rise(program, leaving);
-        let stop = self.kinks.iter().position(|kink| {
-            rise -= kink.fall;
-            rise <= 0.0
-        })?;
+        let (mut rise, mut stop) = (self.rise(program, leaving), 0);
+        loop {
+            rise -= self.next_kink(stop)?.fall;
+            if rise <= 0.0 {
+                break;
+            }
+            stop += 1;
+        }
         for kink in &self.kinks[..stop] {
             if let KinkAt::Variable(column) = kink.at {
                 self.rest[column] = Rest::by(self.slope[column]);
@@ -42,6 +52,18 @@ impl ElasticSolver {
         let same = |kink: &&Kink| (kink.step - last.step).abs() <= TOLERANCE * last.step;
         let near = self.kinks.iter().filter(same);
         near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
+    }
+
+    /// Puts the next kink in its place, after those that are in theirs: few are asked for, and to sort all of them takes longer.
+    fn next_kink(&mut self, place: usize) -> Option<Kink> {
+        let (mut from, mut next) = (place, *self.kinks.get(place)?);
+        for (index, kink) in self.kinks.iter().enumerate().skip(place + 1) {
+            if kink.comes_before(&next) {
+                (from, next) = (index, *kink);
+            }
+        }
+        self.kinks.swap(place, from);
+        Some(next)
     }
 
     /// Gradients closer to zero are rounding.
@@ -102,11 +124,6 @@ impl ElasticSolver {
         if let Leaving::Row { row, .. } = leaving {
             kinks.push(ends(until(row), 1.0, KinkAt::OtherBound));
         }
-        // What lies beyond the end of the edge need not be sorted.
-        let infinite = kinks.iter().filter(|kink| kink.fall.is_infinite());
-        let end = infinite.map(|kink| kink.step).fold(f64::INFINITY, f64::min);
-        kinks.retain(|kink| kink.step <= (1.0 + TOLERANCE) * end);
-        kinks.sort_unstable_by(|a, b| a.step.total_cmp(&b.step).then_with(|| b.fall.total_cmp(&a.fall)));
         self.kinks = kinks;
     }
 }
