@@ -97,7 +97,7 @@ step "openapi-typescript" "$generators/openapi_typescript.sh" "$work" "$rest"
 step "grpcio-tools" "$generators/grpcio_tools.sh" "$work" "$grpc"
 step "ts-proto" "$generators/ts_proto.sh" "$work" "$grpc"
 step "schemathesis" "$work/venv/bin/schemathesis" --config-file tests/schemathesis.toml run "$rest/openapi.json" \
-  --max-examples 100 --seed 1 --no-color
+  --max-examples 50 --seed 1 --no-color
 
 SLIPDRIVE_API_KEYS=secret serve --one-port
 step "one port with keys: curl" env CURL_KEY=secret bash -c "holds 'event: result' examples/curl.sh $rest"

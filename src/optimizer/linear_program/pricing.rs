@@ -43,8 +43,8 @@ impl ElasticSolver {
                 continue;
             }
             let candidate = Leaving::Row { row, sign };
-            let steepness =
-                violation / length(self.changes_of_tight(program, candidate).iter(), &ranges).hypot(self.range[row]);
+            let changes = self.changes_of_tight(program, candidate);
+            let steepness = violation / length(changes.iter(), &ranges).hypot(self.range[row]);
             if steepness > steepest {
                 (steepest, leaving) = (steepness, Some(candidate));
             }

@@ -35,14 +35,11 @@ impl ElasticSolver {
     /// The kink at which D stops to rise; none where no pivot is large enough.
     pub(super) fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
         self.list_kinks(program, leaving);
-        let (mut rise, mut stop) = (self.rise(program, leaving), 0);
-        loop {
-            rise -= self.next_kink(stop)?.fall;
-            if rise <= 0.0 {
-                break;
-            }
-            stop += 1;
-        }
+        let mut rise = self.rise(program, leaving);
+        let stop = (0..self.kinks.len()).find(|place| {
+            rise -= self.next_kink(*place).fall;
+            rise <= 0.0
+        })?;
         for kink in &self.kinks[..stop] {
             if let KinkAt::Variable(column) = kink.at {
                 self.rest[column] = Rest::by(self.slope[column]);
@@ -54,16 +51,16 @@ impl ElasticSolver {
         near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
     }
 
-    /// Puts the next kink in its place, after those that are in theirs: few are asked for, and to sort all of them takes longer.
-    fn next_kink(&mut self, place: usize) -> Option<Kink> {
-        let (mut from, mut next) = (place, *self.kinks.get(place)?);
+    /// The next kink, after those that are in their places: few are asked for, and to sort all of them takes longer.
+    fn next_kink(&mut self, place: usize) -> Kink {
+        let (mut from, mut next) = (place, self.kinks[place]);
         for (index, kink) in self.kinks.iter().enumerate().skip(place + 1) {
             if kink.comes_before(&next) {
                 (from, next) = (index, *kink);
             }
         }
         self.kinks.swap(place, from);
-        Some(next)
+        next
     }
 
     /// Gradients closer to zero are rounding.
