@@ -1,5 +1,7 @@
 //! The bound flipping ratio test: how far the multipliers move along an edge of the dual, and what stops them.
 
+use std::cmp::Ordering;
+
 use super::pricing::Leaving;
 use super::{ElasticSolver, GRADIENT_MARGIN, Rest, SUM_ROUNDING, TOLERANCE};
 use crate::optimizer::elastic_program::ElasticProgram;
@@ -25,9 +27,9 @@ pub(super) enum KinkAt {
 }
 
 impl Kink {
-    /// In the order of steps, and of equal steps the larger fall first.
-    fn comes_before(&self, other: &Self) -> bool {
-        self.step < other.step || self.step == other.step && self.fall > other.fall
+    /// By steps, and of equal steps the larger fall first.
+    fn order(&self, other: &Self) -> Ordering {
+        self.step.total_cmp(&other.step).then_with(|| other.fall.total_cmp(&self.fall))
     }
 }
 
@@ -51,16 +53,15 @@ impl ElasticSolver {
         near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
     }
 
-    /// The next kink, after those that are in their places: few are asked for, and to sort all of them takes longer.
+    /// The next kink, after those that are in their places. They are put there in stretches, each as long as all before: few are asked for.
     fn next_kink(&mut self, place: usize) -> Kink {
-        let (mut from, mut next) = (place, self.kinks[place]);
-        for (index, kink) in self.kinks.iter().enumerate().skip(place + 1) {
-            if kink.comes_before(&next) {
-                (from, next) = (index, *kink);
-            }
+        if place == 0 || place.is_power_of_two() {
+            let rest = &mut self.kinks[place..];
+            let stretch = place.clamp(1, rest.len());
+            rest.select_nth_unstable_by(stretch - 1, Kink::order);
+            rest[..stretch].sort_unstable_by(Kink::order);
         }
-        self.kinks.swap(place, from);
-        next
+        self.kinks[place]
     }
 
     /// Gradients closer to zero are rounding.
