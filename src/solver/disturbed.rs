@@ -269,7 +269,7 @@ impl Disturbed {
 }
 
 /// The schedule that a simulation reads from its torques and the length of an interval.
-fn as_read(mut schedule: TorqueSchedule) -> TorqueSchedule {
+pub(super) fn as_read(mut schedule: TorqueSchedule) -> TorqueSchedule {
     schedule.final_time = schedule.interval() * schedule.control_count() as f64;
     schedule
 }

@@ -4,7 +4,7 @@
 //! are those of the axle midpoint, which stays in its place where the centre of mass does not.
 
 use super::certificate::finite_or_largest;
-use super::disturbed::{ChangedParameter, Disturbed, Undisturbed};
+use super::disturbed::{ChangedParameter, Disturbed, Undisturbed, as_read};
 use super::settings::{SolveInput, SolverSettings};
 use crate::robot::State;
 use crate::simulation::TorqueSchedule;
@@ -59,34 +59,55 @@ impl EndShift {
     }
 }
 
-/// All changes of a plan, smaller values first.
+/// All changes of a plan, smaller values first. What the search has found out about it is not rolled out again.
 ///
 /// # Errors
 /// When it was stopped before the end.
 pub(super) fn sensitivity(
     input: &SolveInput,
     (schedule, step_count): (&TorqueSchedule, usize),
+    weighed: Option<&Weighed>,
     stop: Stop,
 ) -> Result<Vec<Sensitivity>, Stopped> {
-    let plan = Plan::new(input, (schedule, step_count), stop)?;
-    let changes = CHANGES.into_iter();
-    changes.flat_map(|(parameter, size)| [-size, size].map(|change| plan.under(parameter, change, stop))).collect()
+    let Weighed { plan, less_friction } = match weighed.filter(|weighed| weighed.is_of(schedule, step_count)) {
+        Some(weighed) => weighed,
+        None => &Weighed::new(input, (schedule, step_count), stop)?,
+    };
+    let changes = CHANGES.into_iter().flat_map(|(parameter, size)| [(parameter, -size), (parameter, size)]);
+    // The first one is less friction.
+    let others = changes.skip(1).map(|(parameter, change)| plan.under(parameter, change, stop));
+    std::iter::once(Ok(less_friction.clone())).chain(others).collect()
 }
 
-/// The shift of a plan's end under less friction, which no rule refuses.
-///
-/// # Errors
-/// When it was stopped before the end.
-pub(super) fn friction_shift(
-    input: &SolveInput,
-    plan: (&TorqueSchedule, usize),
-    stop: Stop,
-) -> Result<Option<EndShift>, Stopped> {
-    let shift = Plan::new(input, plan, stop)?.under(ChangedParameter::Friction, -FRICTION_CHANGE, stop)?;
-    Ok(shift.outcome.ok())
+/// A plan with what less friction does to it.
+#[derive(Debug)]
+pub(super) struct Weighed {
+    plan: Plan,
+    less_friction: Sensitivity,
+}
+
+impl Weighed {
+    /// # Errors
+    /// When it was stopped before the end.
+    pub(super) fn new(input: &SolveInput, plan: (&TorqueSchedule, usize), stop: Stop) -> Result<Self, Stopped> {
+        let plan = Plan::new(input, plan, stop)?;
+        let less_friction = plan.under(ChangedParameter::Friction, -FRICTION_CHANGE, stop)?;
+        Ok(Self { plan, less_friction })
+    }
+
+    /// The shift of the plan's end under less friction, which no rule refuses.
+    pub(super) fn shift(&self) -> Option<EndShift> {
+        self.less_friction.outcome.as_ref().ok().copied()
+    }
+
+    fn is_of(&self, schedule: &TorqueSchedule, step_count: usize) -> bool {
+        let planned = &self.plan.planned;
+        planned.step_count == step_count && planned.schedule == as_read(schedule.clone())
+    }
 }
 
 /// A plan and its own end.
+#[derive(Debug)]
 struct Plan {
     planned: Undisturbed,
     /// At the axle midpoint.
@@ -118,5 +139,25 @@ impl Plan {
             angle: finite_or_largest((end.heading - planned.heading).abs()),
             separates: separations > 0,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_known_of_another_plan_does_not_count() {
+        let (input, never) = (SolveInput::forward_drive(), Stop::never());
+        let plan = |torque: f64| TorqueSchedule { final_time: 1.0, left: vec![torque], right: vec![-torque] };
+        let of =
+            |schedule, steps, known: Option<&Weighed>| sensitivity(&input, (schedule, steps), known, never).unwrap();
+        let (schedule, other) = (plan(0.3), plan(0.6));
+        let alone = of(&schedule, 50, None);
+        assert_eq!((alone.len(), alone[0].parameter, alone[0].change), (14, ChangedParameter::Friction, -0.1));
+        for (known, steps) in [(&schedule, 50), (&schedule, 60), (&other, 50)] {
+            let weighed = Weighed::new(&input, (known, steps), never).unwrap();
+            assert_eq!(of(&schedule, 50, Some(&weighed)), alone);
+        }
     }
 }
