@@ -16,7 +16,7 @@
 mod criticality;
 mod move_limits;
 
-pub use criticality::{CriticalityMeasure, criticality_measure};
+pub use criticality::{CriticalityMeasure, Promise, criticality_measure};
 use nalgebra::{DMatrix, DVector};
 
 use self::move_limits::MoveLimits;

@@ -144,14 +144,15 @@ pub(super) fn is_distinct(faster: f64, slower: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optimizer::{Constraints, Linearisation};
+    use crate::optimizer::{Constraints, Linearisation, Promise};
 
     fn measured(plan: Candidate, radius: f64) -> Candidate {
         let none = DVector::zeros(0);
         let (accepted, inequality) = (none.clone(), none.clone());
+        let promise = Promise { decrease: 0.0, point: none.clone() };
         let model = Linearisation::new(Constraints { residual: none, inequality }, 1);
         let (better, interruption) = (None, None);
-        let measure = CriticalityMeasure { prediction: 0.0, better, radius, interruption, model, accepted };
+        let measure = CriticalityMeasure { prediction: 0.0, better, promise, radius, interruption, model, accepted };
         let stationarity = Some(Arc::new(Stationarity { penalty_parameter: 300.0, time_unit: 1.0, measure }));
         Candidate { stationarity, ..plan }
     }

@@ -21,6 +21,8 @@ const SMOOTHED_ITERATION_LIMIT: usize = 2 * ROUGH_ITERATION_LIMIT;
 /// First trust radius from a start, whose torques are farther from the optimum than those of a plan. Much larger ones leave the family
 /// of plans that the start belongs to, where small changes go far: backwards, a front-heavy robot is unstable.
 const START_RADIUS: f64 = 2.0 * FIRST_RADIUS;
+/// Kinks are crossed from plans of similar maneuvers where that may gain this share of the final time.
+const WORTH_CROSSING: f64 = 5e-3;
 /// Fewest control intervals of the grids on which held wheels begin.
 const FEWEST_INTERVALS: usize = 10;
 
@@ -51,7 +53,11 @@ impl LocalSearch<'_, '_, '_> {
         }
         match (self.settings.method, start.strategy) {
             (Method::NelderMead, _) => self.nelder_mead(&guess),
-            (Method::SequentialLinear, Strategy::Warm) => self.warmly(&guess, start.goal_heading),
+            (Method::SequentialLinear, Strategy::Warm) => {
+                let mut best = self.warmly(&guess, start.goal_heading)?;
+                self.cross_kink(&mut best)?;
+                Ok(best)
+            }
             (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
             (Method::SequentialLinear, Strategy::Smoothed | Strategy::Sharper) => {
                 let law = &self.laws_of(start.strategy)[..1];
@@ -212,6 +218,26 @@ impl LocalSearch<'_, '_, '_> {
         self.directly(guess)
     }
 
+    /// From a plan that has settled on a kink to a faster one behind it, where the linear model promises that much: its torques lead across,
+    /// and the final time stays.
+    fn cross_kink(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
+        let tolerance = self.settings.goal_tolerance;
+        let Some(known) = best.stationarity.clone().filter(|_| best.is_feasible(tolerance)) else { return Ok(()) };
+        let (promise, final_time) = (&known.measure.promise, best.final_time());
+        let worthwhile = WORTH_CROSSING * final_time;
+        if known.time_unit * promise.decrease < worthwhile {
+            return Ok(());
+        }
+        let mut across = promise.point.clone();
+        across[best.decision.len() - 1] = final_time;
+        let next = self.descend_until(&across, (START_RADIUS, None), (SMALLEST_PREDICTION, final_time - worthwhile))?;
+        if next.gains_on(best, CRITICALITY_TOLERANCE, tolerance) {
+            *best = next;
+            self.settle(best)?;
+        }
+        Ok(())
+    }
+
     /// One descent near a plan of a similar problem.
     fn near(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         self.descend_until(guess, (FIRST_RADIUS, None), (CRITICALITY_TOLERANCE, f64::INFINITY))
@@ -310,5 +336,42 @@ impl LocalSearch<'_, '_, '_> {
         }
         let candidate = Candidate::new(decision, f64::INFINITY, true, self.goal_heading);
         Ok(Candidate { merit, ..candidate })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shooting::{Goal, Maneuver, PathLimits, ShootingProblem};
+    use crate::simulation::{Simulator, TorqueSchedule};
+    use crate::solver::run_control::RunControl;
+    use crate::solver::settings::{SolveInput, SolverSettings};
+
+    /// Final times of a plan that settled on a kink, and of what it becomes.
+    fn crossed(goal: Goal) -> [f64; 2] {
+        let simulator = Simulator::new(&SolveInput::forward_drive().robot);
+        let maneuver = Maneuver { goal, ..Maneuver::forward_drive() };
+        let mut problem = ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (100, 20), 1.0);
+        let (settings, control) = (SolverSettings::default(), RunControl::unattended());
+        let mut search = LocalSearch::new(&mut problem, &settings, &control, 10_000);
+        let there_and_back = |torque: f64| [[torque; 10], [-torque; 10]].concat();
+        let guess = TorqueSchedule { final_time: 2.0, left: there_and_back(0.5), right: there_and_back(0.45) };
+        let mut best = search.near(&decision_from_schedule(&guess)).unwrap();
+        search.settle(&mut best).unwrap();
+        assert!(best.is_feasible(settings.goal_tolerance) && !best.is_smooth_optimum(settings.goal_tolerance));
+        let settled = best.final_time();
+        search.cross_kink(&mut best).unwrap();
+        assert!(best.is_feasible(settings.goal_tolerance) && best.stationarity.is_some());
+        [settled, best.final_time()]
+    }
+
+    #[test]
+    fn a_kink_is_crossed_where_that_gains_enough() {
+        for goal in [Goal::at_rest(0.0, 1.0, 0.0), Goal::at_rest(0.2, 1.0, 0.0)] {
+            let [settled, crossed] = crossed(goal);
+            assert!(crossed < (1.0 - WORTH_CROSSING) * settled, "{settled} s, then {crossed} s");
+        }
+        let [settled, crossed] = crossed(Goal::at_rest(0.5, 1.0, 0.0));
+        assert_eq!(settled, crossed);
     }
 }

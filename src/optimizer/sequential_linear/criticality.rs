@@ -13,6 +13,8 @@ pub struct CriticalityMeasure {
     pub prediction: f64,
     /// The better point that confirms it, if there is one.
     pub better: Option<DVector<f64>>,
+    /// What the linear model promises in the whole first trust region, confirmed or not.
+    pub promise: Promise,
     /// The last radius of the trust region.
     pub radius: f64,
     /// Why the measure is only a bound, if it is.
@@ -21,6 +23,15 @@ pub struct CriticalityMeasure {
     pub model: Linearisation,
     /// Residuals that it counts as none.
     pub accepted: DVector<f64>,
+}
+
+/// The minimum of a linear model in a trust region.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Promise {
+    /// The predicted decrease.
+    pub decrease: f64,
+    /// Where it is predicted.
+    pub point: DVector<f64>,
 }
 
 /// Criticality measure of a point: the decrease that the linear model predicts within the largest trust region in which
@@ -53,22 +64,33 @@ pub fn criticality_measure(
     model.constraints.subtract(&offset);
     let mut search = Search { model, model_is_current: true, offset, ..Search::new(problem, (x, programs), settings) };
     let merit = search.merit(&search.x, &search.model.constraints);
-    let (prediction, better, interruption) = loop {
-        let (step, gap) = search.linear_step(budget)?;
-        let prediction = merit - search.modelled_merit(&step) + gap;
+    let (mut step, mut prediction) = search.promised(merit, budget)?;
+    let promise = Promise { decrease: prediction, point: &search.x + &step };
+    let (better, interruption) = loop {
         if prediction <= settings.smallest_prediction || search.radius <= SMALLEST_RADIUS {
-            break (prediction, None, None);
+            break (None, None);
         }
         // The prediction falls with the radius, so this one is an upper bound of the measure.
         let trial = match search.try_step(&step, merit - SHRINK_RATIO * prediction, budget) {
             Ok(trial) => trial,
-            Err(end) => break (prediction, None, Some(end)),
+            Err(end) => break (None, Some(end)),
         };
         if merit - trial.merit >= SHRINK_RATIO * prediction {
-            break (prediction, Some(trial.x), None);
+            break (Some(trial.x), None);
         }
         search.radius /= RADIUS_FACTOR;
+        (step, prediction) = search.promised(merit, budget)?;
     };
     let Search { radius, model, offset, .. } = search;
-    Ok(CriticalityMeasure { prediction, better, radius, interruption, model, accepted: offset.residual })
+    let accepted = offset.residual;
+    Ok(CriticalityMeasure { prediction, better, promise, radius, interruption, model, accepted })
+}
+
+impl Search<'_> {
+    /// The step of the linear model, and by how much it promises to lower this merit at most.
+    fn promised(&mut self, merit: f64, budget: &Budget) -> Result<(DVector<f64>, f64), Interruption> {
+        let (step, gap) = self.linear_step(budget)?;
+        let prediction = merit - self.modelled_merit(&step) + gap;
+        Ok((step, prediction))
+    }
 }

@@ -8,7 +8,7 @@ use super::functions::*;
 use super::{SMALLEST_RADIUS, WIDE};
 use crate::optimizer::small_problem::{PLENTY, SmallProblem, settings};
 use crate::optimizer::{
-    Budget, CriticalityMeasure, ElasticSolver, FIRST_RADIUS, Interruption, SequentialLinearSettings,
+    Budget, CriticalityMeasure, ElasticSolver, FIRST_RADIUS, Interruption, Promise, SequentialLinearSettings,
     criticality_measure,
 };
 
@@ -56,6 +56,7 @@ fn smooth_stationary_points_have_none() {
     ] {
         let measure = measured(&mut problem, &x);
         assert!(measure.prediction.abs() <= ROUNDING && measure.better.is_none(), "{x:?}: {measure:?}");
+        assert!(measure.promise.decrease.abs() <= ROUNDING, "{x:?}: {measure:?}");
     }
 }
 
@@ -71,6 +72,10 @@ fn minimisers_at_a_kink_have_none() {
     ] {
         let measure = measured(&mut problem, x);
         assert!(measure.prediction <= largest && measure.better.is_none(), "{x:?}: {measure:?}");
+        // The one side that the linear model knows has a slope of a half at least.
+        let Promise { decrease, point } = &measure.promise;
+        let way = (point - DVector::from_row_slice(x)).amax();
+        assert!(*decrease >= 0.5 * FIRST_RADIUS && way >= FIRST_RADIUS, "{x:?}: {decrease} after {way}");
     }
 }
 
