@@ -31,7 +31,7 @@ pub(super) struct SearchResult {
     /// The best decision and the first of each other group of local optima, in the order in which they are wanted.
     pub(super) plans: Vec<Candidate>,
     pub(super) refinement: RefinementOutcome,
-    /// The fastest local optimum.
+    /// The fastest local optimum, rolled out with less friction.
     pub(super) weighed: Option<Weighed>,
     /// The best decision's replay, where the refinement has made it.
     pub(super) replayed: Option<Replayed>,

@@ -21,7 +21,8 @@ const SMOOTHED_ITERATION_LIMIT: usize = 2 * ROUGH_ITERATION_LIMIT;
 /// First trust radius from a start, whose torques are farther from the optimum than those of a plan. Much larger ones leave the family
 /// of plans that the start belongs to, where small changes go far: backwards, a front-heavy robot is unstable.
 const START_RADIUS: f64 = 2.0 * FIRST_RADIUS;
-/// Kinks are crossed from plans of similar maneuvers where that may gain this share of the final time.
+/// Kinks are crossed from plans of similar maneuvers where that may gain this share of the final time: others are near enough to what a new
+/// search finds.
 const WORTH_CROSSING: f64 = 5e-3;
 /// Fewest control intervals of the grids on which held wheels begin.
 const FEWEST_INTERVALS: usize = 10;
