@@ -7,7 +7,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use super::progress::is_nearer;
-use crate::optimizer::{CriticalityMeasure, FIRST_RADIUS};
+use crate::optimizer::CriticalityMeasure;
 
 /// Largest accepted criticality measure, as a share of the final time.
 pub(super) const CRITICALITY_TOLERANCE: f64 = 1e-4;
@@ -16,6 +16,9 @@ const DISTINCT_FINAL_TIME: f64 = 1e-3;
 /// A plan slower by more than this share is of another kind: an optimum so far behind the best one seldom becomes the best, and a plan of
 /// a similar robot or of another grid that loses so much has left its local optimum.
 pub(super) const LARGEST_LAG: f64 = 0.05;
+
+/// Plans whose linear model promises less than this share of the final time are not polished: hops gain a tenth as much from these.
+pub(super) const LEAST_PROMISE: f64 = 3e-4;
 
 /// A decision with what the search needs to rank it.
 #[derive(Debug, Clone)]
@@ -70,11 +73,16 @@ impl Candidate {
         self.goal_error <= goal_tolerance && !self.breaks_limits
     }
 
-    /// Whether it is feasible, and its criticality measure is that of the whole first trust region: where the merit has a kink nearby,
-    /// with other optima behind it, the region shrinks.
-    pub(super) fn is_smooth_optimum(&self, goal_tolerance: f64) -> bool {
-        let is_smooth = |known: &Arc<Stationarity>| known.measure.radius >= FIRST_RADIUS;
-        self.is_feasible(goal_tolerance) && self.stationarity.as_ref().is_some_and(is_smooth)
+    /// Whether it is feasible, and so little is promised, by its linear model in the whole first trust region, that it is left as it is: at
+    /// a smooth optimum nothing is promised, on a kink what lies behind it.
+    pub(super) fn has_no_promise(&self, goal_tolerance: f64) -> bool {
+        self.is_feasible(goal_tolerance) && self.promised_decrease().is_some_and(|share| share < LEAST_PROMISE)
+    }
+
+    /// What its linear model promises, as a share of the final time, where it was measured.
+    pub(super) fn promised_decrease(&self) -> Option<f64> {
+        let known = self.stationarity.as_ref()?;
+        Some(known.time_unit * known.measure.promise.decrease / self.final_time())
     }
 
     /// Whether it is feasible, and faster than another feasible one by more than a share.
@@ -146,30 +154,30 @@ mod tests {
     use super::*;
     use crate::optimizer::{Constraints, Linearisation, Promise};
 
-    fn measured(plan: Candidate, radius: f64) -> Candidate {
+    fn measured(plan: Candidate, decrease: f64) -> Candidate {
         let none = DVector::zeros(0);
         let (accepted, inequality) = (none.clone(), none.clone());
-        let promise = Promise { decrease: 0.0, point: none.clone() };
+        let promise = Promise { decrease, point: none.clone() };
         let model = Linearisation::new(Constraints { residual: none, inequality }, 1);
-        let (better, interruption) = (None, None);
+        let (better, radius, interruption) = (None, 0.1, None);
         let measure = CriticalityMeasure { prediction: 0.0, better, promise, radius, interruption, model, accepted };
         let stationarity = Some(Arc::new(Stationarity { penalty_parameter: 300.0, time_unit: 1.0, measure }));
         Candidate { stationarity, ..plan }
     }
 
     #[test]
-    fn a_smooth_optimum_is_feasible_and_its_trust_region_did_not_shrink() {
+    fn a_plan_without_promise_is_feasible_and_measured() {
         let plan = |goal_error: f64| Candidate::new(DVector::from_element(1, 2.0), goal_error, false, None);
-        assert!(measured(plan(0.0), FIRST_RADIUS).is_smooth_optimum(1e-6));
-        assert!(!measured(plan(0.0), 0.5 * FIRST_RADIUS).is_smooth_optimum(1e-6));
-        assert!(!measured(plan(1.0), FIRST_RADIUS).is_smooth_optimum(1e-6));
-        assert!(!plan(0.0).is_smooth_optimum(1e-6));
+        assert!(measured(plan(0.0), 0.0).has_no_promise(1e-6));
+        assert!(!measured(plan(0.0), 2.0 * LEAST_PROMISE * 2.0).has_no_promise(1e-6));
+        assert!(!measured(plan(1.0), 0.0).has_no_promise(1e-6));
+        assert!(!plan(0.0).has_no_promise(1e-6));
     }
 
     #[test]
     fn a_plan_that_was_noted_before_it_was_measured_is_measured() {
         let plan = |final_time: f64| Candidate::new(DVector::from_element(1, final_time), 0.0, false, None);
-        let measured = |final_time: f64| measured(plan(final_time), FIRST_RADIUS);
+        let measured = |final_time: f64| measured(plan(final_time), 0.0);
         let noted = |plans: &[Candidate]| {
             let mut known = None;
             for plan in plans {

@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, is_distinct, keep_better};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, LEAST_PROMISE, is_distinct, keep_better};
 use super::hops::PATIENCE;
 use super::local_search::{LARGEST_PENALTY, LocalSearch, SMALLEST_PREDICTION, STRICT_PENALTY};
 use super::run_control::Phase;
@@ -56,7 +56,7 @@ impl LocalSearch<'_, '_, '_> {
             (Method::NelderMead, _) => self.nelder_mead(&guess),
             (Method::SequentialLinear, Strategy::Warm) => {
                 let mut best = self.warmly(&guess, start.goal_heading)?;
-                self.cross_kink(&mut best)?;
+                self.cross_kink(&mut best, WORTH_CROSSING)?;
                 Ok(best)
             }
             (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
@@ -118,8 +118,8 @@ impl LocalSearch<'_, '_, '_> {
         Ok(Candidate { times_found: from.times_found, ..led_to })
     }
 
-    /// Improves a local optimum by hops, others in each round; in the first one through smoothing before that. Where the merit is smooth,
-    /// there is no kink to leave.
+    /// Improves a local optimum, unless it has no promise, by hops, others in each round. Before them kinks are crossed in the first round,
+    /// and the third one begins with a way back through smoothed laws.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
@@ -135,9 +135,11 @@ impl LocalSearch<'_, '_, '_> {
         let _phase = self.control.enter(Phase::Polish);
         self.aim(candidate.goal_heading);
         let (times_found, mut best) = (candidate.times_found, candidate);
-        if !self.settles_smoothly(&mut best)? {
-            if round == 0 {
-                self.leave_kinks(&mut best)?;
+        if !self.settles_without_promise(&mut best)? {
+            match round {
+                0 => while self.cross_kink(&mut best, LEAST_PROMISE)? {},
+                2 => self.leave_kinks(&mut best)?,
+                _ => (),
             }
             self.hop(&mut best, patience, round)?;
             self.settle(&mut best)?;
@@ -173,7 +175,7 @@ impl LocalSearch<'_, '_, '_> {
             let next = self.descend(&smoothed.decision, FIRST_RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
-        if !self.problem.is_smooth() && !self.settles_smoothly(&mut best)? {
+        if !self.problem.is_smooth() && !self.settles_without_promise(&mut best)? {
             self.hop(&mut best, PATIENCE, 0)?;
         }
         self.settle(&mut best)?;
@@ -219,24 +221,24 @@ impl LocalSearch<'_, '_, '_> {
         self.directly(guess)
     }
 
-    /// From a plan that has settled on a kink to a faster one behind it, where the linear model promises that much: its torques lead across,
-    /// and the final time stays.
-    fn cross_kink(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
+    /// From a plan that has settled on a kink to a faster one behind it, where the linear model promises a worthwhile share of the final time:
+    /// its torques lead across, and the final time stays. Whether that gains anything.
+    fn cross_kink(&mut self, best: &mut Candidate, worthwhile: f64) -> Result<bool, Interruption> {
         let tolerance = self.settings.goal_tolerance;
-        let Some(known) = best.stationarity.clone().filter(|_| best.is_feasible(tolerance)) else { return Ok(()) };
-        let (promise, final_time) = (&known.measure.promise, best.final_time());
-        let worthwhile = WORTH_CROSSING * final_time;
-        if known.time_unit * promise.decrease < worthwhile {
-            return Ok(());
+        if !best.is_feasible(tolerance) || best.promised_decrease().is_none_or(|share| share < worthwhile) {
+            return Ok(false);
         }
-        let mut across = promise.point.clone();
+        let Some(known) = &best.stationarity else { return Ok(false) };
+        let (mut across, final_time) = (known.measure.promise.point.clone(), best.final_time());
         across[best.decision.len() - 1] = final_time;
-        let next = self.descend_until(&across, (START_RADIUS, None), (SMALLEST_PREDICTION, final_time - worthwhile))?;
-        if next.gains_on(best, CRITICALITY_TOLERANCE, tolerance) {
+        let time_to_beat = (1.0 - worthwhile) * final_time;
+        let next = self.descend_until(&across, (START_RADIUS, None), (SMALLEST_PREDICTION, time_to_beat))?;
+        let gains = next.gains_on(best, CRITICALITY_TOLERANCE, tolerance);
+        if gains {
             *best = next;
             self.settle(best)?;
         }
-        Ok(())
+        Ok(gains)
     }
 
     /// One descent near a plan of a similar problem.
@@ -244,14 +246,14 @@ impl LocalSearch<'_, '_, '_> {
         self.descend_until(guess, (FIRST_RADIUS, None), (CRITICALITY_TOLERANCE, f64::INFINITY))
     }
 
-    /// Whether a plan settles on a smooth optimum, from which hops gain nothing. What misses the goal is left where it is: a penalty that
-    /// grows leads it to where hops do not meet the goal either.
-    fn settles_smoothly(&mut self, best: &mut Candidate) -> Result<bool, Interruption> {
+    /// Whether a plan settles on a local optimum without promise, from which hops gain little. What misses the goal is left where it is: a
+    /// penalty that grows leads it to where hops do not meet the goal either.
+    fn settles_without_promise(&mut self, best: &mut Candidate) -> Result<bool, Interruption> {
         let tolerance = self.settings.goal_tolerance;
         if best.is_feasible(tolerance) {
             self.settle(best)?;
         }
-        Ok(best.is_smooth_optimum(tolerance))
+        Ok(best.has_no_promise(tolerance))
     }
 
     /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find it
@@ -359,9 +361,9 @@ mod tests {
         let guess = TorqueSchedule { final_time: 2.0, left: there_and_back(0.5), right: there_and_back(0.45) };
         let mut best = search.near(&decision_from_schedule(&guess)).unwrap();
         search.settle(&mut best).unwrap();
-        assert!(best.is_feasible(settings.goal_tolerance) && !best.is_smooth_optimum(settings.goal_tolerance));
+        assert!(best.is_feasible(settings.goal_tolerance) && !best.has_no_promise(settings.goal_tolerance));
         let settled = best.final_time();
-        search.cross_kink(&mut best).unwrap();
+        search.cross_kink(&mut best, WORTH_CROSSING).unwrap();
         assert!(best.is_feasible(settings.goal_tolerance) && best.stationarity.is_some());
         [settled, best.final_time()]
     }
