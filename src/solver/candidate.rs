@@ -17,8 +17,9 @@ const DISTINCT_FINAL_TIME: f64 = 1e-3;
 /// a similar robot or of another grid that loses so much has left its local optimum.
 pub(super) const LARGEST_LAG: f64 = 0.05;
 
-/// Plans whose linear model promises less than this share of the final time are not polished: hops gain a tenth as much from these.
-pub(super) const LEAST_PROMISE: f64 = 3e-4;
+/// Plans whose linear model promises less than this share of the final time, twice what `converged` allows, are not polished: hops gain a
+/// fifth as much from these.
+pub(super) const LEAST_PROMISE: f64 = 2.0 * CRITICALITY_TOLERANCE;
 
 /// A decision with what the search needs to rank it.
 #[derive(Debug, Clone)]
@@ -169,7 +170,7 @@ mod tests {
     fn a_plan_without_promise_is_feasible_and_measured() {
         let plan = |goal_error: f64| Candidate::new(DVector::from_element(1, 2.0), goal_error, false, None);
         assert!(measured(plan(0.0), 0.0).has_no_promise(1e-6));
-        assert!(!measured(plan(0.0), 2.0 * LEAST_PROMISE * 2.0).has_no_promise(1e-6));
+        assert!(!measured(plan(0.0), 2.0 * LEAST_PROMISE).has_no_promise(1e-6));
         assert!(!measured(plan(1.0), 0.0).has_no_promise(1e-6));
         assert!(!plan(0.0).has_no_promise(1e-6));
     }
