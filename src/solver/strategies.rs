@@ -225,10 +225,9 @@ impl LocalSearch<'_, '_, '_> {
     /// its torques lead across, and the final time stays. Whether that gains anything.
     fn cross_kink(&mut self, best: &mut Candidate, worthwhile: f64) -> Result<bool, Interruption> {
         let tolerance = self.settings.goal_tolerance;
-        if !best.is_feasible(tolerance) || best.promised_decrease().is_none_or(|share| share < worthwhile) {
-            return Ok(false);
-        }
-        let Some(known) = &best.stationarity else { return Ok(false) };
+        let is_worthwhile = best.promised_decrease().is_some_and(|share| share >= worthwhile);
+        let known = best.stationarity.as_ref().filter(|_| is_worthwhile && best.is_feasible(tolerance));
+        let Some(known) = known else { return Ok(false) };
         let (mut across, final_time) = (known.measure.promise.point.clone(), best.final_time());
         across[best.decision.len() - 1] = final_time;
         let time_to_beat = (1.0 - worthwhile) * final_time;
