@@ -16,9 +16,9 @@ const MOST_IN_VAIN: usize = 8;
 /// Or one, where one start or spin for so many of the requested starts led to the best merit: what is found less often may not be the best
 /// there is.
 const STARTS_A_FIND: usize = 8;
-/// Spins that the first law leaves behind the best merit by more than this share go no further: they are a third, and one in 2,000 of them
-/// would become the best.
-const LARGEST_SPIN_LAG: f64 = 0.3;
+/// What the first law leaves behind the best merit of earlier heats by more than this share goes no further. Of spins these are a third, and
+/// one in 2,000 of them would become the best.
+const LARGEST_FIRST_LAW_LAG: f64 = 0.3;
 /// Longest step of the grid on which starts are compared, as a share of the robot's natural time.
 const LONGEST_STEP: f64 = 0.25;
 
@@ -116,11 +116,11 @@ impl<'a> Race<'a> {
                 optima.push(local);
             }
         }
-        // Merits under different laws do not compare.
+        // Merits under different laws do not compare closely.
         let (rough, sharper): (Vec<_>, Vec<_>) =
             rough.into_iter().partition(|rough| rough.strategy == Strategy::Smoothed);
         let mut arrived: Vec<_> = [rough, sharper].into_iter().flat_map(|rough| self.first_law(rough)).collect();
-        let slowest = smoothed.first().map_or(f64::INFINITY, |best| (1.0 + LARGEST_SPIN_LAG) * best.local.merit);
+        let slowest = smoothed.first().map_or(f64::INFINITY, |best| (1.0 + LARGEST_FIRST_LAW_LAG) * best.local.merit);
         arrived.retain(|arrived| arrived.local.merit <= slowest);
         let is_first = smoothed.is_empty();
         smoothed.extend(self.heat(&arrived, Heat::OtherLaws));
