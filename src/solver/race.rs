@@ -16,8 +16,8 @@ const MOST_IN_VAIN: usize = 8;
 /// Or one, where one start or spin for so many of the requested starts led to the best merit: what is found less often may not be the best
 /// there is.
 const STARTS_A_FIND: usize = 8;
-/// What the first law leaves behind the best merit of earlier heats by more than this share goes no further. Of spins these are a third, and
-/// one in 2,000 of them would become the best.
+/// What the first law leaves behind the best merit of earlier heats by more than this share goes no further. Of spins these are a third,
+/// and one in 2,000 of them would become the best.
 const LARGEST_FIRST_LAW_LAG: f64 = 0.3;
 /// Longest step of the grid on which starts are compared, as a share of the robot's natural time.
 const LONGEST_STEP: f64 = 0.25;
