@@ -16,9 +16,9 @@ const MOST_IN_VAIN: usize = 8;
 /// Or one, where one start or spin for so many of the requested starts led to the best merit: what is found less often may not be the best
 /// there is.
 const STARTS_A_FIND: usize = 8;
-/// What the first law leaves behind the best merit of earlier heats by more than this share goes no further. Of spins these are a third,
-/// and one in 2,000 of them would become the best.
-const LARGEST_FIRST_LAW_LAG: f64 = 0.3;
+/// Spins that the first law leaves behind the best merit of earlier heats by more than this share go no further. They are a third of
+/// all, and one in 2,000 of them would become the best.
+const LARGEST_SPIN_LAG: f64 = 0.3;
 /// Longest step of the grid on which starts are compared, as a share of the robot's natural time.
 const LONGEST_STEP: f64 = 0.25;
 
@@ -69,7 +69,7 @@ impl<'a> Race<'a> {
         let starts = starts.get(first..).unwrap_or_default();
         let count = starts.len();
         let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
-        self.tried += self.heats((starts, &numbers), smoothed, optima);
+        self.tried += self.heats((starts, &numbers), f64::INFINITY, smoothed, optima);
         self.descend(smoothed, optima);
     }
 
@@ -89,7 +89,7 @@ impl<'a> Race<'a> {
             let (merit, numbers) = (best.local.merit, vec![best.number; count]);
             let spins = spun(self.input, &plan, (count, (self.tried + self.spun) as u64));
             self.spun += count;
-            self.heats((&spins, &numbers), smoothed, optima);
+            self.heats((&spins, &numbers), (1.0 + LARGEST_SPIN_LAG) * merit, smoothed, optima);
             in_vain = if is_distinct(smoothed[0].local.merit, merit) { 0 } else { in_vain + 1 };
             if in_vain > 0 && times_found(smoothed) * STARTS_A_FIND >= start_count {
                 return;
@@ -97,11 +97,12 @@ impl<'a> Race<'a> {
         }
     }
 
-    /// From starts to what they lead to, ever fewer of them and ever more thoroughly. Smoothed ones join the others, best first.
-    /// Returns how many starts were tried.
+    /// From starts to what they lead to, ever fewer of them and ever more thoroughly, through other laws than the first where their merit
+    /// is at most the slowest. Smoothed ones join the others, best first. Returns how many starts were tried.
     fn heats(
         &mut self,
         (starts, numbers): (&[Start], &[StartNumber]),
+        slowest: f64,
         smoothed: &mut Vec<Smoothed>,
         optima: &mut Vec<Candidate>,
     ) -> usize {
@@ -120,7 +121,6 @@ impl<'a> Race<'a> {
         let (rough, sharper): (Vec<_>, Vec<_>) =
             rough.into_iter().partition(|rough| rough.strategy == Strategy::Smoothed);
         let mut arrived: Vec<_> = [rough, sharper].into_iter().flat_map(|rough| self.first_law(rough)).collect();
-        let slowest = smoothed.first().map_or(f64::INFINITY, |best| (1.0 + LARGEST_FIRST_LAW_LAG) * best.local.merit);
         arrived.retain(|arrived| arrived.local.merit <= slowest);
         let is_first = smoothed.is_empty();
         smoothed.extend(self.heat(&arrived, Heat::OtherLaws));
