@@ -37,11 +37,7 @@ impl ElasticSolver {
     /// The kink at which D stops to rise; none where no pivot is large enough.
     pub(super) fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
         self.list_kinks(program, leaving);
-        let mut rise = self.rise(program, leaving);
-        let stop = (0..self.kinks.len()).find(|place| {
-            rise -= self.next_kink(*place).fall;
-            rise <= 0.0
-        })?;
+        let stop = self.stop(self.rise(program, leaving))?;
         for kink in &self.kinks[..stop] {
             if let KinkAt::Variable(column) = kink.at {
                 self.rest[column] = Rest::by(self.slope[column]);
@@ -53,15 +49,24 @@ impl ElasticSolver {
         near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
     }
 
-    /// The next kink, after those that are in their places. They are put there in stretches, each as long as all before: few are asked for.
-    fn next_kink(&mut self, place: usize) -> Kink {
-        if place == 0 || place.is_power_of_two() {
-            let rest = &mut self.kinks[place..];
-            let stretch = place.clamp(1, rest.len());
-            rest.select_nth_unstable_by(stretch - 1, Kink::order);
-            rest[..stretch].sort_unstable_by(Kink::order);
+    /// The place of the kink at which D, with this slope at first, stops to rise; those before it along the edge come before it. By
+    /// quickselect, in which falls are added up: few kinks are passed, and the others need no order.
+    fn stop(&mut self, mut rise: f64) -> Option<usize> {
+        let (mut start, mut end) = (0, self.kinks.len());
+        while start < end {
+            let (middle, fall) = split(&mut self.kinks[start..end]);
+            let middle = start + middle;
+            if rise <= fall {
+                end = middle;
+                continue;
+            }
+            rise -= fall + self.kinks[middle].fall;
+            if rise <= 0.0 {
+                return Some(middle);
+            }
+            start = middle + 1;
         }
-        self.kinks[place]
+        None
     }
 
     /// Gradients closer to zero are rounding.
@@ -124,4 +129,22 @@ impl ElasticSolver {
         }
         self.kinks = kinks;
     }
+}
+
+/// Puts the kinks before that in the middle first and that one next; its place, and by how much the slope falls before it.
+fn split(kinks: &mut [Kink]) -> (usize, f64) {
+    let last = kinks.len() - 1;
+    kinks.swap(last / 2, last);
+    let pivot = kinks[last];
+    let (mut middle, mut fall) = (0, 0.0);
+    for place in 0..last {
+        let kink = kinks[place];
+        if kink.order(&pivot).is_lt() {
+            fall += kink.fall;
+            kinks.swap(middle, place);
+            middle += 1;
+        }
+    }
+    kinks.swap(middle, last);
+    (middle, fall)
 }
