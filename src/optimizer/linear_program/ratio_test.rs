@@ -37,13 +37,13 @@ impl ElasticSolver {
     /// The kink at which D stops to rise; none where no pivot is large enough.
     pub(super) fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
         self.list_kinks(program, leaving);
-        let stop = self.stop(self.rise(program, leaving))?;
-        for kink in &self.kinks[..stop] {
+        let last = self.place_where_rise_ends(self.rise(program, leaving))?;
+        for kink in &self.kinks[..last] {
             if let KinkAt::Variable(column) = kink.at {
                 self.rest[column] = Rest::by(self.slope[column]);
             }
         }
-        let last = self.kinks[stop];
+        let last = self.kinks[last];
         let same = |kink: &&Kink| (kink.step - last.step).abs() <= TOLERANCE * last.step;
         let near = self.kinks.iter().filter(same);
         near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
@@ -51,7 +51,7 @@ impl ElasticSolver {
 
     /// The place of the kink at which D, with this slope at first, stops to rise; those before it along the edge come before it. By
     /// quickselect, in which falls are added up: few kinks are passed, and the others need no order.
-    fn stop(&mut self, mut rise: f64) -> Option<usize> {
+    fn place_where_rise_ends(&mut self, mut rise: f64) -> Option<usize> {
         let (mut start, mut end) = (0, self.kinks.len());
         while start < end {
             let (middle, fall) = split(&mut self.kinks[start..end]);
