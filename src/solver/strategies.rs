@@ -118,8 +118,7 @@ impl LocalSearch<'_, '_, '_> {
         Ok(Candidate { times_found: from.times_found, ..led_to })
     }
 
-    /// Improves a local optimum, unless it has no promise, by hops, others in each round. Before them kinks are crossed in the first round,
-    /// and the third one begins with a way back through smoothed laws.
+    /// Improves a local optimum by hops, others in each round.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
@@ -135,16 +134,25 @@ impl LocalSearch<'_, '_, '_> {
         let _phase = self.control.enter(Phase::Polish);
         self.aim(candidate.goal_heading);
         let (times_found, mut best) = (candidate.times_found, candidate);
-        if !self.settles_without_promise(&mut best)? {
-            match round {
-                0 => while self.cross_kink(&mut best, LEAST_PROMISE)? {},
-                2 => self.leave_kinks(&mut best)?,
-                _ => (),
-            }
-            self.hop(&mut best, patience, round)?;
-            self.settle(&mut best)?;
-        }
+        self.improve(&mut best, patience, round)?;
         Ok(Candidate { times_found, ..best })
+    }
+
+    /// Hops from a plan, unless it has no promise. Before them kinks are crossed in the first round, and the third one begins with a way back
+    /// through smoothed laws.
+    fn improve(&mut self, best: &mut Candidate, patience: usize, round: u64) -> Result<(), Interruption> {
+        if self.settles_without_promise(best)? {
+            return Ok(());
+        }
+        match round {
+            0 => while self.cross_kink(best, LEAST_PROMISE)? {},
+            2 => self.leave_kinks(best)?,
+            _ => (),
+        }
+        if !self.settles_without_promise(best)? {
+            self.hop(best, patience, round)?;
+        }
+        self.settle(best)
     }
 
     /// Back through smoothed laws, as long as that leads to another local optimum.
@@ -165,8 +173,8 @@ impl LocalSearch<'_, '_, '_> {
         self.descend(&smoothed.decision, FIRST_RADIUS)
     }
 
-    /// Under the exact law, then from perturbed copies of the best point; through smoothing where the exact law does not lead
-    /// to the goal. A smooth motion has no kinks to leave by hops; its descents begin on coarser control grids.
+    /// Under the exact law, then to better plans nearby; through smoothing where the exact law does not lead to the goal. A smooth motion has
+    /// no kinks to leave; its descents begin on coarser control grids.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let (from, radius) = self.on_coarser_controls(guess)?;
         let mut best = self.descend(&from, radius)?;
@@ -175,10 +183,11 @@ impl LocalSearch<'_, '_, '_> {
             let next = self.descend(&smoothed.decision, FIRST_RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
-        if !self.problem.is_smooth() && !self.settles_without_promise(&mut best)? {
-            self.hop(&mut best, PATIENCE, 0)?;
+        if self.problem.is_smooth() {
+            self.settle(&mut best)?;
+        } else {
+            self.improve(&mut best, PATIENCE, 0)?;
         }
-        self.settle(&mut best)?;
         Ok(best)
     }
 
