@@ -48,8 +48,8 @@ const SUM_ROUNDING: f64 = 1e-12;
 /// is violated, of the penalty parameter by which a multiplier passes its box, of a pivot, between steps, of a variable's scale by which
 /// it is off its bound.
 pub(super) const TOLERANCE: f64 = 1e-9;
-/// Iterations per row and place of the largest basis after which the simplex gives up. Programs that end take few of these; the others are
-/// those of motions that amplify errors beyond all digits.
+/// Iterations after which the simplex gives up, for each row, each place of the largest basis, and the last look. Programs that end take few
+/// of these; the others are those of motions that amplify errors beyond all digits.
 const ITERATION_FACTOR: usize = 20;
 
 /// Memory of the simplex: the vertex of the last program, from which the next one begins; at first there is none.
@@ -175,7 +175,7 @@ impl ElasticSolver {
         let (rows, columns) = program.matrix.shape();
         self.perturbation = Perturbation::default();
         let (mut stalled, mut was_perturbed, mut is_afresh) = (0, false, true);
-        for _ in 0..ITERATION_FACTOR * (rows + rows.min(columns)) {
+        for _ in 0..ITERATION_FACTOR * (1 + rows + rows.min(columns)) {
             stop.check()?;
             *iterations += 1;
             if !is_afresh {

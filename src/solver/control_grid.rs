@@ -202,7 +202,9 @@ mod tests {
     #[test]
     fn more_intervals_make_no_plan_slower() {
         let solved = |control_count| -> Solution {
-            let input = SolveInput::new(parameters(control_count)).unwrap();
+            let mut parameters = parameters(control_count);
+            (parameters.settings.step_count, parameters.settings.refinement) = (160, Refinement::Fixed);
+            let input = SolveInput::new(parameters).unwrap();
             solve(&input, &RunControl::unattended()).unwrap()
         };
         let [coarse, fine] = [40, 80].map(solved);

@@ -66,7 +66,8 @@ impl ElasticSolver {
             }
             start = middle + 1;
         }
-        None
+        // The rise ends before this one, but for the rounding of sums.
+        (end < self.kinks.len()).then_some(end)
     }
 
     /// Gradients closer to zero are rounding.
