@@ -118,7 +118,8 @@ impl LocalSearch<'_, '_, '_> {
         Ok(Candidate { times_found: from.times_found, ..led_to })
     }
 
-    /// Improves a local optimum by hops, others in each round.
+    /// Improves a local optimum, unless it has no promise, by hops, others in each round. Before them kinks are crossed in the first round,
+    /// and the third one begins with a way back through smoothed laws.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
@@ -134,25 +135,16 @@ impl LocalSearch<'_, '_, '_> {
         let _phase = self.control.enter(Phase::Polish);
         self.aim(candidate.goal_heading);
         let (times_found, mut best) = (candidate.times_found, candidate);
-        self.improve(&mut best, patience, round)?;
+        if !self.settles_without_promise(&mut best)? {
+            match round {
+                0 => self.cross_kinks(&mut best)?,
+                2 => self.leave_kinks(&mut best)?,
+                _ => (),
+            }
+            self.hop(&mut best, patience, round)?;
+            self.settle(&mut best)?;
+        }
         Ok(Candidate { times_found, ..best })
-    }
-
-    /// Hops from a plan, unless it has no promise. Before them kinks are crossed in the first round, and the third one begins with a way back
-    /// through smoothed laws.
-    fn improve(&mut self, best: &mut Candidate, patience: usize, round: u64) -> Result<(), Interruption> {
-        if self.settles_without_promise(best)? {
-            return Ok(());
-        }
-        match round {
-            0 => while self.cross_kink(best, LEAST_PROMISE)? {},
-            2 => self.leave_kinks(best)?,
-            _ => (),
-        }
-        if !self.settles_without_promise(best)? {
-            self.hop(best, patience, round)?;
-        }
-        self.settle(best)
     }
 
     /// Back through smoothed laws, as long as that leads to another local optimum.
@@ -173,8 +165,8 @@ impl LocalSearch<'_, '_, '_> {
         self.descend(&smoothed.decision, FIRST_RADIUS)
     }
 
-    /// Under the exact law, then to better plans nearby; through smoothing where the exact law does not lead to the goal. A smooth motion has
-    /// no kinks to leave; its descents begin on coarser control grids.
+    /// Under the exact law, across kinks, then from perturbed copies of the best point, unless that has no promise; through smoothing where
+    /// the exact law does not lead to the goal. A smooth motion has no kinks to leave; its descents begin on coarser control grids.
     fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let (from, radius) = self.on_coarser_controls(guess)?;
         let mut best = self.descend(&from, radius)?;
@@ -183,11 +175,13 @@ impl LocalSearch<'_, '_, '_> {
             let next = self.descend(&smoothed.decision, FIRST_RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
-        if self.problem.is_smooth() {
-            self.settle(&mut best)?;
-        } else {
-            self.improve(&mut best, PATIENCE, 0)?;
+        if !self.problem.is_smooth() && !self.settles_without_promise(&mut best)? {
+            self.cross_kinks(&mut best)?;
+            if !best.has_no_promise(self.settings.goal_tolerance) {
+                self.hop(&mut best, PATIENCE, 0)?;
+            }
         }
+        self.settle(&mut best)?;
         Ok(best)
     }
 
@@ -247,6 +241,12 @@ impl LocalSearch<'_, '_, '_> {
             self.settle(best)?;
         }
         Ok(gains)
+    }
+
+    /// From a plan that has settled on a kink across this one and others, as long as that gains.
+    fn cross_kinks(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
+        while self.cross_kink(best, LEAST_PROMISE)? {}
+        Ok(())
     }
 
     /// One descent near a plan of a similar problem.
