@@ -48,8 +48,8 @@ const SUM_ROUNDING: f64 = 1e-12;
 /// is violated, of the penalty parameter by which a multiplier passes its box, of a pivot, between steps, of a variable's scale by which
 /// it is off its bound.
 pub(super) const TOLERANCE: f64 = 1e-9;
-/// Iterations after which the simplex gives up, for each row, each place of the largest basis, and the last look. Programs that end take few
-/// of these; the others are those of motions that amplify errors beyond all digits.
+/// Iterations after which the simplex gives up, for each row, each place of the largest basis, and the last look. Nearly all programs take
+/// less than half of these; those of motions that amplify errors beyond all digits take any number.
 const ITERATION_FACTOR: usize = 20;
 
 /// Memory of the simplex: the vertex of the last program, from which the next one begins; at first there is none.

@@ -37,13 +37,13 @@ impl ElasticSolver {
     /// The kink at which D stops to rise; none where no pivot is large enough.
     pub(super) fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
         self.list_kinks(program, leaving);
-        let last = self.place_where_rise_ends(self.rise(program, leaving))?;
-        for kink in &self.kinks[..last] {
+        let stop = self.place_where_rise_ends(self.rise(program, leaving))?;
+        for kink in &self.kinks[..stop] {
             if let KinkAt::Variable(column) = kink.at {
                 self.rest[column] = Rest::by(self.slope[column]);
             }
         }
-        let last = self.kinks[last];
+        let last = self.kinks[stop];
         let same = |kink: &&Kink| (kink.step - last.step).abs() <= TOLERANCE * last.step;
         let near = self.kinks.iter().filter(same);
         near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
