@@ -12,7 +12,7 @@ built="${CARGO_TARGET_DIR:-target}/debug"
 work=$(mktemp -d)
 server=
 finish() {
-  if [ -n "$server" ]; then kill "$server" 2>/dev/null || true; fi
+  kill $(jobs -p) 2>/dev/null || true
   rm -rf "$work"
 }
 trap finish EXIT
@@ -21,12 +21,13 @@ trap finish EXIT
 # slowest step takes minutes on a busy machine.
 step() {
   local name=$1 begin=$SECONDS
+  output="$work/output-$BASHPID"
   shift
-  if timeout 900 "$@" >"$work/output" 2>&1; then
+  if timeout 900 "$@" >"$output" 2>&1; then
     echo "ok      $name ($((SECONDS - begin)) s)"
   else
     local code=$?
-    cat "$work/output"
+    cat "$output"
     echo "FAILED  $name: exit code $code of: $*"
     exit 1
   fi
@@ -59,7 +60,7 @@ serve() {
   grpc=$(address_of grpc.address)
 }
 
-step "python packages" bash -c "python3 -m venv '$work/venv' && '$work/venv/bin/pip' install -q -r tests/clients/requirements.txt"
+step "python packages" bash -c "python3 -m venv '$work/venv' && '$work/venv/bin/pip' install -q --no-compile -r tests/clients/requirements.txt"
 cp tests/clients/package.json "$work"
 step "npm packages" npm install --silent --no-audit --no-fund --no-package-lock --prefix "$work"
 python="$work/venv/bin/python"
@@ -67,6 +68,13 @@ buf="$work/node_modules/.bin/buf"
 
 step "buf lint" "$buf" lint proto
 step "buf breaking" "$buf" breaking proto --against tests/data/proto_v1.binpb
+
+# One core for minutes, and a server of its own: beside all that follows.
+serve
+server=
+step "schemathesis" "$work/venv/bin/schemathesis" --config-file tests/schemathesis.toml run "$rest/openapi.json" \
+  --max-examples 50 --seed 1 --no-color &
+fuzzing=$!
 
 package() {
   "$work/venv/bin/python" -m build --no-isolation --outdir "$work/dist" clients/python
@@ -82,7 +90,7 @@ step "clients/python: mypy" bash -c "cd clients/python && $work/venv/bin/mypy --
 
 # Servers of its own too.
 step "the page in a browser" "$python" tests/page/check.py "$built/slipdrive" "$work/node_modules/axe-core/axe.min.js"
-grep -v '^ok' "$work/output" || true
+grep -v '^ok' "$output" || true
 
 serve
 step "the page's types" tests/page/types.sh "$work" "$rest"
@@ -96,13 +104,12 @@ step "openapi-python-client" "$generators/openapi_python.sh" "$work" "$rest"
 step "openapi-typescript" "$generators/openapi_typescript.sh" "$work" "$rest"
 step "grpcio-tools" "$generators/grpcio_tools.sh" "$work" "$grpc"
 step "ts-proto" "$generators/ts_proto.sh" "$work" "$grpc"
-step "schemathesis" "$work/venv/bin/schemathesis" --config-file tests/schemathesis.toml run "$rest/openapi.json" \
-  --max-examples 50 --seed 1 --no-color
 
 SLIPDRIVE_API_KEYS=secret serve --one-port
 step "one port with keys: curl" env CURL_KEY=secret bash -c "holds 'event: result' examples/curl.sh $rest"
 step "one port with keys: gRPC" "$python" tests/clients/probe.py "${rest#http://}" secret
 step "no key" bash -c "! examples/curl.sh $rest"
+wait "$fuzzing"
 # Last, since it puts another program in the place of this one.
 step "a toy kind of job" tests/toy_kind.sh "$python" "$@"
 echo "all clients are content"
