@@ -6,7 +6,7 @@ use nalgebra::{DVector, SVector};
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
 use super::goal_miss::{goal_missed, limit_missed};
-use super::limit_uses::{largest_excess, limit_uses, motion_with_limits};
+use super::limit_uses::{limit_uses, most_exceeded, motion_with_limits};
 use super::local_search::{LocalSearch, STRICT_PENALTY};
 use super::lower_bound::{Grid, LAW_ERROR, LowerBound, largest_lower_bound};
 use super::run_control::{NoProgress, RunControl};
@@ -17,7 +17,7 @@ use super::solution::{
     DistinctOptimum, LimitUse, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
 };
 use crate::contact::ContactName;
-use crate::optimizer::{Interruption, largest_magnitude, sign_violations};
+use crate::optimizer::{Interruption, larger, largest_magnitude, sign_violations};
 use crate::robot::State;
 use crate::shooting::{LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent};
 use crate::simulation::{ContactMethod, NormalLoad, Rollout, Simulator, TorqueSchedule, Trajectory};
@@ -48,9 +48,10 @@ pub(super) fn certified(
         problem.aim_at_heading(heading);
     }
     problem.tighten(&best.margins);
-    let is_urgent = result.stop_reason == StopReason::Stopped;
+    // After a stop the caller waits.
+    let rollout_limit = if result.stop_reason == StopReason::Stopped { URGENT_ROLLOUTS } else { u64::MAX };
     let mut certificate = || -> Result<(Optimality, Certificate), Stopped> {
-        let optimality = Optimality::of_decision(problem, &best, (&input.settings, is_urgent), cut)?;
+        let optimality = Optimality::of_decision(problem, &best, (&input.settings, rollout_limit), cut)?;
         let replayed = match &result.replayed {
             Some(replayed) => replayed.clone(),
             None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
@@ -61,10 +62,8 @@ pub(super) fn certified(
         let indeterminate_steps = simulator.indeterminate_steps(&rollout, cut)?;
         Ok((optimality, Certificate { bound, replayed, sensitivity, indeterminate_steps }))
     };
-    let (optimality, shown) = match certificate() {
-        Ok((optimality, shown)) => (optimality, Some(shown)),
-        Err(Stopped) => (Optimality::unknown(&best.decision), None),
-    };
+    let (optimality, shown) = certificate().ok().unzip();
+    let optimality = optimality.unwrap_or_else(|| Optimality::unknown(&best.decision));
     motion.solution(input, result, (optimality, shown))
 }
 
@@ -89,22 +88,20 @@ impl Optimality {
     fn of_decision(
         problem: &mut ShootingProblem,
         best: &Candidate,
-        (settings, is_urgent): (&SolverSettings, bool),
+        (settings, rollout_limit): (&SolverSettings, u64),
         cut: Stop,
     ) -> Result<Self, Stopped> {
         let known = match &best.stationarity {
-            Some(known) => Some(Arc::clone(known)),
-            None => measured(problem, best, settings, (is_urgent, cut))?.map(Arc::new),
+            Some(known) => Arc::clone(known),
+            None => Arc::new(measured(problem, best, settings, (rollout_limit, cut))?),
         };
-        let Some(known) = known else { return Ok(Self::unknown(&best.decision)) };
         let Stationarity { penalty_parameter, time_unit, measure } = &*known;
         problem.set_time_unit(*time_unit);
         let sign_violations = sign_violations(problem, &best.decision, &measure.model, *penalty_parameter, cut)?;
         let final_time = best.final_time();
         let measure = decrease_within(time_unit * measure.prediction, final_time);
         // At the shortest final time no faster plan was looked for.
-        let is_faster_excluded = final_time <= SHORTEST_FINAL_TIME;
-        let is_stationary = measure <= CRITICALITY_TOLERANCE * final_time && !is_faster_excluded;
+        let is_stationary = measure <= CRITICALITY_TOLERANCE * final_time && final_time > SHORTEST_FINAL_TIME;
         Ok(Self { measure, is_stationary, sign_violations })
     }
 
@@ -128,15 +125,13 @@ fn measured(
     problem: &mut ShootingProblem,
     best: &Candidate,
     settings: &SolverSettings,
-    (is_urgent, cut): (bool, Stop),
-) -> Result<Option<Stationarity>, Stopped> {
+    (rollout_limit, cut): (u64, Stop),
+) -> Result<Stationarity, Stopped> {
     let control = RunControl::new(cut, &NoProgress);
-    let rollout_limit = if is_urgent { URGENT_ROLLOUTS } else { u64::MAX };
     match LocalSearch::new(problem, settings, &control, rollout_limit).measured(best, STRICT_PENALTY) {
-        Ok(known) if known.measure.interruption == Some(Interruption::Stopped) => Err(Stopped),
-        Ok(known) => Ok(Some(known)),
-        Err(Interruption::Stopped) => Err(Stopped),
-        Err(Interruption::RolloutLimit) => Ok(None),
+        Ok(known) if known.measure.interruption != Some(Interruption::Stopped) => Ok(known),
+        // Rollouts alone end no measure before its first linear program, which takes one.
+        Ok(_) | Err(_) => Err(Stopped),
     }
 }
 
@@ -177,11 +172,8 @@ pub(super) fn certified_standstill(input: &SolveInput) -> Solution {
         sensitivity: Vec::new(),
         indeterminate_steps: 0,
     };
-    let schedule = TorqueSchedule::empty();
-    let motion = Motion { schedule, trajectory, goal_error, limits: Vec::new(), sticks: true };
-    let mut solution = motion.solution(input, result, (optimality, Some(shown)));
-    solution.report.control_count = 0;
-    solution
+    let motion = Motion { schedule: TorqueSchedule::empty(), trajectory, goal_error, limits: Vec::new() };
+    motion.solution(input, result, (optimality, Some(shown)))
 }
 
 /// A plan and its motion on its own grid.
@@ -191,8 +183,6 @@ pub(super) struct Motion {
     trajectory: Trajectory,
     goal_error: SVector<f64, { State::LEN }>,
     limits: Vec<LimitUse>,
-    /// Whether neither wheel slips.
-    sticks: bool,
 }
 
 impl Motion {
@@ -213,9 +203,7 @@ impl Motion {
         let limits = limit_uses(simulator, &input.path_limits(), &rollout, cut)?;
         trajectory.move_states_by(input.maneuver.reference_point.offset(parameters));
         let goal_error = input.maneuver.goal_error(&trajectory.end_state);
-        let slips = |contact| trajectory.slip_time(contact) > 0.0;
-        let sticks = !slips(ContactName::Left) && !slips(ContactName::Right);
-        Ok(Self { schedule, trajectory, goal_error, limits, sticks })
+        Ok(Self { schedule, trajectory, goal_error, limits })
     }
 
     /// Whether it stays within what numbers can say.
@@ -227,8 +215,9 @@ impl Motion {
     fn keeps_contacts(&self, input: &SolveInput) -> bool {
         let least = input.maneuver.limits.least_normal_loads(&input.robot);
         let carries = |load: NormalLoad| load.share >= least[load.contact as usize] - LIMIT_TOLERANCE;
-        let sticks = !input.maneuver.forbids_slip() || self.sticks;
-        sticks && self.trajectory.normal_loads().all(carries)
+        let slips = |wheel| self.trajectory.slip_time(wheel) > 0.0;
+        let sticks = !slips(ContactName::Left) && !slips(ContactName::Right);
+        (sticks || !input.maneuver.forbids_slip()) && self.trajectory.normal_loads().all(carries)
     }
 
     /// The requirement that it misses: of the goal, else of the limits.
@@ -238,7 +227,7 @@ impl Motion {
         if misses(largest_magnitude(self.goal_error.iter().copied()), input.settings.goal_tolerance) {
             return Some(goal_missed(input, &self.schedule, &self.goal_error, stop_reason));
         }
-        misses(largest_excess(&self.limits), LIMIT_TOLERANCE).then(|| limit_missed(&self.limits))
+        most_exceeded(&self.limits).filter(|used| misses(used.excess, LIMIT_TOLERANCE)).map(limit_missed)
     }
 
     /// The answer; its certificate may have been cut off.
@@ -249,8 +238,7 @@ impl Motion {
         (optimality, shown): (Optimality, Option<Certificate>),
     ) -> Solution {
         let (bound, replayed) = shown.as_ref().map(|shown| (shown.bound, &shown.replayed)).unzip();
-        for (used, on_replay) in self.limits.iter_mut().zip(replayed.into_iter().flat_map(|replayed| &replayed.limits))
-        {
+        for (used, on_replay) in self.limits.iter_mut().zip(replayed.iter().flat_map(|replayed| &replayed.limits)) {
             used.replay_excess = Some(on_replay.excess);
         }
         let replay = replayed.map(|replayed| replayed.replay);
@@ -276,7 +264,7 @@ impl Motion {
                 method: input.settings.method,
                 step_count: result.step_count,
                 refinement: result.refinement,
-                control_count: input.settings.control_count,
+                control_count: self.schedule.control_count(),
                 iterations: result.iterations,
                 rollouts: result.rollouts,
                 starts_tried: result.starts_tried,
@@ -324,7 +312,7 @@ pub(super) fn replay(
     let (motion, limits) = motion_with_limits(simulator, &input.path_limits(), (&fine, schedule), stop)?;
     let end = simulator.end_frame(&fine, input.maneuver.reference_point.offset(parameters)).state(&motion.end);
     let miss = input.maneuver.goal_error(&end).map(finite_or_largest);
-    let excess = finite_or_largest(largest_excess(&limits));
+    let excess = most_exceeded(&limits).map_or(0.0, |used| finite_or_largest(larger(0.0, used.excess)));
     let replay = replay_of_miss(input, &miss, (fine.step_count, motion.separations, excess));
     Ok(Replayed { replay, limits })
 }
@@ -404,7 +392,7 @@ mod tests {
         let end = Trajectory::default();
         let goal_error = input.maneuver.goal_error(&end.end_state).map(|_| f64::NAN);
         let (schedule, limits) = (TorqueSchedule::empty(), Vec::new());
-        let motion = Motion { schedule, trajectory: end, goal_error, limits, sticks: true };
+        let motion = Motion { schedule, trajectory: end, goal_error, limits };
         let reason = motion.missed(&input, StopReason::Finished).unwrap();
         assert!(reason.field.starts_with("maneuver.goal.") && reason.value.is_nan(), "{reason:?}");
     }

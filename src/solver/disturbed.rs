@@ -73,40 +73,33 @@ impl ChangedParameter {
         Self::DelayRight,
     ];
 
-    /// The unit of a change: a share multiplies the value by 1 + change, anything else is added.
-    pub const fn unit(self) -> &'static str {
-        match self {
-            Self::Friction | Self::Mass | Self::Torque | Self::TorqueLeft | Self::TorqueRight => "share",
-            Self::CenterOfMassRight
-            | Self::CenterOfMassForward
-            | Self::PayloadRight
-            | Self::PayloadForward
-            | Self::StartX
-            | Self::StartY => "m",
-            Self::StartHeading => "rad",
-            Self::PayloadMass => "kg",
-            Self::DelayLeft | Self::DelayRight => "s",
-        }
-    }
-
     /// The name in the public contract.
     pub const fn as_str(self) -> &'static str {
+        self.name_and_unit().0
+    }
+
+    /// The unit of a change: a share multiplies the value by 1 + change, anything else is added.
+    pub const fn unit(self) -> &'static str {
+        self.name_and_unit().1
+    }
+
+    const fn name_and_unit(self) -> (&'static str, &'static str) {
         match self {
-            Self::Friction => "friction",
-            Self::Mass => "mass",
-            Self::CenterOfMassRight => "center_of_mass_right",
-            Self::CenterOfMassForward => "center_of_mass_forward",
-            Self::Torque => "torque",
-            Self::TorqueLeft => "torque_left",
-            Self::StartHeading => "start_heading",
-            Self::TorqueRight => "torque_right",
-            Self::PayloadMass => "payload_mass",
-            Self::PayloadRight => "payload_right",
-            Self::PayloadForward => "payload_forward",
-            Self::StartX => "start_x",
-            Self::StartY => "start_y",
-            Self::DelayLeft => "delay_left",
-            Self::DelayRight => "delay_right",
+            Self::Friction => ("friction", "share"),
+            Self::Mass => ("mass", "share"),
+            Self::CenterOfMassRight => ("center_of_mass_right", "m"),
+            Self::CenterOfMassForward => ("center_of_mass_forward", "m"),
+            Self::Torque => ("torque", "share"),
+            Self::TorqueLeft => ("torque_left", "share"),
+            Self::StartHeading => ("start_heading", "rad"),
+            Self::TorqueRight => ("torque_right", "share"),
+            Self::PayloadMass => ("payload_mass", "kg"),
+            Self::PayloadRight => ("payload_right", "m"),
+            Self::PayloadForward => ("payload_forward", "m"),
+            Self::StartX => ("start_x", "m"),
+            Self::StartY => ("start_y", "m"),
+            Self::DelayLeft => ("delay_left", "s"),
+            Self::DelayRight => ("delay_right", "s"),
         }
     }
 
@@ -212,7 +205,7 @@ impl Undisturbed {
         let mut checks = Checks::new();
         if start != self.start {
             let start = start.moved_by(self.from_axle);
-            checks.within("maneuver", |checks| checks.within("start", |checks| check_state(&start, checks)));
+            checks.within("maneuver.start", |checks| check_state(&start, checks));
         }
         if delay != PerWheel::default() {
             check_delay(&delay, &schedule, &mut checks);
@@ -263,32 +256,29 @@ impl Disturbed {
     /// # Errors
     /// When it was stopped before the end.
     pub fn end(&self, stop: Stop) -> Result<(State, usize), Stopped> {
-        let (end, separations, _) = self.end_with_limits(&PathLimits::default(), stop)?;
-        Ok((end, separations))
+        self.end_with_limits(&PathLimits::default(), stop).map(|(end, separations, _)| (end, separations))
     }
 }
 
 /// The schedule that a simulation reads from its torques and the length of an interval.
-pub(super) fn as_read(mut schedule: TorqueSchedule) -> TorqueSchedule {
+fn as_read(mut schedule: TorqueSchedule) -> TorqueSchedule {
     schedule.final_time = schedule.interval() * schedule.control_count() as f64;
     schedule
 }
 
 fn check_delay(delay: &PerWheel<f64>, schedule: &TorqueSchedule, checks: &mut Checks) {
     let before = checks.count();
-    checks.bounds(ChangedParameter::DelayLeft.as_str(), delay.left, &DELAY_RULE);
-    checks.bounds(ChangedParameter::DelayRight.as_str(), delay.right, &DELAY_RULE);
+    let left = (ChangedParameter::DelayLeft.as_str(), delay.left);
+    let right = (ChangedParameter::DelayRight.as_str(), delay.right);
+    checks.bounds(left.0, left.1, &DELAY_RULE);
+    checks.bounds(right.0, right.1, &DELAY_RULE);
     if checks.count() > before {
         return;
     }
-    let (name, longest) = if delay.left > delay.right {
-        (ChangedParameter::DelayLeft, delay.left)
-    } else {
-        (ChangedParameter::DelayRight, delay.right)
-    };
+    let (name, longest) = if left.1 > right.1 { left } else { right };
     let with_delay = schedule.control_count() as f64 + (longest / schedule.interval()).ceil();
     let fits = with_delay <= MOST_INTERVALS as f64;
-    checks.require(name.as_str(), Number(longest), fits, "a delay of at most 1000 intervals in all", None);
+    checks.require(name, Number(longest), fits, "a delay of at most 1000 intervals in all", None);
 }
 
 /// The torques that each wheel begins after its delay, in equal parts: the steps, or several of them where these are too many. A part
@@ -337,12 +327,11 @@ fn scale(torques: &mut [f64], share: f64) {
 }
 
 /// The same motion, turned about the point that the state speaks of.
-fn turned(state: State, angle: f64) -> State {
-    let mut turned = state;
-    turned.configuration.heading += angle;
+fn turned(mut state: State, angle: f64) -> State {
+    state.configuration.heading += angle;
     let velocity = Rotation2::new(angle) * Vector2::new(state.velocity.x, state.velocity.y);
-    (turned.velocity.x, turned.velocity.y) = (velocity.x, velocity.y);
-    turned
+    (state.velocity.x, state.velocity.y) = (velocity.x, velocity.y);
+    state
 }
 
 #[cfg(test)]

@@ -4,18 +4,18 @@ use std::f64::consts::SQRT_2;
 
 use nalgebra::{Rotation2, Vector2};
 
-use super::settings::SolveInput;
+use super::largest_normal_force::{Rates, largest_normal_forces};
+use super::settings::{ROUNDING, SolveInput};
 use super::solution::Reason;
+use crate::contact::ContactName;
 use crate::robot::{BodyVector, State};
 use crate::shooting::{LIMIT_TOLERANCE, StateComponent};
 
 /// An end of the maneuver: its state at the reference point, as far as it is given.
-struct End {
+pub(super) struct End {
     name: &'static str,
     state: State,
     is_given: [bool; State::LEN],
-    /// s; none where nobody knows.
-    time: Option<f64>,
 }
 
 const POSE: [StateComponent; 3] = [StateComponent::X, StateComponent::Y, StateComponent::Heading];
@@ -35,16 +35,20 @@ pub(super) fn slip_at_goal(input: &SolveInput) -> Option<f64> {
 }
 
 impl End {
-    fn start(input: &SolveInput) -> Self {
-        Self { name: "start", state: input.maneuver.start, is_given: [true; State::LEN], time: Some(0.0) }
+    pub(super) fn start(input: &SolveInput) -> Self {
+        Self { name: "start", state: input.maneuver.start, is_given: [true; State::LEN] }
     }
 
-    fn goal(input: &SolveInput) -> Self {
+    pub(super) fn goal(input: &SolveInput) -> Self {
         let (mut state, mut is_given) = (State::default().to_vector(), [false; State::LEN]);
         for (component, value) in input.maneuver.goal.constrained() {
             (state[component.index()], is_given[component.index()]) = (value, true);
         }
-        Self { name: "goal", state: State::from_vector(&state), is_given, time: None }
+        Self { name: "goal", state: State::from_vector(&state), is_given }
+    }
+
+    fn is_start(&self) -> bool {
+        self.name == "start"
     }
 
     fn has(&self, components: &[StateComponent]) -> bool {
@@ -58,27 +62,20 @@ impl End {
         let from_reference = parameters.axle_midpoint() - input.maneuver.reference_point.offset(parameters);
         let pose = &self.state.configuration;
         let turn = Rotation2::new(pose.heading);
-        let corners = aisle.footprint.corners().iter().enumerate();
-        let places =
-            corners.map(|(index, corner)| (index, Vector2::new(pose.x, pose.y) + turn * (from_reference + corner)));
-        let outside = places.flat_map(|(index, place)| {
-            aisle.keep_in.edges().map(move |edge| (index, edge.normal.dot(&place) - edge.offset))
+        let outside = aisle.footprint.corners().iter().flat_map(|corner| {
+            let place = Vector2::new(pose.x, pose.y) + turn * (from_reference + corner);
+            aisle.keep_in.edges().map(move |edge| (*corner, edge.normal.dot(&place) - edge.offset))
         });
         let (corner, distance) = outside.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let corner = aisle.footprint.corners()[corner];
         let slack = input.settings.goal_tolerance * (SQRT_2 + (from_reference + corner).norm());
         let [right, forward] = corner.into();
-        (distance > slack).then(|| Reason {
-            code: if self.name == "start" { "start_outside" } else { "goal_outside" },
-            field: "maneuver.keep_in".to_owned(),
-            message: format!(
+        (distance > slack).then(|| {
+            let message = format!(
                 "at the {} the corner of `robot.footprint` at ({right}, {forward}) m (right, forward) is {distance} m outside \
                  `maneuver.keep_in`, must be inside; a wider aisle or another pose helps",
                 self.name
-            ),
-            time: self.time,
-            value: distance,
-            limit: 0.0,
+            );
+            self.reason(["start_outside", "goal_outside"], ("maneuver.keep_in", message), (distance, 0.0))
         })
     }
 
@@ -95,7 +92,14 @@ impl End {
         .find_map(|(field, value, limit, is_given, play)| {
             let limit = limit.filter(|_| is_given)?;
             let slack = LIMIT_TOLERANCE * limit + play * input.settings.goal_tolerance;
-            (value > limit + slack).then(|| self.reason(field, value, limit))
+            (value > limit + slack).then(|| {
+                let field = format!("maneuver.limits.{field}");
+                let message = format!(
+                    "`{field}` is {limit}, which the {} exceeds with {value}; a larger limit or a slower {} helps",
+                    self.name, self.name
+                );
+                self.reason(["start_exceeds_limit", "goal_exceeds_limit"], (&field, message), (value, limit))
+            })
         })
     }
 
@@ -103,21 +107,18 @@ impl End {
     /// the robot does not yaw.
     fn is_turned(&self, input: &SolveInput) -> bool {
         let has_restitution = input.robot.parameters().tangential_restitution > 0.0;
-        self.name == "goal" && has_restitution && self.state.velocity.yaw_rate != 0.0
+        !self.is_start() && has_restitution && self.state.velocity.yaw_rate != 0.0
     }
 
-    fn reason(&self, field: &str, value: f64, limit: f64) -> Reason {
-        Reason {
-            code: if self.name == "start" { "start_exceeds_limit" } else { "goal_exceeds_limit" },
-            field: format!("maneuver.limits.{field}"),
-            message: format!(
-                "`maneuver.limits.{field}` is {limit}, which the {} exceeds with {value}; a larger limit or a slower {} helps",
-                self.name, self.name
-            ),
-            time: self.time,
-            value,
-            limit,
-        }
+    /// With the code of the start or that of the goal. Nobody knows when a goal would be.
+    fn reason(
+        &self,
+        [at_start, at_goal]: [&'static str; 2],
+        (field, message): (&str, String),
+        (value, limit): (f64, f64),
+    ) -> Reason {
+        let (code, time) = if self.is_start() { (at_start, Some(0.0)) } else { (at_goal, None) };
+        Reason { code, field: field.to_owned(), message, time, value, limit }
     }
 
     /// The least speed of the point that the limits speak of, m/s, at any heading where that is open, and how many tolerances it may be
@@ -146,18 +147,12 @@ impl End {
     fn slips(&self, input: &SolveInput) -> Option<Reason> {
         let may_not = input.maneuver.forbids_slip() && input.robot.parameters().tangential_restitution == 0.0;
         let (slip, slack) = self.slip(input).filter(|_| may_not)?;
-        Some(Reason {
-            code: if self.name == "start" { "start_slips" } else { "goal_slips" },
-            field: "maneuver.slip".to_owned(),
-            message: format!(
-                "`maneuver.slip` is forbidden, but at the {} a wheel slips by {slip} m/s, must be at most {slack}; wheel rates \
-                 that fit the velocity help, or free ones at the goal",
-                self.name
-            ),
-            time: self.time,
-            value: slip,
-            limit: slack,
-        })
+        let message = format!(
+            "`maneuver.slip` is forbidden, but at the {} a wheel slips by {slip} m/s, must be at most {slack}; wheel rates \
+             that fit the velocity help, or free ones at the goal",
+            self.name
+        );
+        Some(self.reason(["start_slips", "goal_slips"], ("maneuver.slip", message), (slip, slack)))
     }
 
     /// The largest slip speed of a wheel along or across, m/s, and what tolerances may be of it; none where it is no more than that,
@@ -178,6 +173,44 @@ impl End {
         let play = SQRT_2 + speed + offset.norm() + parameters.track_width + parameters.wheel_radius;
         let slack = input.settings.goal_tolerance * play;
         (slip > slack).then_some((slip, slack))
+    }
+
+    /// The contact whose normal force stays furthest below what it must be, whatever the torques: it separates, or misses its least load.
+    pub(super) fn unloads(&self, input: &SolveInput) -> Option<Reason> {
+        if !(self.has(&VELOCITY[2..]) && self.has(&WHEEL_RATES)) {
+            return None;
+        }
+        let velocity = &self.state.velocity;
+        let (yaw_rate, wheels) = (velocity.yaw_rate, velocity.wheel_rate.left + velocity.wheel_rate.right);
+        let slack = if self.is_start() { 0.0 } else { input.settings.goal_tolerance };
+        let around = |value: f64, slack: f64| (value - slack, value + slack);
+        let rates = Rates { yaw: around(yaw_rate, slack), wheels: around(wheels, 2.0 * slack) };
+        let forces = largest_normal_forces(&input.robot, input.maneuver.torque_limit, &rates);
+        let parameters = input.robot.parameters();
+        let weight = parameters.total_mass() * parameters.gravity;
+        let least = input.maneuver.limits.least_normal_loads(&input.robot) * weight;
+        let missing = |contact: &ContactName| least[*contact as usize] - forces[*contact as usize];
+        let contact = ContactName::ALL.into_iter().max_by(|a, b| missing(a).total_cmp(&missing(b)))?;
+        if missing(&contact) <= ROUNDING * weight {
+            return None;
+        }
+        let force = forces[contact as usize];
+        let (codes, limit, effect, help) = if force < -ROUNDING * weight {
+            (["start_separates", "goal_separates"], 0.0, "lifts", "")
+        } else {
+            let help = "a smaller `maneuver.limits.normal_load_share`, ";
+            (["start_below_load_share", "goal_below_load_share"], least[contact as usize], "unloads", help)
+        };
+        let field = format!("maneuver.{}.{}", self.name, StateComponent::YawRate.field());
+        let name = match contact {
+            ContactName::Front => "front support".to_owned(),
+            ContactName::Left | ContactName::Right => format!("{} wheel", contact.as_str()),
+        };
+        let message = format!(
+            "`{field}` is {yaw_rate}, which {effect} the {name} whatever the torques: its normal force is at most {force} N, \
+             must be >= {limit} N; {help}a slower spin or a lower centre of mass helps"
+        );
+        Some(self.reason(codes, (&field, message), (force, limit)))
     }
 }
 

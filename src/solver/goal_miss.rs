@@ -4,7 +4,6 @@ use nalgebra::SVector;
 
 use super::course::steps_on_course;
 use super::excluded_ends::slip_at_goal;
-use super::limit_uses::most_exceeded;
 use super::settings::{Method, SolveInput};
 use super::solution::{LimitUse, Reason, StopReason};
 use crate::robot::State;
@@ -54,9 +53,8 @@ pub(super) fn goal_missed(
     }
 }
 
-/// The limit that a plan exceeds most.
-pub(super) fn limit_missed(limits: &[LimitUse]) -> Reason {
-    let &LimitUse { limit, value, largest, time, .. } = most_exceeded(limits).expect("some limit is exceeded");
+/// Of a limit that a plan exceeds.
+pub(super) fn limit_missed(&LimitUse { limit, value, largest, time, .. }: &LimitUse) -> Reason {
     Reason {
         code: Reason::LIMIT_EXCEEDED,
         message: format!(
@@ -89,11 +87,7 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> St
             "more `grid.control_intervals`, of which there are too few for so many goal fields,"
         }
         // Its penalty trades the goal for time, however long it searches.
-        StopReason::Stopped | StopReason::RolloutLimit | StopReason::Finished
-            if settings.method == Method::NelderMead =>
-        {
-            "the method `sequential_linear`"
-        }
+        _ if settings.method == Method::NelderMead => "the method `sequential_linear`",
         StopReason::Stopped => "more time (`solver.time_limit_s` or the deadline)",
         StopReason::RolloutLimit => "a larger `solver.rollout_limit`",
         StopReason::Finished if miss.abs() <= NEAR_MISS * settings.goal_tolerance => {

@@ -11,7 +11,6 @@
 //! weight, so their part is at most `max_c(mu_c |by_friction_c|) m g`. Where the sum stays negative, no plan keeps the
 //! contact closed.
 
-use crate::contact::ContactName;
 use crate::robot::{PerWheel, Robot};
 
 /// Rates between a lowest and a highest value, rad/s.
@@ -22,28 +21,23 @@ pub(super) struct Rates {
     pub(super) wheels: (f64, f64),
 }
 
-/// The largest normal force of each contact, N.
+/// The largest normal force of each contact (left, right, front), N.
 pub(super) fn largest_normal_forces(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rates) -> [f64; 3] {
-    ContactName::ALL.map(|contact| largest_normal_force(robot, torque_limit, rates, contact as usize))
-}
-
-fn largest_normal_force(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rates, contact: usize) -> f64 {
-    let projection = robot.normal_force_projection();
-    let by_change = projection.velocity_change_map.row(contact);
+    let (parameters, projection) = (robot.parameters(), robot.normal_force_projection());
     let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
-    let centrifugal = projection.centrifugal[contact] + (by_change * unit_rate)[0];
-    let inertia = robot.parameters().wheel_spin_inertia;
-    let [.., by_left, by_right] = by_change.transpose().data.0[0];
-    let by_torque = by_left.abs() * torque_limit.left + by_right.abs() * torque_limit.right;
-    projection.static_force[contact]
-        + largest_by_rates(centrifugal, projection.gyroscopic[contact], rates)
-        + by_torque / inertia
-        + largest_by_viscous_friction(-by_left / inertia * robot.parameters().wheel_viscous_friction, rates)
-        + largest_by_friction(robot, contact)
-}
-
-fn largest_by_viscous_friction(per_rate: f64, rates: &Rates) -> f64 {
-    if per_rate == 0.0 { 0.0 } else { (per_rate * rates.wheels.0).max(per_rate * rates.wheels.1) }
+    let inertia = parameters.wheel_spin_inertia;
+    std::array::from_fn(|contact| {
+        let by_change = projection.velocity_change_map.row(contact);
+        let centrifugal = projection.centrifugal[contact] + (by_change * unit_rate)[0];
+        let [.., by_left, by_right] = by_change.transpose().data.0[0];
+        let by_torque = by_left.abs() * torque_limit.left + by_right.abs() * torque_limit.right;
+        let viscous = -by_left / inertia * parameters.wheel_viscous_friction;
+        projection.static_force[contact]
+            + largest_by_rates(centrifugal, projection.gyroscopic[contact], rates)
+            + by_torque / inertia
+            + (viscous * rates.wheels.0).max(viscous * rates.wheels.1)
+            + largest_by_friction(robot, contact)
+    })
 }
 
 /// Largest value of a omega^2 + b omega Psi: at a corner, or where the parabola in omega turns.
@@ -52,7 +46,7 @@ fn largest_by_rates(a: f64, b: f64, rates: &Rates) -> f64 {
     let mut largest = f64::NEG_INFINITY;
     for wheels in [rates.wheels.0, rates.wheels.1] {
         let turn = -b * wheels / (2.0 * a);
-        for yaw in [low, high, if turn > low && turn < high { turn } else { low }] {
+        for yaw in [low, high, turn.clamp(low, high)] {
             largest = largest.max(a * yaw * yaw + b * yaw * wheels);
         }
     }

@@ -17,10 +17,9 @@ pub(super) fn limit_uses(
     stop: Stop,
 ) -> Result<Vec<LimitUse>, Stopped> {
     if limits.is_empty() {
-        Ok(Vec::new())
-    } else {
-        Ok(motion_with_limits(simulator, limits, (rollout, rollout.schedule), stop)?.1)
+        return Ok(Vec::new());
     }
+    Ok(motion_with_limits(simulator, limits, (rollout, rollout.schedule), stop)?.1)
 }
 
 /// Integrates a motion: what it comes to, and the largest use of each limited field.
@@ -57,7 +56,7 @@ pub(super) fn motion_with_limits(
     let step_length = rollout.schedule.final_time / rollout.step_count as f64;
     for (limit, &PathMaximum { value, node }) in judged.into_iter().zip(&motion.maxima) {
         let value = limit.counted(value);
-        let used = LimitUse {
+        let next = LimitUse {
             limit: limit.field,
             value: limit.allowed(),
             largest: limit.used(value),
@@ -65,11 +64,14 @@ pub(super) fn motion_with_limits(
             excess: limit.excess(value),
             replay_excess: None,
         };
-        note(&mut uses, used);
+        // The largest use of each field is kept.
+        match uses.iter_mut().find(|known| known.limit == next.limit) {
+            Some(known) if exceeds_more(&next, known) => *known = next,
+            Some(_) => {}
+            None => uses.push(next),
+        }
     }
-    if let Some(rate) = limits.torque_rate {
-        note(&mut uses, torque_rate_use(rate, commanded));
-    }
+    uses.extend(limits.torque_rate.map(|rate| torque_rate_use(rate, commanded)));
     Ok((motion, uses))
 }
 
@@ -81,15 +83,6 @@ pub(super) fn most_exceeded(uses: &[LimitUse]) -> Option<&LimitUse> {
 /// An excess that is not a number is larger than all.
 fn exceeds_more(next: &LimitUse, known: &LimitUse) -> bool {
     next.excess > known.excess || next.excess.is_nan()
-}
-
-/// Keeps the largest use of each field.
-fn note(uses: &mut Vec<LimitUse>, next: LimitUse) {
-    match uses.iter_mut().find(|known| known.limit == next.limit) {
-        Some(known) if exceeds_more(&next, known) => *known = next,
-        Some(_) => {}
-        None => uses.push(next),
-    }
 }
 
 fn torque_rate_use(rate: f64, schedule: &TorqueSchedule) -> LimitUse {
@@ -106,11 +99,6 @@ fn torque_rate_use(rate: f64, schedule: &TorqueSchedule) -> LimitUse {
         excess: largest / rate - 1.0,
         replay_excess: None,
     }
-}
-
-/// The largest excess; at most 0 where all limits are kept, NaN if any is.
-pub(super) fn largest_excess(uses: &[LimitUse]) -> f64 {
-    most_exceeded(uses).map_or(0.0, |used| larger(0.0, used.excess))
 }
 
 #[cfg(test)]

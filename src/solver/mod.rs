@@ -55,7 +55,7 @@ use nalgebra::DVector;
 use search::SearchResult;
 use settings::ROUNDING;
 
-use crate::shooting::{decision_from_schedule, decision_len, schedule_from_decision};
+use crate::shooting::{decision_from_schedule, schedule_from_decision};
 use crate::simulation::Simulator;
 use crate::stop::{Stop, Stopped};
 
@@ -117,8 +117,7 @@ fn first_start(input: &SolveInput) -> Candidate {
 
 /// The answer where every motion that was tried diverged: no torque, for so short a time that none does.
 fn standing_still(input: &SolveInput) -> Candidate {
-    let mut decision = DVector::zeros(decision_len(input.settings.control_count));
-    decision[2 * input.settings.control_count] = ROUNDING;
+    let decision = DVector::zeros(2 * input.settings.control_count).push(ROUNDING);
     Candidate::new(decision, f64::INFINITY, true, None)
 }
 

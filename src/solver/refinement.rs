@@ -35,8 +35,10 @@ pub(super) fn refine(input: &SolveInput, simulator: &Simulator, control: &RunCon
     // While the grid is refined, iterates are worse than the plan reported before.
     let mut refiner = Refiner { input, simulator, control: control.quietly(), result };
     let outcome = refiner.run();
-    let is_whole = result.stop_reason == StopReason::Finished || outcome == RefinementOutcome::WithinTolerance;
-    result.refinement = if is_whole { outcome } else { RefinementOutcome::Interrupted };
+    if let Err(interruption) = outcome {
+        result.stop_reason = interruption.into();
+    }
+    result.refinement = outcome.unwrap_or(RefinementOutcome::Interrupted);
 }
 
 struct Refiner<'a, 'b> {
@@ -55,46 +57,38 @@ struct Plan {
 }
 
 impl Refiner<'_, '_> {
-    fn run(&mut self) -> RefinementOutcome {
-        let candidates = self.candidates_on_the_coarsest_grid();
+    fn run(&mut self) -> Result<RefinementOutcome, Interruption> {
+        let mut candidates = self.candidates_on_the_coarsest_grid().into_iter();
         if self.is_interrupted() {
-            return RefinementOutcome::Interrupted;
+            return Ok(RefinementOutcome::Interrupted);
         }
-        let coarse_step_count = self.result.step_count;
-        let mut candidates = candidates.into_iter();
-        let Some(first) = candidates.next() else { return RefinementOutcome::NoPlan };
+        let step_count = self.result.step_count;
+        let Some(first) = candidates.next() else { return Ok(RefinementOutcome::NoPlan) };
         // The answer where no plan can be executed; its replay belongs to the certificate.
-        let Ok(first) = self.plan(first, coarse_step_count, self.control.cut()) else {
-            return self.interrupted(Interruption::Stopped);
-        };
-        let (first, outcome) = self.refined(first);
-        self.keep(&first);
-        if outcome == RefinementOutcome::WithinTolerance || self.is_interrupted() {
-            return outcome;
+        let mut first = self.plan(first, step_count, self.control.cut())?;
+        let outcome = self.refine(&mut first);
+        self.keep(first);
+        if outcome? == RefinementOutcome::WithinTolerance || self.refine_first(candidates, step_count)? {
+            return Ok(RefinementOutcome::WithinTolerance);
         }
-        let mut is_confirmed = self.refine_first(candidates.collect(), coarse_step_count);
-        if !is_confirmed && !self.is_interrupted() {
-            let grid = (&mut *self.result, coarse_step_count);
-            let candidates = further_optima(self.input, self.simulator, grid, &self.control);
-            is_confirmed = !self.is_interrupted() && self.refine_first(candidates, coarse_step_count);
+        let candidates = further_optima(self.input, self.simulator, (&mut *self.result, step_count), &self.control);
+        if self.is_interrupted() {
+            return Ok(RefinementOutcome::Interrupted);
         }
-        if is_confirmed { RefinementOutcome::WithinTolerance } else { outcome }
+        if self.refine_first(candidates, step_count)? { Ok(RefinementOutcome::WithinTolerance) } else { outcome }
     }
 
     /// The plans of the search, or of the same search on the coarsest finer grid that has any.
     fn candidates_on_the_coarsest_grid(&mut self) -> Vec<Candidate> {
         let mut step_count = self.result.step_count;
-        loop {
-            let candidates = self.result.plans.clone();
-            if !candidates.is_empty() || self.is_interrupted() || step_count >= self.finest() {
-                return candidates;
-            }
+        while self.result.plans.is_empty() && !self.is_interrupted() && step_count < self.finest() {
             step_count = (FACTORS.1 * step_count).min(self.finest());
             let (problem, _) = problem_on(self.input, self.simulator, step_count);
             let left = self.input.settings.rollout_limit - self.result.rollouts;
             let finer = search(self.input, (self.simulator, &problem), left, &self.control);
             self.result.follow(finer, self.input.settings.goal_tolerance);
         }
+        self.result.plans.clone()
     }
 
     fn is_interrupted(&self) -> bool {
@@ -102,33 +96,33 @@ impl Refiner<'_, '_> {
     }
 
     /// Refines plans, in their order, of those for which the allowed steps may do; keeps the first that can be executed.
-    fn refine_first(&mut self, candidates: Vec<Candidate>, step_count: usize) -> bool {
+    fn refine_first(
+        &mut self,
+        candidates: impl IntoIterator<Item = Candidate>,
+        step_count: usize,
+    ) -> Result<bool, Interruption> {
         let mut attempts = 0;
         for candidate in candidates {
-            let Ok(plan) = self.plan(candidate, step_count, self.control.stop()) else {
-                self.interrupted(Interruption::Stopped);
-                return false;
-            };
+            let mut plan = self.plan(candidate, step_count, self.control.stop())?;
             if !self.may_fit_step_limit(&plan) {
                 continue;
             }
             attempts += 1;
-            let (plan, outcome) = self.refined(plan);
-            if outcome == RefinementOutcome::WithinTolerance {
-                self.keep(&plan);
-                return true;
+            if self.refine(&mut plan)? == RefinementOutcome::WithinTolerance {
+                self.keep(plan);
+                return Ok(true);
             }
-            if self.is_interrupted() || attempts == ATTEMPT_LIMIT {
-                return false;
+            if attempts == ATTEMPT_LIMIT {
+                break;
             }
         }
-        false
+        Ok(false)
     }
 
-    fn keep(&mut self, plan: &Plan) {
-        self.result.best = Some(plan.candidate.clone());
+    fn keep(&mut self, plan: Plan) {
+        self.result.best = Some(plan.candidate);
         self.result.step_count = plan.step_count;
-        self.result.replayed = Some(plan.replayed.clone());
+        self.result.replayed = Some(plan.replayed);
     }
 
     /// Whether the allowed steps may do for the plan: those that bring its replay within tolerance if the miss is proportional to the step.
@@ -137,51 +131,37 @@ impl Refiner<'_, '_> {
         needed <= UNCERTAINTY * self.finest() as f64
     }
 
-    /// The plan on the finest grid that it needs and reaches.
-    fn refined(&mut self, mut plan: Plan) -> (Plan, RefinementOutcome) {
-        loop {
-            if plan.replayed.replay.within_tolerance {
-                return (plan, RefinementOutcome::WithinTolerance);
-            }
+    /// Moves a plan to the finest grid that it needs and reaches, as far as it comes before an interruption.
+    fn refine(&mut self, plan: &mut Plan) -> Result<RefinementOutcome, Interruption> {
+        while !plan.replayed.replay.within_tolerance {
             if plan.step_count >= self.finest() {
-                return self.backed_off(plan);
+                return self.back_off(plan);
             }
-            match self.on_a_finer_grid(&plan) {
-                Ok(Some(finer)) => plan = finer,
-                Ok(None) => return (plan, RefinementOutcome::GoalLost),
-                Err(interruption) => return (plan, self.interrupted(interruption)),
-            }
+            let Some(finer) = self.on_a_finer_grid(plan)? else { return Ok(RefinementOutcome::GoalLost) };
+            *plan = finer;
         }
+        Ok(RefinementOutcome::WithinTolerance)
     }
 
-    /// The plan with limits that are tighter by what its replay exceeds them (back-off), where that replay keeps them: there is no
+    /// Moves a plan to limits that are tighter by what its replay exceeds them (back-off), where that replay keeps them: there is no
     /// finer grid.
-    fn backed_off(&mut self, plan: Plan) -> (Plan, RefinementOutcome) {
+    fn back_off(&mut self, plan: &mut Plan) -> Result<RefinementOutcome, Interruption> {
         let margins = plan.replayed.excesses();
         if margins.is_empty() {
-            return (plan, RefinementOutcome::StepLimit);
+            return Ok(RefinementOutcome::StepLimit);
         }
-        let slower = self.searching_from(&plan, (plan.step_count, &margins), |search| search.back_off(&plan.candidate));
-        let slower = slower.and_then(|slower| Ok(self.plan(slower, plan.step_count, self.control.stop())?));
-        match slower {
-            Ok(slower) if self.is_plan(&slower.candidate) && slower.replayed.keeps_limits() => {
-                let is_confirmed = slower.replayed.replay.within_tolerance;
-                let outcome =
-                    if is_confirmed { RefinementOutcome::WithinTolerance } else { RefinementOutcome::StepLimit };
-                (Plan { candidate: Candidate { margins, ..slower.candidate }, ..slower }, outcome)
-            }
-            Ok(_) => (plan, RefinementOutcome::StepLimit),
-            Err(interruption) => (plan, self.interrupted(interruption)),
+        let back_off = |search: &mut LocalSearch| search.back_off(&plan.candidate);
+        let slower = self.searching_from(plan, (plan.step_count, &margins), back_off)?;
+        let slower = self.plan(slower, plan.step_count, self.control.stop())?;
+        if self.is_plan(&slower.candidate) && slower.replayed.keeps_limits() {
+            *plan = Plan { candidate: Candidate { margins, ..slower.candidate }, ..slower };
         }
+        let is_confirmed = plan.replayed.replay.within_tolerance;
+        Ok(if is_confirmed { RefinementOutcome::WithinTolerance } else { RefinementOutcome::StepLimit })
     }
 
     fn is_plan(&self, candidate: &Candidate) -> bool {
         candidate.is_feasible(self.input.settings.goal_tolerance)
-    }
-
-    fn interrupted(&mut self, interruption: Interruption) -> RefinementOutcome {
-        self.result.stop_reason = interruption.into();
-        RefinementOutcome::Interrupted
     }
 
     /// The plan on the grid that its miss asks for, or on the nearest coarser one that still leads to the goal.
@@ -234,11 +214,10 @@ impl Refiner<'_, '_> {
     /// another grid.
     fn next_factor(&self, plan: &Plan) -> usize {
         let largest = FACTORS.1.min(self.finest().div_ceil(plan.step_count));
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8, and whole")]
         let factor = (UNCERTAINTY * plan.replayed.replay.relative_miss(&self.input.settings))
             .clamp(FACTORS.0 as f64, largest as f64)
-            .ceil();
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 2 and 8, and whole")]
-        let factor = factor as usize;
+            .ceil() as usize;
         factor
     }
 }

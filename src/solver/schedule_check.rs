@@ -33,19 +33,13 @@ pub(super) fn check_schedule(
     let sides =
         [(left_field, &schedule.left, limit.map(|l| l.left)), (right_field, &schedule.right, limit.map(|l| l.right))];
     for (field, torques, limit) in sides {
-        for (index, &torque) in torques.iter().enumerate() {
-            check_torque(&format!("{field}[{index}]"), torque, limit, checks);
-        }
-    }
-}
-
-fn check_torque(field: &str, torque: f64, limit: Option<f64>, checks: &mut Checks) {
-    match limit {
-        Some(limit) => {
-            let rule = format!("within the torque limit of {} N m", Number(limit));
+        let (largest, rule) = match limit {
             // A schedule may carry rounding when it is sent back.
-            checks.require(field, Number(torque), torque.abs() <= limit * (1.0 + ROUNDING), &rule, Some(limit));
+            Some(limit) => (limit * (1.0 + ROUNDING), format!("within the torque limit of {} N m", Number(limit))),
+            None => (f64::MAX, "finite".to_owned()),
+        };
+        for (index, &torque) in torques.iter().enumerate() {
+            checks.require(&format!("{field}[{index}]"), Number(torque), torque.abs() <= largest, &rule, limit);
         }
-        None => checks.require(field, Number(torque), torque.is_finite(), "finite", None),
     }
 }

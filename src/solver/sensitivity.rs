@@ -4,7 +4,7 @@
 //! are those of the axle midpoint, which stays in its place where the centre of mass does not.
 
 use super::certificate::finite_or_largest;
-use super::disturbed::{ChangedParameter, Disturbed, Undisturbed, as_read};
+use super::disturbed::{ChangedParameter, Undisturbed};
 use super::settings::{SolveInput, SolverSettings};
 use crate::robot::State;
 use crate::simulation::TorqueSchedule;
@@ -69,20 +69,22 @@ pub(super) fn sensitivity(
     weighed: Option<&Weighed>,
     stop: Stop,
 ) -> Result<Vec<Sensitivity>, Stopped> {
-    let Weighed { plan, less_friction } = match weighed.filter(|weighed| weighed.is_of(schedule, step_count)) {
+    let Weighed { planned, end, less_friction } = match weighed.filter(|weighed| weighed.is_of(schedule, step_count)) {
         Some(weighed) => weighed,
         None => &Weighed::new(input, (schedule, step_count), stop)?,
     };
     let changes = CHANGES.into_iter().flat_map(|(parameter, size)| [(parameter, -size), (parameter, size)]);
     // The first one is less friction.
-    let others = changes.skip(1).map(|(parameter, change)| plan.under(parameter, change, stop));
+    let others = changes.skip(1).map(|change| sensitivity_to((planned, end), change, stop));
     std::iter::once(Ok(less_friction.clone())).chain(others).collect()
 }
 
-/// A plan with what less friction does to it.
+/// A plan with its own end, and with what less friction does to it.
 #[derive(Debug)]
 pub(super) struct Weighed {
-    plan: Plan,
+    planned: Undisturbed,
+    /// At the axle midpoint.
+    end: State,
     less_friction: Sensitivity,
 }
 
@@ -90,9 +92,12 @@ impl Weighed {
     /// # Errors
     /// When it was stopped before the end.
     pub(super) fn new(input: &SolveInput, plan: (&TorqueSchedule, usize), stop: Stop) -> Result<Self, Stopped> {
-        let plan = Plan::new(input, plan, stop)?;
-        let less_friction = plan.under(ChangedParameter::Friction, -FRICTION_CHANGE, stop)?;
-        Ok(Self { plan, less_friction })
+        let SolveInput { bare_robot, payload, maneuver, .. } = input;
+        let start = (maneuver.reference_point, &maneuver.start);
+        let planned = Undisturbed::new((*bare_robot, *payload), start, plan);
+        let (end, _) = planned.unchanged().end(stop)?;
+        let less_friction = sensitivity_to((&planned, &end), (ChangedParameter::Friction, -FRICTION_CHANGE), stop)?;
+        Ok(Self { planned, end, less_friction })
     }
 
     /// The shift of the plan's end under less friction, which no rule refuses.
@@ -101,45 +106,29 @@ impl Weighed {
     }
 
     fn is_of(&self, schedule: &TorqueSchedule, step_count: usize) -> bool {
-        let planned = &self.plan.planned;
-        planned.step_count == step_count && planned.schedule == as_read(schedule.clone())
+        self.planned.step_count == step_count && self.planned.schedule == *schedule
     }
 }
 
-/// A plan and its own end.
-#[derive(Debug)]
-struct Plan {
-    planned: Undisturbed,
-    /// At the axle midpoint.
-    end: State,
-}
-
-impl Plan {
-    fn new(input: &SolveInput, plan: (&TorqueSchedule, usize), stop: Stop) -> Result<Self, Stopped> {
-        let SolveInput { bare_robot, payload, maneuver, .. } = input;
-        let start = (maneuver.reference_point, &maneuver.start);
-        let planned = Undisturbed::new((*bare_robot, *payload), start, plan);
-        let (end, _) = planned.unchanged().end(stop)?;
-        Ok(Self { planned, end })
-    }
-
-    fn under(&self, parameter: ChangedParameter, change: f64, stop: Stop) -> Result<Sensitivity, Stopped> {
-        let outcome = match self.planned.under(&[(parameter, change)]) {
-            Ok(disturbed) => Ok(self.shift(&disturbed, stop)?),
-            Err(violations) => Err(violations.list()[0].field.clone()),
-        };
-        Ok(Sensitivity { parameter, change, outcome })
-    }
-
-    fn shift(&self, disturbed: &Disturbed, stop: Stop) -> Result<EndShift, Stopped> {
-        let (end, separations) = disturbed.end(stop)?;
-        let (end, planned) = (end.configuration, self.end.configuration);
-        Ok(EndShift {
-            distance: finite_or_largest((end.x - planned.x).hypot(end.y - planned.y)),
-            angle: finite_or_largest((end.heading - planned.heading).abs()),
-            separates: separations > 0,
-        })
-    }
+/// What a change does to a plan with this end, which is at the axle midpoint.
+fn sensitivity_to(
+    (planned, end): (&Undisturbed, &State),
+    (parameter, change): (ChangedParameter, f64),
+    stop: Stop,
+) -> Result<Sensitivity, Stopped> {
+    let outcome = match planned.under(&[(parameter, change)]) {
+        Ok(disturbed) => {
+            let (reached, separations) = disturbed.end(stop)?;
+            let (reached, end) = (reached.configuration, end.configuration);
+            Ok(EndShift {
+                distance: finite_or_largest((reached.x - end.x).hypot(reached.y - end.y)),
+                angle: finite_or_largest((reached.heading - end.heading).abs()),
+                separates: separations > 0,
+            })
+        }
+        Err(violations) => Err(violations.list()[0].field.clone()),
+    };
+    Ok(Sensitivity { parameter, change, outcome })
 }
 
 #[cfg(test)]

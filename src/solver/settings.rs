@@ -217,7 +217,10 @@ impl SolveParameters {
         let aisle = self.aisle.check(KEEP_IN, checks);
         check_settings(&self.settings, checks);
         if let Some(guess) = &self.initial_guess {
-            checks.within("initial_guess", |checks| check_guess(guess, &self.maneuver, checks));
+            checks.within("initial_guess", |checks| {
+                checks.bounds("final_time_s", guess.final_time, &schedule_check::TIME_RULE);
+                check_schedule(guess, GUESS_ARRAYS, Some(self.maneuver.torque_limit), checks);
+            });
         }
         aisle
     }
@@ -293,9 +296,4 @@ fn check_settings(settings: &SolverSettings, checks: &mut Checks) {
     let (steps, controls) = (settings.step_count, settings.control_count);
     let rule = format!("at most grid.steps ({steps}): an interval without a step has no effect");
     checks.require("grid.control_intervals", controls, controls <= steps, &rule, Some(steps as f64));
-}
-
-fn check_guess(guess: &TorqueSchedule, maneuver: &Maneuver, checks: &mut Checks) {
-    checks.bounds("final_time_s", guess.final_time, &schedule_check::TIME_RULE);
-    check_schedule(guess, GUESS_ARRAYS, Some(maneuver.torque_limit), checks);
 }

@@ -106,12 +106,10 @@ impl SimulateParameters {
             }
             check_schedule(&self.schedule, SCHEDULE_ARRAYS, None, checks);
         });
-        checks.within("grid", |checks| {
-            checks.bounds("steps", self.step_count as f64, &STEP_RULE);
-            let intervals = self.schedule.control_count();
-            let rule = format!("at least the number of torques per wheel ({intervals})");
-            checks.require("steps", self.step_count, self.step_count >= intervals, &rule, Some(intervals as f64));
-        });
+        checks.bounds("grid.steps", self.step_count as f64, &STEP_RULE);
+        let intervals = self.schedule.control_count();
+        let rule = format!("at least the number of torques per wheel ({intervals})");
+        checks.require("grid.steps", self.step_count, self.step_count >= intervals, &rule, Some(intervals as f64));
         aisle
     }
 }
@@ -119,19 +117,10 @@ impl SimulateParameters {
 impl SimulateInput {
     /// The motion of torques that were found for a maneuver, compared with what it must keep.
     pub fn of_plan(asked: &SolveInput, schedule: TorqueSchedule, step_count: usize) -> Self {
-        let SolveInput { robot, bare_robot, payload, maneuver, aisle, .. } = asked;
-        Self {
-            robot: robot.clone(),
-            bare_robot: *bare_robot,
-            payload: *payload,
-            reference_point: maneuver.reference_point,
-            start: maneuver.start,
-            limits: maneuver.limits,
-            aisle: aisle.clone(),
-            schedule,
-            step_count,
-            contact_method: ContactMethod::Exact,
-        }
+        let SolveInput { robot, bare_robot, payload, maneuver, aisle, .. } = asked.clone();
+        let (reference_point, start, limits) = (maneuver.reference_point, maneuver.start, maneuver.limits);
+        let contact_method = ContactMethod::Exact;
+        Self { robot, bare_robot, payload, reference_point, start, limits, aisle, schedule, step_count, contact_method }
     }
 
     /// Validates a simulation.
