@@ -54,11 +54,6 @@ impl Constraints {
         self.inequality -= &offset.inequality;
     }
 
-    pub(super) fn add(&mut self, offset: &Self) {
-        self.residual += &offset.residual;
-        self.inequality += &offset.inequality;
-    }
-
     /// Sum of all violations; NaN if a value is NaN.
     pub fn violation_sum(&self) -> f64 {
         let violated: f64 = self.inequality.as_slice().iter().map(|value| larger(0.0, *value)).sum();

@@ -29,7 +29,7 @@ mod ratio_test;
 
 use basis::Basis;
 use nalgebra::{DMatrix, DVector};
-use perturbation::Perturbation;
+use perturbation::PERTURBATION;
 use pricing::Leaving;
 use ratio_test::{Kink, KinkAt};
 
@@ -67,7 +67,8 @@ pub struct ElasticSolver {
     direction: DVector<f64>,
     value: DVector<f64>,
     range: DVector<f64>,
-    largest_range: f64,
+    /// What the objective may miss.
+    rounding: f64,
     /// A gradient that is closer to zero than this should be zero.
     small_gradient: f64,
     /// The transposed matrix: a contiguous column per row of the program.
@@ -79,7 +80,8 @@ pub struct ElasticSolver {
     /// The largest gradient of a basic variable, when they were last computed afresh.
     gradient_error: f64,
     kinks: Vec<Kink>,
-    perturbation: Perturbation,
+    /// The unit of the perturbation, a cost; 0 where there is none.
+    perturbation: f64,
 }
 
 /// Where the multiplier of a row is: at its lower bound, inside its box, or at its upper bound.
@@ -108,21 +110,18 @@ impl ElasticSolver {
         if rows.len() == program.target.len() {
             return self.solve_rows(program, stop);
         }
-        let mut solution = self.solve_rows(
-            &ElasticProgram {
-                matrix: &program.matrix.select_rows(&rows),
-                target: &program.target.select_rows(&rows),
-                row_name: &rows.iter().map(|row| program.row_name[*row]).collect::<Vec<_>>(),
-                ..*program
-            },
-            stop,
-        )?;
+        let within_reach = ElasticProgram {
+            matrix: &program.matrix.select_rows(&rows),
+            target: &program.target.select_rows(&rows),
+            row_name: &rows.iter().map(|row| program.row_name[*row]).collect::<Vec<_>>(),
+            ..*program
+        };
+        let solution = self.solve_rows(&within_reach, stop)?;
         let mut multiplier = DVector::zeros(program.target.len());
         for (row, value) in rows.iter().zip(solution.multiplier.iter()) {
             multiplier[*row] = *value;
         }
-        solution.multiplier = multiplier;
-        Ok(solution)
+        Ok(ElasticSolution { multiplier, ..solution })
     }
 
     /// Solves a program, all rows of it.
@@ -137,10 +136,10 @@ impl ElasticSolver {
             let is_optimal = self.climb(program, &mut best.iterations, stop)?;
             self.x = self.x.zip_zip_map(program.lower, program.upper, |x, lower, upper| x.max(lower).min(upper));
             let objective = program.objective(&self.x);
-            if objective <= best.objective + self.rounding(program) {
+            if objective <= best.objective + self.rounding {
                 (best.x, best.objective) = (self.x.clone(), objective);
                 if is_optimal {
-                    self.remember(program);
+                    self.known = program.row_name.iter().copied().zip(self.place.iter().copied()).collect();
                     return Ok(ElasticSolution { multiplier: -&self.multiplier, ..best });
                 }
             }
@@ -159,12 +158,9 @@ impl ElasticSolver {
         self.value = -program.target;
         self.by_row = program.matrix.transpose();
         let width = program.upper - program.lower;
-        let ranges = self.by_row.column_iter().map(|coefficients| -> f64 {
-            let coefficients = coefficients.as_slice().iter().zip(width.as_slice());
-            coefficients.map(|(coefficient, width)| coefficient.abs() * width).sum()
-        });
+        let ranges = self.by_row.column_iter().map(|coefficients| range(coefficients.as_slice(), width.as_slice()));
         self.range = DVector::from_iterator(rows, ranges);
-        self.largest_range = self.range.amax();
+        self.rounding = SUM_ROUNDING * program.penalty_parameter * self.range.amax();
         self.small_gradient = TOLERANCE * program.cost.amax();
         self.is_basic = vec![false; columns];
         self.rest = vec![Rest::Zero; columns];
@@ -173,7 +169,7 @@ impl ElasticSolver {
     /// Climbs to the maximum of D; false when the basis became singular or the iterations ran out.
     fn climb(&mut self, program: &ElasticProgram, iterations: &mut usize, stop: Stop) -> Result<bool, Stopped> {
         let (rows, columns) = program.matrix.shape();
-        self.perturbation = Perturbation::default();
+        self.perturbation = 0.0;
         let (mut stalled, mut was_perturbed, mut is_afresh) = (0, false, true);
         for _ in 0..ITERATION_FACTOR * (1 + rows + rows.min(columns)) {
             stop.check()?;
@@ -185,35 +181,35 @@ impl ElasticSolver {
             } else if !self.compute_afresh(program) {
                 continue;
             }
-            let Some(leaving) = self.leaving(program) else {
+            let Some((leaving, rise)) = self.leaving(program) else {
                 if !is_afresh || self.has_drifted(program) && self.basis.forget_updates() {
                     is_afresh = true;
                     continue;
                 }
-                if !self.perturbation.is_none() && !was_perturbed {
+                if self.perturbation != 0.0 && !was_perturbed {
                     // From here it is near; where the program stalls again, the perturbed one has to do.
-                    (self.perturbation, stalled, was_perturbed) = (Perturbation::default(), 0, true);
+                    (self.perturbation, stalled, was_perturbed) = (0.0, 0, true);
                     continue;
                 }
                 return Ok(true);
             };
             self.update_direction(program, leaving);
-            let Some(kink) = self.first_kink_without_rise(program, leaving) else {
+            self.list_kinks(program, leaving);
+            let Some(kink) = self.first_kink_without_rise(rise) else {
                 if is_afresh && !self.basis.forget_updates() {
                     return Ok(false);
                 }
                 is_afresh = true;
                 continue;
             };
-            let rises = kink.step * self.rise(program, leaving) > self.rounding(program);
-            stalled = if rises { 0 } else { stalled + 1 };
+            stalled = if kink.step * rise > self.rounding { 0 } else { stalled + 1 };
             add_multiple(&mut self.multiplier, kink.step, self.direction.as_slice());
             add_multiple(&mut self.gradient, kink.step, self.slope.as_slice());
             self.exchange(program, leaving, kink.at);
             is_afresh = !self.basis.is_inverted;
             // As many iterations as there are variables without progress are no accident.
             if stalled > columns {
-                self.perturbation = Perturbation::new(program);
+                self.perturbation = PERTURBATION * program.cost.amax();
                 is_afresh = true;
             }
         }
@@ -246,11 +242,6 @@ impl ElasticSolver {
         true
     }
 
-    /// What the objective may miss.
-    fn rounding(&self, program: &ElasticProgram) -> f64 {
-        SUM_ROUNDING * program.penalty_parameter * self.largest_range
-    }
-
     /// Multipliers at their bounds, and those of the tight rows that make the gradients of the basic variables zero.
     fn update_multipliers(&mut self, program: &ElasticProgram) {
         for (row, place) in self.place.iter().enumerate() {
@@ -261,10 +252,8 @@ impl ElasticSolver {
                 RowPlace::High => high,
             };
         }
-        let gradient = |column: &usize| {
-            let cost = program.cost[*column] + self.perturbation.of(*column);
-            cost + program.matrix.column(*column).dot(&self.multiplier)
-        };
+        let gradient =
+            |column: &usize| self.cost(program, *column) + program.matrix.column(*column).dot(&self.multiplier);
         let gradients = DVector::from_iterator(self.basis.basic.len(), self.basis.basic.iter().map(gradient));
         self.take_from_basic(&gradients);
     }
@@ -281,36 +270,25 @@ impl ElasticSolver {
     /// none.
     fn drop_row_beyond_box(&mut self, program: &ElasticProgram) -> bool {
         let slack = TOLERANCE * program.penalty_parameter;
-        let beyond = |position: &usize| {
-            let (low, high) = self.multiplier_bounds(program, self.basis.tight[*position]);
-            let multiplier = self.multiplier[self.basis.tight[*position]];
-            (low - multiplier).max(multiplier - high)
+        let beyond = |row: &usize| {
+            let (low, high) = self.multiplier_bounds(program, *row);
+            (low - self.multiplier[*row]).max(self.multiplier[*row] - high)
         };
-        let worst = (0..self.basis.tight.len()).max_by(|a, b| beyond(a).total_cmp(&beyond(b)));
-        let Some(position) = worst.filter(|position| beyond(position) > slack) else { return false };
-        let row = self.basis.tight[position];
-        let is_low = self.multiplier[row] < self.multiplier_bounds(program, row).0;
-        let partner = self.basis.inverse.column(position).iamax();
+        let worst = self.basis.tight.iter().copied().max_by(|a, b| beyond(a).total_cmp(&beyond(b)));
+        let Some(row) = worst.filter(|row| beyond(row) > slack) else { return false };
+        let partner = self.basis.inverse.column(self.basis.position(row)).iamax();
         self.is_basic[self.basis.basic[partner]] = false;
-        self.basis.remove(position, partner);
-        self.place[row] = if is_low { RowPlace::Low } else { RowPlace::High };
+        self.basis.remove(row, partner);
+        // Zero is in every box.
+        self.place[row] = if self.multiplier[row] < 0.0 { RowPlace::Low } else { RowPlace::High };
         true
     }
 
     fn update_gradient(&mut self, program: &ElasticProgram) {
-        self.gradient.copy_from(program.cost);
-        for (column, gradient) in self.gradient.as_mut_slice().iter_mut().enumerate() {
-            *gradient += self.perturbation.of(column);
-        }
-        for (multiplier, coefficients) in self.multiplier.as_slice().iter().zip(self.by_row.column_iter()) {
-            if *multiplier != 0.0 {
-                add_multiple(&mut self.gradient, *multiplier, coefficients.as_slice());
-            }
-        }
-        self.gradient_error = 0.0;
-        for column in &self.basis.basic {
-            self.gradient_error = self.gradient_error.max(self.gradient[*column].abs());
-        }
+        self.gradient = DVector::from_fn(program.cost.len(), |column, _| self.cost(program, column));
+        add_rows(&mut self.gradient, &self.multiplier, &self.by_row);
+        let of_basic = self.basis.basic.iter().map(|column| self.gradient[*column].abs());
+        self.gradient_error = of_basic.fold(0.0, f64::max);
     }
 
     /// Whether an inverse that was updated has lost its digits: what it should make zero is not.
@@ -359,11 +337,7 @@ impl ElasticSolver {
             self.direction[*row] = *change;
         }
         self.slope.as_mut_slice().fill(0.0);
-        for (change, coefficients) in self.direction.as_slice().iter().zip(self.by_row.column_iter()) {
-            if *change != 0.0 {
-                add_multiple(&mut self.slope, *change, coefficients.as_slice());
-            }
-        }
+        add_rows(&mut self.slope, &self.direction, &self.by_row);
     }
 
     /// The changes of the tight rows' multipliers along the edge.
@@ -376,40 +350,28 @@ impl ElasticSolver {
 
     /// Lets one leave its place and the other take it.
     fn exchange(&mut self, program: &ElasticProgram, leaving: Leaving, entering: KinkAt) {
-        let side = |direction: f64| if direction > 0.0 { RowPlace::High } else { RowPlace::Low };
+        match leaving {
+            Leaving::Basic { position, sign } => {
+                let column = self.basis.basic[position];
+                (self.is_basic[column], self.rest[column]) = (false, Rest::by(sign));
+            }
+            Leaving::Row { row, .. } => self.place[row] = RowPlace::Tight,
+        }
+        match entering {
+            KinkAt::Variable(column) => self.is_basic[column] = true,
+            KinkAt::Row(row) if self.direction[row] > 0.0 => self.place[row] = RowPlace::High,
+            KinkAt::Row(row) => self.place[row] = RowPlace::Low,
+        }
         match (leaving, entering) {
-            (Leaving::Basic { position, sign }, KinkAt::Variable(column)) => {
-                self.release(position, sign);
-                self.is_basic[column] = true;
+            (Leaving::Basic { position, .. }, KinkAt::Variable(column)) => {
                 self.basis.replace_column(program, position, column);
             }
-            (Leaving::Basic { position, sign }, KinkAt::Tight(tight)) => {
-                self.release(position, sign);
-                let row = self.basis.tight[tight];
-                self.place[row] = side(self.direction[row]);
-                self.basis.remove(tight, position);
-            }
-            (Leaving::Row { row, .. }, KinkAt::Variable(column)) => {
-                self.place[row] = RowPlace::Tight;
-                self.is_basic[column] = true;
-                self.basis.add(program, row, column);
-            }
-            (Leaving::Row { row, .. }, KinkAt::Tight(tight)) => {
-                let other = self.basis.tight[tight];
-                self.place[other] = side(self.direction[other]);
-                self.place[row] = RowPlace::Tight;
-                self.basis.replace_row(program, tight, row);
-            }
-            (Leaving::Row { row, sign }, KinkAt::OtherBound) => self.place[row] = side(sign),
-            (Leaving::Basic { .. }, KinkAt::OtherBound) => unreachable!("a basic variable has no multiplier"),
+            (Leaving::Basic { position, .. }, KinkAt::Row(row)) => self.basis.remove(row, position),
+            (Leaving::Row { row, .. }, KinkAt::Variable(column)) => self.basis.add(program, row, column),
+            // From one bound to the other.
+            (Leaving::Row { row, .. }, KinkAt::Row(other)) if row == other => {}
+            (Leaving::Row { row, .. }, KinkAt::Row(other)) => self.basis.replace_row(program, other, row),
         }
-    }
-
-    /// A basic variable goes to a bound.
-    fn release(&mut self, position: usize, sign: f64) {
-        let column = self.basis.basic[position];
-        self.is_basic[column] = false;
-        self.rest[column] = Rest::by(sign);
     }
 }
 
@@ -419,6 +381,20 @@ fn add_multiple(sum: &mut DVector<f64>, factor: f64, addend: &[f64]) {
     for (sum, addend) in sum.as_mut_slice().iter_mut().zip(addend) {
         *sum += factor * addend;
     }
+}
+
+/// Adds all rows, each times its factor.
+fn add_rows(sum: &mut DVector<f64>, factors: &DVector<f64>, by_row: &DMatrix<f64>) {
+    for (factor, coefficients) in factors.as_slice().iter().zip(by_row.column_iter()) {
+        if *factor != 0.0 {
+            add_multiple(sum, *factor, coefficients.as_slice());
+        }
+    }
+}
+
+/// How far a sum can move whose terms have these coefficients and ranges.
+fn range(coefficients: &[f64], ranges: &[f64]) -> f64 {
+    coefficients.iter().zip(ranges).map(|(coefficient, range)| coefficient.abs() * range).sum()
 }
 
 impl Rest {

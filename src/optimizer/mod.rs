@@ -15,7 +15,7 @@ pub use evaluation::{Budget, Constraints, Interruption, Linearisation, Problem, 
 pub use linear_program::ElasticSolver;
 pub use nelder_mead::{NelderMeadResult, minimise_by_nelder_mead};
 pub use sequential_linear::{
-    CriticalityMeasure, FIRST_RADIUS, PENALTY_GROWTH, Promise, SequentialLinearResult, SequentialLinearSettings,
+    CriticalityMeasure, FIRST_RADIUS, PENALTY_GROWTH, SequentialLinearResult, SequentialLinearSettings,
     criticality_measure, minimise_sequentially,
 };
 pub use switching::sign_violations;

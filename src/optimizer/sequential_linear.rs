@@ -16,7 +16,7 @@
 mod criticality;
 mod move_limits;
 
-pub use criticality::{CriticalityMeasure, Promise, criticality_measure};
+pub use criticality::{CriticalityMeasure, criticality_measure};
 use nalgebra::{DMatrix, DVector};
 
 use self::move_limits::MoveLimits;
@@ -86,6 +86,9 @@ pub struct SequentialLinearResult {
     pub ending: Result<(), Interruption>,
 }
 
+/// Takes a point and its constraint values.
+type OnImprovement<'a> = dyn FnMut(&DVector<f64>, &Constraints) + 'a;
+
 /// Minimises `cost' x` subject to `residual = 0`, `inequality <= 0` and the bounds, from `start`.
 ///
 /// Residuals of `accepted` count as none. The first linear program begins where the last one of `programs` ended.
@@ -95,7 +98,7 @@ pub fn minimise_sequentially(
     (start, programs): (&DVector<f64>, &mut ElasticSolver),
     (settings, accepted): (&SequentialLinearSettings, Option<&DVector<f64>>),
     budget: &mut Budget,
-    on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
+    on_improvement: &mut OnImprovement,
 ) -> SequentialLinearResult {
     let mut search = Search::new(problem, (start, programs), settings);
     if let Some(residual) = accepted {
@@ -156,11 +159,7 @@ impl<'a> Search<'a> {
     }
 
     /// Descends and restores; again with a larger penalty parameter where a kink keeps the restoration from meeting the constraints.
-    fn run(
-        &mut self,
-        budget: &mut Budget,
-        on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
-    ) -> Result<(), Interruption> {
+    fn run(&mut self, budget: &mut Budget, on_improvement: &mut OnImprovement) -> Result<(), Interruption> {
         // A start that meets the constraints is a plan, even where the descent loses them.
         self.linearise(budget)?;
         on_improvement(&self.x, &self.constraints());
@@ -180,11 +179,7 @@ impl<'a> Search<'a> {
 
     /// Descends until the linear model predicts no further decrease, or none that the merit confirms in the smallest trust region, a
     /// kink; false where the merit to beat is out of reach.
-    fn descend(
-        &mut self,
-        budget: &mut Budget,
-        on_improvement: &mut dyn FnMut(&DVector<f64>, &Constraints),
-    ) -> Result<bool, Interruption> {
+    fn descend(&mut self, budget: &mut Budget, on_improvement: &mut OnImprovement) -> Result<bool, Interruption> {
         for _ in 0..self.settings.iteration_limit {
             self.linearise(budget)?;
             let merit = self.merit(&self.x, &self.model.constraints);
@@ -256,14 +251,12 @@ impl<'a> Search<'a> {
     /// The minimiser of the linear model in the trust region, and by how much its minimum may lie lower; the program's variables are
     /// steps in units of its half widths.
     fn linear_step(&mut self, budget: &Budget) -> Result<(DVector<f64>, f64), Interruption> {
-        let half_width = self.problem.variable_scale(&self.x).component_mul(self.moves.shares()) * self.radius;
+        let half_width = self.problem.variable_scale(&self.x).component_mul(&self.moves.shares) * self.radius;
         let share = |room: f64, half_width: f64| if half_width > 0.0 { room / half_width } else { 0.0 };
         let lower = (self.problem.lower() - &self.x).zip_map(&half_width, |room, width| share(room, width).max(-1.0));
         let upper = (self.problem.upper() - &self.x).zip_map(&half_width, |room, width| share(room, width).min(1.0));
-        let mut matrix = self.model.jacobian.clone();
-        scale_columns(&mut matrix, &half_width);
         let program = ElasticProgram {
-            matrix: &matrix,
+            matrix: &with_scaled_columns(self.model.jacobian.clone(), &half_width),
             target: &-self.model.rows_of(&self.model.constraints),
             row_name: &self.model.row_names(),
             equation_count: self.equation_count(),
@@ -278,9 +271,8 @@ impl<'a> Search<'a> {
 
     /// The constraint values at x, the offset included.
     fn constraints(&self) -> Constraints {
-        let mut constraints = self.model.constraints.clone();
-        constraints.add(&self.offset);
-        constraints
+        let Constraints { residual, inequality } = &self.model.constraints;
+        Constraints { residual: residual + &self.offset.residual, inequality: inequality + &self.offset.inequality }
     }
 
     fn equation_count(&self) -> usize {
@@ -305,9 +297,9 @@ impl<'a> Search<'a> {
         if trial.merit <= good_merit {
             return Ok(trial);
         }
-        let missed = self.model.rows_of(&trial.constraints) - self.modelled_rows(step);
-        let rows = self.violated_rows(&trial.constraints);
-        let Some(correction) = self.least_change(&trial.x, &rows, &missed) else { return Ok(trial) };
+        let values = self.model.rows_of(&trial.constraints);
+        let missed = &values - self.modelled_rows(step);
+        let Some(correction) = self.least_change(&trial.x, &values, &missed) else { return Ok(trial) };
         if correction.norm() > LARGEST_CORRECTION * step.norm() {
             return Ok(trial);
         }
@@ -344,9 +336,8 @@ impl<'a> Search<'a> {
     fn restore(&mut self, budget: &mut Budget) -> Result<(), Interruption> {
         while !self.is_met() {
             self.linearise(budget)?;
-            let rows = self.violated_rows(&self.model.constraints);
             let missed = self.model.rows_of(&self.model.constraints);
-            let Some(change) = self.least_change(&self.x, &rows, &missed) else { break };
+            let Some(change) = self.least_change(&self.x, &missed, &missed) else { break };
             if !self.shorten_until_better(&change, budget)? {
                 break;
             }
@@ -368,26 +359,16 @@ impl<'a> Search<'a> {
         Ok(false)
     }
 
-    /// All residuals, and the rows of violated inequalities.
-    fn violated_rows(&self, constraints: &Constraints) -> Vec<usize> {
-        let equations = self.equation_count();
-        let working_set = self.model.working_set.iter().enumerate();
-        let violated = working_set.filter(|(_, index)| constraints.inequality[**index] > 0.0);
-        (0..equations).chain(violated.map(|(row, _)| equations + row)).collect()
-    }
-
-    /// The smallest change (in units of the variable scales) of the variables off their bounds whose linear effect on
-    /// `rows` is `missed`.
-    fn least_change(&self, x: &DVector<f64>, rows: &[usize], missed: &DVector<f64>) -> Option<DVector<f64>> {
-        let mut scale = self.problem.variable_scale(x);
-        for (index, scale) in scale.as_mut_slice().iter_mut().enumerate() {
-            if x[index] <= self.problem.lower()[index] || x[index] >= self.problem.upper()[index] {
-                *scale = 0.0;
-            }
-        }
-        let mut scaled = self.model.jacobian.select_rows(rows);
-        scale_columns(&mut scaled, &scale);
-        let weights = weights_of_independent(&(&scaled * scaled.transpose()), &missed.select_rows(rows))?;
+    /// The smallest change (in units of the variable scales) of the variables off their bounds whose linear effect is `missed` on all
+    /// residuals, and on inequalities that are violated where the rows have these values.
+    fn least_change(&self, x: &DVector<f64>, values: &DVector<f64>, missed: &DVector<f64>) -> Option<DVector<f64>> {
+        let counts = |row: &usize| *row < self.equation_count() || values[*row] > 0.0;
+        let rows: Vec<usize> = (0..values.len()).filter(counts).collect();
+        let off_bounds = |x: f64, lower: f64, upper: f64| if x <= lower || x >= upper { 0.0 } else { 1.0 };
+        let free = x.zip_zip_map(self.problem.lower(), self.problem.upper(), off_bounds);
+        let scale = self.problem.variable_scale(x).component_mul(&free);
+        let scaled = with_scaled_columns(self.model.jacobian.select_rows(&rows), &scale);
+        let weights = weights_of_independent(&(&scaled * scaled.transpose()), &missed.select_rows(&rows))?;
         Some((scaled.transpose() * weights).component_mul(&scale))
     }
 
@@ -401,12 +382,13 @@ impl<'a> Search<'a> {
 }
 
 /// As slices: nalgebra's iterators look for the end of a column at every element.
-fn scale_columns(matrix: &mut DMatrix<f64>, scale: &DVector<f64>) {
+fn with_scaled_columns(mut matrix: DMatrix<f64>, scale: &DVector<f64>) -> DMatrix<f64> {
     for (mut column, scale) in matrix.column_iter_mut().zip(scale.as_slice()) {
         for value in column.as_mut_slice() {
             *value *= scale;
         }
     }
+    matrix
 }
 
 fn clamped(x: &DVector<f64>, lower: &DVector<f64>, upper: &DVector<f64>) -> DVector<f64> {

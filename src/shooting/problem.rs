@@ -7,7 +7,7 @@
 
 use nalgebra::{DVector, Vector2};
 
-use super::decision::{decision_len, write_schedule};
+use super::decision::{decision_len, schedule_from_decision, write_schedule};
 use super::goal_rows::{GoalRow, GoalScales, goal_rows};
 use super::maneuver::{Maneuver, StateComponent};
 use super::path_constraints::PathConstraints;
@@ -84,11 +84,7 @@ impl<'a> ShootingProblem<'a> {
             torque_limit: maneuver.torque_limit,
             lower: (-each_torque(torque_scale, control_count)).push(SHORTEST_FINAL_TIME),
             upper: each_torque(torque_scale, control_count).push(LONGEST_FINAL_TIME),
-            schedule: TorqueSchedule {
-                final_time: 0.0,
-                left: vec![0.0; control_count],
-                right: vec![0.0; control_count],
-            },
+            schedule: schedule_from_decision(&DVector::zeros(decision_len(control_count))),
             sensitivity,
             recorded: None,
             law: if limits.forbids_slip { FrictionLaw::Held(0.0) } else { FrictionLaw::Exact },
@@ -233,21 +229,12 @@ impl<'a> ShootingProblem<'a> {
         if self.recorded.as_ref().is_some_and(is_recorded) {
             return Ok(());
         }
+        // A part of a rollout must not pass for the last one.
+        self.recorded = None;
         write_schedule(decision, &mut self.schedule);
         let rollout = Rollout { start: &self.start, schedule: &self.schedule, step_count: self.step_count };
-        let recorded = self.simulator.record(&rollout, self.law, &mut self.sensitivity, stop);
-        if let Err(stopped) = recorded {
-            // A part of a rollout must not pass for the last one.
-            self.recorded = None;
-            return Err(stopped);
-        }
-        match &mut self.recorded {
-            Some((recorded, law)) => {
-                recorded.copy_from(decision);
-                *law = self.law;
-            }
-            None => self.recorded = Some((decision.clone(), self.law)),
-        }
+        self.simulator.record(&rollout, self.law, &mut self.sensitivity, stop)?;
+        self.recorded = Some((decision.clone(), self.law));
         Ok(())
     }
 

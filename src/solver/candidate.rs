@@ -83,7 +83,7 @@ impl Candidate {
     /// What its linear model promises, as a share of the final time, where it was measured.
     pub(super) fn promised_decrease(&self) -> Option<f64> {
         let known = self.stationarity.as_ref()?;
-        Some(known.time_unit * known.measure.promise.decrease / self.final_time())
+        Some(known.time_unit * known.measure.promise / self.final_time())
     }
 
     /// Whether it is feasible, and faster than another feasible one by more than a share.
@@ -153,15 +153,15 @@ pub(super) fn is_distinct(faster: f64, slower: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optimizer::{Constraints, Linearisation, Promise};
+    use crate::optimizer::{Constraints, Linearisation};
 
     fn measured(plan: Candidate, decrease: f64) -> Candidate {
         let none = DVector::zeros(0);
         let (accepted, inequality) = (none.clone(), none.clone());
-        let promise = Promise { decrease, point: none.clone() };
+        let (promise, promised_point) = (decrease, none.clone());
         let model = Linearisation::new(Constraints { residual: none, inequality }, 1);
-        let (better, radius, interruption) = (None, 0.1, None);
-        let measure = CriticalityMeasure { prediction: 0.0, better, promise, radius, interruption, model, accepted };
+        let (prediction, better, radius) = (0.0, Ok(None), 0.1);
+        let measure = CriticalityMeasure { prediction, better, promise, promised_point, radius, model, accepted };
         let stationarity = Some(Arc::new(Stationarity { penalty_parameter: 300.0, time_unit: 1.0, measure }));
         Candidate { stationarity, ..plan }
     }

@@ -129,7 +129,7 @@ fn measured(
 ) -> Result<Stationarity, Stopped> {
     let control = RunControl::new(cut, &NoProgress);
     match LocalSearch::new(problem, settings, &control, rollout_limit).measured(best, STRICT_PENALTY) {
-        Ok(known) if known.measure.interruption != Some(Interruption::Stopped) => Ok(known),
+        Ok(known) if known.measure.better != Err(Interruption::Stopped) => Ok(known),
         // Rollouts alone end no measure before its first linear program, which takes one.
         Ok(_) | Err(_) => Err(Stopped),
     }

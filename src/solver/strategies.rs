@@ -61,7 +61,7 @@ impl LocalSearch<'_, '_, '_> {
             }
             (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
             (Method::SequentialLinear, Strategy::Smoothed | Strategy::Sharper) => {
-                let law = &self.laws_of(start.strategy)[..1];
+                let law = &laws_of(start.strategy)[..1];
                 self.coarsely(|search| search.smoothed(&guess, law, (START_RADIUS, ROUGH_ITERATION_LIMIT)))
             }
         }
@@ -108,10 +108,11 @@ impl LocalSearch<'_, '_, '_> {
         let through = |search: &mut Self, laws: &[f64]| {
             search.coarsely(|search| search.smoothed(&from.decision, laws, (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT)))
         };
-        let laws = self.laws_of(strategy);
+        let laws = laws_of(strategy);
         let led_to = match heat {
             Heat::FirstLaw => through(self, &laws[..1]),
-            Heat::OtherLaws if laws.len() == 1 => Ok(from.clone()),
+            // A smooth motion has one law.
+            Heat::OtherLaws if self.problem.is_smooth() => Ok(from.clone()),
             Heat::OtherLaws => through(self, &laws[1..]),
             Heat::Descend => self.descend(&from.decision, FIRST_RADIUS),
         }?;
@@ -231,7 +232,7 @@ impl LocalSearch<'_, '_, '_> {
         let is_worthwhile = best.promised_decrease().is_some_and(|share| share >= worthwhile);
         let known = best.stationarity.as_ref().filter(|_| is_worthwhile && best.is_feasible(tolerance));
         let Some(known) = known else { return Ok(false) };
-        let (mut across, final_time) = (known.measure.promise.point.clone(), best.final_time());
+        let (mut across, final_time) = (known.measure.promised_point.clone(), best.final_time());
         across[best.decision.len() - 1] = final_time;
         let time_to_beat = (1.0 - worthwhile) * final_time;
         let next = self.descend_until(&across, (START_RADIUS, None), (SMALLEST_PREDICTION, time_to_beat))?;
@@ -274,11 +275,8 @@ impl LocalSearch<'_, '_, '_> {
         let tolerance = self.settings.goal_tolerance;
         let mut penalty_parameter = STRICT_PENALTY;
         loop {
-            let mut known = self.measured(best, penalty_parameter)?;
-            if let Some(interruption) = known.measure.interruption {
-                return Err(interruption);
-            }
-            let Some(better) = known.measure.better.take() else {
+            let known = self.measured(best, penalty_parameter)?;
+            let Some(better) = known.measure.better.clone()? else {
                 self.note_stationarity(best, known);
                 return Ok(());
             };
@@ -305,17 +303,6 @@ impl LocalSearch<'_, '_, '_> {
         let found = run(self);
         self.problem.set_step_count(step_count);
         found
-    }
-
-    /// The smoothings that starts of this strategy go through, if they do. A smooth motion has one law.
-    fn laws_of(&self, strategy: Strategy) -> &'static [f64] {
-        if self.problem.is_smooth() {
-            &SMOOTHING[..1]
-        } else if strategy == Strategy::Sharper {
-            &SMOOTHING[1..]
-        } else {
-            &SMOOTHING
-        }
     }
 
     /// Through smoothed laws, with the merit under the last one.
@@ -348,6 +335,11 @@ impl LocalSearch<'_, '_, '_> {
         let candidate = Candidate::new(decision, f64::INFINITY, true, self.goal_heading);
         Ok(Candidate { merit, ..candidate })
     }
+}
+
+/// The smoothings that starts of this strategy go through, if they do.
+fn laws_of(strategy: Strategy) -> &'static [f64] {
+    if strategy == Strategy::Sharper { &SMOOTHING[1..] } else { &SMOOTHING }
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ pub(super) struct Basis {
     pub(super) basic: Vec<usize>,
     /// Inverse of the basic columns of the tight rows: a row per basic variable, a column per tight row.
     pub(super) inverse: DMatrix<f64>,
-    /// Whether the inverse is there and need not be made.
+    /// Whether the inverse is there and need not be made; wherever a row or a variable leaves its place it is there.
     pub(super) is_inverted: bool,
     /// Whether the inverse was updated since it was made.
     pub(super) is_updated: bool,
@@ -37,16 +37,29 @@ impl Basis {
         self.is_inverted = false;
     }
 
-    /// Takes these rows and columns, if their matrix is regular by far.
-    pub(super) fn adopt(&mut self, program: &ElasticProgram, rows: &[usize], columns: &[usize]) -> bool {
-        self.tight.extend_from_slice(rows);
-        self.basic.extend_from_slice(columns);
-        let largest = |matrix: &DMatrix<f64>| largest_magnitude(matrix.as_slice().iter().copied());
-        let is_regular = self.invert(program) && largest(&self.inverse) * largest(program.matrix) < 1.0 / DEPENDENT;
-        if !is_regular {
+    /// Takes these rows and columns, if their matrix is regular by far; else, pair by pair with complete pivoting, those of them that are
+    /// independent.
+    pub(super) fn adopt(&mut self, program: &ElasticProgram, mut rows: Vec<usize>, mut columns: Vec<usize>) {
+        if rows.len() == columns.len() {
+            (self.tight, self.basic) = (rows.clone(), columns.clone());
+            let largest = |matrix: &DMatrix<f64>| largest_magnitude(matrix.as_slice().iter().copied());
+            if self.invert(program) && largest(&self.inverse) * largest(program.matrix) < 1.0 / DEPENDENT {
+                return;
+            }
             self.clear();
         }
-        is_regular
+        let mut rest = program.matrix.select_rows(&rows).select_columns(&columns);
+        let smallest = DEPENDENT * rest.amax();
+        while !rest.is_empty() {
+            let (row, column) = rest.iamax_full();
+            let pivot = rest[(row, column)];
+            if pivot.abs() <= smallest {
+                break;
+            }
+            let (of_row, of_column) = (rest.row(row).remove_column(column), rest.column(column).remove_row(row));
+            rest = rest.remove_row(row).remove_column(column) - of_column * of_row / pivot;
+            self.push(rows.remove(row), columns.remove(column));
+        }
     }
 
     /// Inverts the matrix, unless its inverse is known; false when it is singular or not finite.
@@ -71,9 +84,6 @@ impl Basis {
     /// Another variable becomes basic in place of one.
     pub(super) fn replace_column(&mut self, program: &ElasticProgram, position: usize, column: usize) {
         self.basic[position] = column;
-        if !self.is_inverted {
-            return;
-        }
         let change = &self.inverse * program.matrix.column(column).select_rows(&self.tight);
         if self.may_update(change[position], change.amax()) {
             let row = self.inverse.row(position) / change[position];
@@ -83,12 +93,10 @@ impl Basis {
     }
 
     /// Another row becomes tight in place of one.
-    pub(super) fn replace_row(&mut self, program: &ElasticProgram, position: usize, row: usize) {
-        self.tight[position] = row;
-        if !self.is_inverted {
-            return;
-        }
-        let change = self.inverse.tr_mul(&self.basic_part(program, row));
+    pub(super) fn replace_row(&mut self, program: &ElasticProgram, old: usize, new: usize) {
+        let position = self.position(old);
+        self.tight[position] = new;
+        let change = self.inverse.tr_mul(&self.basic_part(program, new));
         if self.may_update(change[position], change.amax()) {
             let column = self.inverse.column(position) / change[position];
             self.inverse.ger(-1.0, &column, &change, 1.0);
@@ -98,9 +106,6 @@ impl Basis {
 
     /// A row becomes tight and a variable basic.
     pub(super) fn add(&mut self, program: &ElasticProgram, row: usize, column: usize) {
-        if !self.is_inverted {
-            return self.push(row, column);
-        }
         let size = self.tight.len();
         let of_column = program.matrix.column(column).select_rows(&self.tight);
         let of_row = self.basic_part(program, row);
@@ -117,20 +122,17 @@ impl Basis {
         }
     }
 
-    /// A tight row and a basic variable go, by their positions.
-    pub(super) fn remove(&mut self, tight: usize, basic: usize) {
+    /// A tight row and the basic variable at a position go.
+    pub(super) fn remove(&mut self, row: usize, basic: usize) {
+        let tight = self.position(row);
         self.tight.remove(tight);
         self.basic.remove(basic);
-        if !self.is_inverted {
-            return;
-        }
         let pivot = self.inverse[(basic, tight)];
         if self.may_update(pivot, self.inverse.column(tight).amax()) {
             let column = self.inverse.column(tight).into_owned();
             let row = self.inverse.row(basic).transpose();
             self.inverse.ger(-1.0 / pivot, &column, &row, 1.0);
-            let inverse = std::mem::take(&mut self.inverse);
-            self.inverse = inverse.remove_row(basic).remove_column(tight);
+            self.inverse = std::mem::take(&mut self.inverse).remove_row(basic).remove_column(tight);
         }
     }
 
@@ -139,6 +141,11 @@ impl Basis {
         self.is_updated = true;
         self.is_inverted = pivot.abs() > DEPENDENT * largest;
         self.is_inverted
+    }
+
+    /// The position of a tight row.
+    pub(super) fn position(&self, row: usize) -> usize {
+        self.tight.iter().position(|tight| *tight == row).expect("the row is tight")
     }
 
     /// The entries of a row in the basic columns.

@@ -9,37 +9,28 @@ use super::ElasticSolver;
 use crate::optimizer::elastic_program::ElasticProgram;
 
 /// Of the largest cost: far below what a search reads from a solution, far above rounding.
-const SHARE: f64 = 1e-6;
+pub(super) const PERTURBATION: f64 = 1e-6;
 
-/// By its unit, a cost; 0 is none.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Perturbation(f64);
-
-impl Perturbation {
-    pub(super) fn new(program: &ElasticProgram) -> Self {
-        Self(SHARE * program.cost.amax())
-    }
-
-    pub(super) fn is_none(self) -> bool {
-        self.0 == 0.0
-    }
-
-    /// What the cost of a variable grows by, or the multiplier bound of a row times its range: one to two units.
-    pub(super) fn of(self, index: usize) -> f64 {
-        // Nearly always none, and asked for every row and variable in each iteration. Multiples of a square root, less whole
-        // numbers, spread evenly.
-        if self.is_none() { 0.0 } else { self.0 * (1.0 + ((index + 1) as f64 * SQRT_2).fract()) }
-    }
+/// What the cost of a variable grows by, or the multiplier bound of a row times its range: one to two units.
+fn perturbed_by(unit: f64, index: usize) -> f64 {
+    // Nearly always none, and asked for every row and variable in each iteration. Multiples of a square root, less whole
+    // numbers, spread evenly.
+    if unit == 0.0 { 0.0 } else { unit * (1.0 + ((index + 1) as f64 * SQRT_2).fract()) }
 }
 
 impl ElasticSolver {
+    /// The program's cost of a variable, with its perturbation.
+    pub(super) fn cost(&self, program: &ElasticProgram, column: usize) -> f64 {
+        program.cost[column] + perturbed_by(self.perturbation, column)
+    }
+
     /// The program's bounds of a row's multiplier, moved outwards by the perturbation.
     pub(super) fn multiplier_bounds(&self, program: &ElasticProgram, row: usize) -> (f64, f64) {
         let (low, high) = program.multiplier_bounds(row);
-        if self.perturbation.is_none() || self.range[row] <= 0.0 {
+        if self.perturbation == 0.0 || self.range[row] <= 0.0 {
             return (low, high);
         }
-        let change = self.perturbation.of(row) / self.range[row];
+        let change = perturbed_by(self.perturbation, row) / self.range[row];
         (low - change, high + change)
     }
 }

@@ -16,19 +16,20 @@ pub(super) enum Leaving {
 
 impl ElasticSolver {
     /// The variable or row that contradicts its place and whose edge is the steepest: along which D rises most for the length that the
-    /// multipliers, each times its row's range, move; none at the optimum.
-    pub(super) fn leaving(&self, program: &ElasticProgram) -> Option<Leaving> {
+    /// multipliers, each times its row's range, move; and the slope of D along it, at first. None at the optimum.
+    pub(super) fn leaving(&self, program: &ElasticProgram) -> Option<(Leaving, f64)> {
         let ranges = self.range.select_rows(&self.basis.tight);
         let (mut steepest, mut leaving) = (0.0, None);
         for (position, &column) in self.basis.basic.iter().enumerate() {
             let (below, above) = (program.lower[column] - self.x[column], self.x[column] - program.upper[column]);
-            if below.max(above) <= TOLERANCE * program.width(column) {
+            let rise = below.max(above);
+            if rise <= TOLERANCE * program.width(column) {
                 continue;
             }
-            let steepness = below.max(above) / length(self.basis.inverse.row(position).iter(), &ranges);
+            let steepness = rise / length(self.basis.inverse.row(position).iter(), &ranges);
             if steepness > steepest {
                 let sign = if below > above { 1.0 } else { -1.0 };
-                (steepest, leaving) = (steepness, Some(Leaving::Basic { position, sign }));
+                (steepest, leaving) = (steepness, Some((Leaving::Basic { position, sign }, rise)));
             }
         }
         for (row, place) in self.place.iter().enumerate() {
@@ -38,15 +39,15 @@ impl ElasticSolver {
                 RowPlace::High => -1.0,
             };
             // The edge is no shorter than the change of the row's own multiplier: few lengths are needed.
-            let violation = sign * self.value[row];
-            if violation <= TOLERANCE.max(steepest) * self.range[row] || self.range[row] <= 0.0 {
+            let rise = sign * self.value[row];
+            if rise <= TOLERANCE.max(steepest) * self.range[row] || self.range[row] <= 0.0 {
                 continue;
             }
             let candidate = Leaving::Row { row, sign };
             let changes = self.changes_of_tight(program, candidate);
-            let steepness = violation / length(changes.iter(), &ranges).hypot(self.range[row]);
+            let steepness = rise / length(changes.iter(), &ranges).hypot(self.range[row]);
             if steepness > steepest {
-                (steepest, leaving) = (steepness, Some(candidate));
+                (steepest, leaving) = (steepness, Some((candidate, rise)));
             }
         }
         leaving

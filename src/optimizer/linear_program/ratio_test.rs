@@ -1,9 +1,7 @@
 //! The bound flipping ratio test: how far the multipliers move along an edge of the dual, and what stops them.
 
-use std::cmp::Ordering;
-
 use super::pricing::Leaving;
-use super::{ElasticSolver, GRADIENT_MARGIN, Rest, SUM_ROUNDING, TOLERANCE};
+use super::{ElasticSolver, GRADIENT_MARGIN, Rest, SUM_ROUNDING, TOLERANCE, range};
 use crate::optimizer::elastic_program::ElasticProgram;
 
 /// A kink of D along the edge.
@@ -20,24 +18,14 @@ pub(super) struct Kink {
 pub(super) enum KinkAt {
     /// The gradient of a variable passes zero.
     Variable(usize),
-    /// The multiplier of the tight row at this position reaches a bound.
-    Tight(usize),
-    /// The multiplier of the leaving row reaches its other bound.
-    OtherBound,
-}
-
-impl Kink {
-    /// By steps, and of equal steps the larger fall first.
-    fn order(&self, other: &Self) -> Ordering {
-        self.step.total_cmp(&other.step).then_with(|| other.fall.total_cmp(&self.fall))
-    }
+    /// The multiplier of a row, a tight one or that which leaves its place, reaches a bound.
+    Row(usize),
 }
 
 impl ElasticSolver {
-    /// The kink at which D stops to rise; none where no pivot is large enough.
-    pub(super) fn first_kink_without_rise(&mut self, program: &ElasticProgram, leaving: Leaving) -> Option<Kink> {
-        self.list_kinks(program, leaving);
-        let stop = self.place_where_rise_ends(self.rise(program, leaving))?;
+    /// The kink at which D, with this slope at first, stops to rise; none where no pivot is large enough.
+    pub(super) fn first_kink_without_rise(&mut self, rise: f64) -> Option<Kink> {
+        let stop = self.place_where_rise_ends(rise)?;
         for kink in &self.kinks[..stop] {
             if let KinkAt::Variable(column) = kink.at {
                 self.rest[column] = Rest::by(self.slope[column]);
@@ -75,32 +63,20 @@ impl ElasticSolver {
         self.small_gradient.max(GRADIENT_MARGIN * self.gradient_error)
     }
 
-    /// The slope of D along the edge, at first.
-    pub(super) fn rise(&self, program: &ElasticProgram, leaving: Leaving) -> f64 {
-        match leaving {
-            Leaving::Basic { position, sign } => {
-                let column = self.basis.basic[position];
-                if sign > 0.0 { program.lower[column] - self.x[column] } else { self.x[column] - program.upper[column] }
-            }
-            Leaving::Row { row, sign } => sign * self.value[row],
-        }
-    }
-
-    fn list_kinks(&mut self, program: &ElasticProgram, leaving: Leaving) {
+    /// Finds the kinks along the edge, in any order.
+    pub(super) fn list_kinks(&mut self, program: &ElasticProgram, leaving: Leaving) {
         let mut kinks = std::mem::take(&mut self.kinks);
         kinks.clear();
         // Slices: nalgebra's iterators look for the end of a column at every element.
-        let ranges = self.direction.as_slice().iter().zip(self.range.as_slice());
-        let total: f64 = ranges.map(|(change, range)| change.abs() * range).sum();
-        let smallest = SUM_ROUNDING * total;
+        let smallest = SUM_ROUNDING * range(self.direction.as_slice(), self.range.as_slice());
         let gradient_tolerance = self.gradient_tolerance();
         let bounds = program.lower.as_slice().iter().zip(program.upper.as_slice());
         let edges = self.gradient.as_slice().iter().zip(self.slope.as_slice()).zip(bounds);
         for (column, (((&gradient, &slope), (&lower, &upper)), (&rest, &is_basic))) in
             edges.zip(self.rest.iter().zip(&self.is_basic)).enumerate()
         {
-            let next = Rest::by(slope);
-            if is_basic || rest == next || slope.abs() * (upper - lower) <= smallest {
+            let (next, pivot) = (Rest::by(slope), slope.abs());
+            if is_basic || rest == next || pivot * (upper - lower) <= smallest {
                 continue;
             }
             let width = match rest {
@@ -108,25 +84,19 @@ impl ElasticSolver {
                 Rest::Zero if next == Rest::Lower => -lower,
                 Rest::Zero => upper,
             };
-            let is_zero = gradient.abs() <= gradient_tolerance;
-            let step = if is_zero { 0.0 } else { -gradient / slope };
-            let (fall, pivot) = (slope.abs() * width, slope.abs());
-            kinks.push(Kink { step, fall, pivot, at: KinkAt::Variable(column) });
+            let step = if gradient.abs() <= gradient_tolerance { 0.0 } else { -gradient / slope };
+            kinks.push(Kink { step, fall: pivot * width, pivot, at: KinkAt::Variable(column) });
         }
-        let until = |row: usize| {
+        let end_at_bound = |row: usize| {
             let (low, high) = self.multiplier_bounds(program, row);
             let (at, change) = (self.multiplier[row], self.direction[row]);
-            (if change > 0.0 { high - at } else { at - low }).max(0.0) / change.abs()
+            let step = (if change > 0.0 { high - at } else { at - low }).max(0.0) / change.abs();
+            Kink { step, fall: f64::INFINITY, pivot: change.abs(), at: KinkAt::Row(row) }
         };
-        let ends = |step: f64, pivot: f64, at: KinkAt| Kink { step, fall: f64::INFINITY, pivot, at };
-        for (position, &row) in self.basis.tight.iter().enumerate() {
-            let pivot = self.direction[row].abs();
-            if pivot * self.range[row] > smallest {
-                kinks.push(ends(until(row), pivot, KinkAt::Tight(position)));
-            }
-        }
+        let moves = |row: &usize| self.direction[*row].abs() * self.range[*row] > smallest;
+        kinks.extend(self.basis.tight.iter().copied().filter(moves).map(end_at_bound));
         if let Leaving::Row { row, .. } = leaving {
-            kinks.push(ends(until(row), 1.0, KinkAt::OtherBound));
+            kinks.push(end_at_bound(row));
         }
         self.kinks = kinks;
     }
@@ -140,7 +110,8 @@ fn split(kinks: &mut [Kink]) -> (usize, f64) {
     let (mut middle, mut fall) = (0, 0.0);
     for place in 0..last {
         let kink = kinks[place];
-        if kink.order(&pivot).is_lt() {
+        // By steps, and of equal steps the larger fall first.
+        if kink.step.total_cmp(&pivot.step).then_with(|| pivot.fall.total_cmp(&kink.fall)).is_lt() {
             fall += kink.fall;
             kinks.swap(middle, place);
             middle += 1;

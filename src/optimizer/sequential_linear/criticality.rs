@@ -11,27 +11,18 @@ use crate::optimizer::linear_program::ElasticSolver;
 pub struct CriticalityMeasure {
     /// The measure: the predicted decrease.
     pub prediction: f64,
-    /// The better point that confirms it, if there is one.
-    pub better: Option<DVector<f64>>,
-    /// What the linear model promises in the whole first trust region, confirmed or not.
-    pub promise: Promise,
+    /// The better point that confirms it, if there is one; or why the measure is only a bound.
+    pub better: Result<Option<DVector<f64>>, Interruption>,
+    /// The decrease that the linear model promises in the whole first trust region, confirmed or not.
+    pub promise: f64,
+    /// Where it promises that.
+    pub promised_point: DVector<f64>,
     /// The last radius of the trust region.
     pub radius: f64,
-    /// Why the measure is only a bound, if it is.
-    pub interruption: Option<Interruption>,
     /// The linear model at the point.
     pub model: Linearisation,
     /// Residuals that it counts as none.
     pub accepted: DVector<f64>,
-}
-
-/// The minimum of a linear model in a trust region.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Promise {
-    /// The predicted decrease.
-    pub decrease: f64,
-    /// Where it is predicted.
-    pub point: DVector<f64>,
 }
 
 /// Criticality measure of a point: the decrease that the linear model predicts within the largest trust region in which
@@ -65,25 +56,22 @@ pub fn criticality_measure(
     let mut search = Search { model, model_is_current: true, offset, ..Search::new(problem, (x, programs), settings) };
     let merit = search.merit(&search.x, &search.model.constraints);
     let (mut step, mut prediction) = search.promised(merit, budget)?;
-    let promise = Promise { decrease: prediction, point: &search.x + &step };
-    let (better, interruption) = loop {
+    let (promise, promised_point) = (prediction, &search.x + &step);
+    let better = loop {
         if prediction <= settings.smallest_prediction || search.radius <= SMALLEST_RADIUS {
-            break (None, None);
+            break Ok(None);
         }
         // The prediction falls with the radius, so this one is an upper bound of the measure.
-        let trial = match search.try_step(&step, merit - SHRINK_RATIO * prediction, budget) {
-            Ok(trial) => trial,
-            Err(end) => break (None, Some(end)),
-        };
-        if merit - trial.merit >= SHRINK_RATIO * prediction {
-            break (Some(trial.x), None);
+        match search.try_step(&step, merit - SHRINK_RATIO * prediction, budget) {
+            Ok(trial) if merit - trial.merit >= SHRINK_RATIO * prediction => break Ok(Some(trial.x)),
+            Ok(_) => search.radius /= RADIUS_FACTOR,
+            Err(interruption) => break Err(interruption),
         }
-        search.radius /= RADIUS_FACTOR;
         (step, prediction) = search.promised(merit, budget)?;
     };
     let Search { radius, model, offset, .. } = search;
     let accepted = offset.residual;
-    Ok(CriticalityMeasure { prediction, better, promise, radius, interruption, model, accepted })
+    Ok(CriticalityMeasure { prediction, better, promise, promised_point, radius, model, accepted })
 }
 
 impl Search<'_> {

@@ -15,7 +15,8 @@ const WENT_ON: f64 = SQRT_2;
 /// It gets less of the region, and the others keep theirs. Source: the rule by which the method of moving asymptotes
 /// (Svanberg 1987, 2002) moves these; its factors are 0.7 and 1.2.
 pub(super) struct MoveLimits {
-    shares: DVector<f64>,
+    /// One for each variable, in (0, 1].
+    pub(super) shares: DVector<f64>,
     last_step: DVector<f64>,
 }
 
@@ -23,11 +24,6 @@ impl MoveLimits {
     /// All of the region for each of `count` variables.
     pub(super) fn new(count: usize) -> Self {
         Self { shares: DVector::from_element(count, 1.0), last_step: DVector::zeros(count) }
-    }
-
-    /// A share for each variable, in (0, 1].
-    pub(super) fn shares(&self) -> &DVector<f64> {
-        &self.shares
     }
 
     /// After the change of the variables by an accepted step: less for those that turned back, more for those that went on.
@@ -52,11 +48,11 @@ mod tests {
     fn a_variable_that_turns_back_gets_less_and_one_that_goes_on_gets_it_back() {
         let mut moves = MoveLimits::new(3);
         moves.adapt(dvector![1.0, 1.0, 0.0]);
-        assert_eq!(moves.shares(), &dvector![1.0, 1.0, 1.0]);
+        assert_eq!(moves.shares, dvector![1.0, 1.0, 1.0]);
         moves.adapt(dvector![-1.0, 2.0, 1.0]);
-        assert_eq!(moves.shares(), &dvector![TURNED_BACK, 1.0, 1.0]);
+        assert_eq!(moves.shares, dvector![TURNED_BACK, 1.0, 1.0]);
         moves.adapt(dvector![-1.0, 0.0, 1.0]);
-        assert_eq!(moves.shares(), &dvector![1.0, 1.0, 1.0]);
+        assert_eq!(moves.shares, dvector![1.0, 1.0, 1.0]);
     }
 
     #[test]
@@ -65,10 +61,10 @@ mod tests {
         for turn in 0..40 {
             moves.adapt(dvector![if turn % 2 == 0 { 1.0 } else { -1.0 }]);
         }
-        assert!(moves.shares()[0] > 0.0);
+        assert!(moves.shares[0] > 0.0);
         for _ in 0..40 {
             moves.adapt(dvector![-1.0]);
         }
-        assert_eq!(moves.shares()[0], 1.0);
+        assert_eq!(moves.shares[0], 1.0);
     }
 }
