@@ -34,11 +34,8 @@ impl<'a> Stop<'a> {
 
     /// The same for a part of the work, which these flags end too.
     #[must_use]
-    pub const fn interrupted_by<'b>(self, interrupts: [&'b AtomicBool; 2]) -> Stop<'b>
-    where
-        'a: 'b,
-    {
-        Stop { flag: self.flag, interrupts }
+    pub const fn interrupted_by(self, interrupts: [&'a AtomicBool; 2]) -> Self {
+        Self { interrupts, ..self }
     }
 
     /// Whether the work is to end.

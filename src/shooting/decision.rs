@@ -20,9 +20,7 @@ pub fn decision_from_schedule(schedule: &TorqueSchedule) -> DVector<f64> {
 /// The schedule of a decision vector; the inverse of [`decision_from_schedule`] up to one or two units in the last place of
 /// the final time: that is recomputed from the interval, so that a schedule given by its interval has the same rollout.
 pub fn schedule_from_decision(decision: &DVector<f64>) -> TorqueSchedule {
-    let control_count = (decision.len() - 1) / 2;
-    let mut schedule =
-        TorqueSchedule { final_time: 0.0, left: vec![0.0; control_count], right: vec![0.0; control_count] };
+    let mut schedule = TorqueSchedule::without_torque(0.0, (decision.len() - 1) / 2);
     write_schedule(decision, &mut schedule);
     schedule
 }

@@ -16,7 +16,12 @@ pub struct TorqueSchedule {
 impl TorqueSchedule {
     /// The schedule that takes no time.
     pub fn empty() -> Self {
-        Self { final_time: 0.0, left: Vec::new(), right: Vec::new() }
+        Self::without_torque(0.0, 0)
+    }
+
+    /// So many intervals without torque.
+    pub fn without_torque(final_time: f64, control_count: usize) -> Self {
+        Self { final_time, left: vec![0.0; control_count], right: vec![0.0; control_count] }
     }
 
     /// Number of control intervals per wheel.

@@ -1,6 +1,5 @@
 //! Decisions and their ranking.
 
-use std::cmp::Ordering;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -95,16 +94,11 @@ impl Candidate {
     /// A feasible one before any other, one that meets the goal before one that misses it; then the faster one or the
     /// one nearer to the goal. A NaN is the worst.
     pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {
-        let rank = |candidate: &Self| match (candidate.goal_error <= goal_tolerance, candidate.breaks_limits) {
-            (true, false) => 2,
-            (true, true) => 1,
-            (false, _) => 0,
-        };
-        match rank(self).cmp(&rank(other)) {
-            Ordering::Greater => true,
-            Ordering::Less => false,
-            Ordering::Equal if rank(self) > 0 => self.final_time() < other.final_time(),
-            Ordering::Equal => is_nearer(self.goal_error, other.goal_error),
+        let rank = |candidate: &Self| (candidate.goal_error <= goal_tolerance, candidate.is_feasible(goal_tolerance));
+        match (rank(self), rank(other)) {
+            (this, that) if this != that => this > that,
+            ((true, _), _) => self.final_time() < other.final_time(),
+            ((false, _), _) => is_nearer(self.goal_error, other.goal_error),
         }
     }
 }
@@ -117,13 +111,10 @@ pub(super) fn improves(known: Option<&Candidate>, next: &Candidate, goal_toleran
 /// Keeps the better of the best one known and another; of equals the earlier one, with the criticality measure of either.
 pub(super) fn keep_best(known: &mut Option<Candidate>, next: Option<Candidate>, goal_tolerance: f64) {
     let Some(next) = next else { return };
-    match known {
-        Some(known) if !next.is_better_than(known, goal_tolerance) => {
-            if known.decision == next.decision {
-                known.stationarity = next.stationarity.or(known.stationarity.take());
-            }
-        }
-        Some(_) | None => *known = Some(next),
+    if improves(known.as_ref(), &next, goal_tolerance) {
+        *known = Some(next);
+    } else if let Some(known) = known.as_mut().filter(|known| known.decision == next.decision) {
+        known.stationarity = next.stationarity.or(known.stationarity.take());
     }
 }
 

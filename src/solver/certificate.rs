@@ -122,13 +122,13 @@ fn decrease_within(predicted: f64, final_time: f64) -> f64 {
 /// It belongs to the answer, not to the search: neither the search's rollout limit nor its stop ends it. After a stop it has
 /// a small limit of its own, because the caller waits.
 fn measured(
-    problem: &mut ShootingProblem,
+    problem: &ShootingProblem,
     best: &Candidate,
     settings: &SolverSettings,
     (rollout_limit, cut): (u64, Stop),
 ) -> Result<Stationarity, Stopped> {
     let control = RunControl::new(cut, &NoProgress);
-    match LocalSearch::new(problem, settings, &control, rollout_limit).measured(best, STRICT_PENALTY) {
+    match LocalSearch::new(problem.clone(), settings, &control, rollout_limit).measured(best, STRICT_PENALTY) {
         Ok(known) if known.measure.better != Err(Interruption::Stopped) => Ok(known),
         // Rollouts alone end no measure before its first linear program, which takes one.
         Ok(_) | Err(_) => Err(Stopped),

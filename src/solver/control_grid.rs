@@ -28,9 +28,7 @@ pub(super) fn search(
     };
     let (coarse_problem, _) = problem_on(&coarse, simulator, problem.step_count());
     let mut result = search::search(&coarse, &coarse_problem, rollout_limit, control);
-    for plan in result.best.iter_mut().chain(&mut result.plans) {
-        resample(plan, input);
-    }
+    result.best.iter_mut().chain(&mut result.plans).for_each(|plan| resample(plan, input));
     if result.stop_reason == StopReason::Finished {
         use_all_intervals(input, problem, (&mut result, rollout_limit), control);
     }
@@ -99,10 +97,10 @@ fn use_all_intervals(
         Choice::Fastest => (PATIENCE, 0),
         Choice::Steadiest => (0, 1),
     };
-    let polish = |search: &mut LocalSearch| search.polish(best.clone(), patience, round);
+    let polish = |search: &mut LocalSearch| search.polish(&best, patience, round);
     // Iterates are worse than the plan reported before.
     let control = control.quietly();
-    let (outcome, found) = result.searching_on((&mut problem, &input.settings), (&control, rollout_limit), polish);
+    let (outcome, found) = result.searching_on((problem, &input.settings), (&control, rollout_limit), polish);
     match outcome {
         // With its criticality measure, also where it is no better.
         Ok(polished) => best = polished,

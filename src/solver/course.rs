@@ -1,6 +1,6 @@
 //! The grid on which a robot keeps its course.
 
-use super::settings::{Refinement, SolverSettings};
+use super::settings::SolverSettings;
 use crate::robot::RobotParameters;
 use crate::shooting::Maneuver;
 
@@ -14,34 +14,23 @@ pub(super) fn steps_on_course(robot: &RobotParameters, maneuver: &Maneuver) -> u
     let miss = maneuver.goal_error(&maneuver.start);
     let distance = miss[0].hypot(miss[1]);
     let lever = robot.chassis_mass * robot.center_of_mass_forward;
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "whole, and no front support lifts at rest"
-    )]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole, and no support lifts at rest")]
     let steps = (2.0 * distance * lever / robot.rolling_yaw_inertia()).ceil() as usize;
     steps
 }
 
-/// The settings, whose automatic steps begin with as many as the robot needs to keep its course, all control intervals equally long.
-pub(super) fn beginning_on_course(
-    settings: SolverSettings,
-    robot: &RobotParameters,
-    maneuver: &Maneuver,
-) -> SolverSettings {
-    if settings.refinement == Refinement::Fixed {
-        return settings;
-    }
+/// The steps to begin with: where they are automatic as many as the robot needs to keep its course, all control intervals equally long.
+pub(super) fn first_steps(settings: &SolverSettings, robot: &RobotParameters, maneuver: &Maneuver) -> usize {
     let finest = settings.finest_step_count();
     let steps = settings.step_count.max(steps_on_course(robot, maneuver)).min(finest);
-    SolverSettings { step_count: steps.next_multiple_of(settings.control_count).min(finest), ..settings }
+    steps.checked_next_multiple_of(settings.control_count).map_or(finest, |steps| steps.min(finest))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::shooting::{Goal, StateComponent};
-    use crate::solver::settings::{SolveInput, SolveParameters};
+    use crate::solver::settings::{Refinement, SolveInput, SolveParameters};
 
     fn steps(goal: &Goal) -> usize {
         steps_on_course(&RobotParameters::default(), &Maneuver { goal: *goal, ..Maneuver::forward_drive() })

@@ -35,23 +35,13 @@ impl Helpers for Alone {
     }
 }
 
-/// Cancels the other parts of shared work when one panics.
-pub(crate) struct CancelOnPanic<'a>(&'a AtomicBool);
-
-impl<'a> CancelOnPanic<'a> {
-    /// Sets the flag where it is dropped before [`Self::disarm`].
-    pub(crate) fn new(is_cancelled: &'a AtomicBool) -> Self {
-        Self(is_cancelled)
-    }
-
-    /// The part has ended by itself.
-    pub(crate) fn disarm(self) {
-        std::mem::forget(self);
-    }
-}
+/// Cancels the other parts of shared work where one panics: sets the flag where it is dropped by a panic.
+pub(crate) struct CancelOnPanic<'a>(pub(crate) &'a AtomicBool);
 
 impl Drop for CancelOnPanic<'_> {
     fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
+        if std::thread::panicking() {
+            self.0.store(true, Ordering::Relaxed);
+        }
     }
 }

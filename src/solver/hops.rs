@@ -24,7 +24,7 @@ enum Perturbation {
     Noise,
 }
 
-impl LocalSearch<'_, '_, '_> {
+impl LocalSearch<'_> {
     /// Basin hopping: descends again from perturbed copies of a local optimum, until so many in a row gain nothing. Local optima lie
     /// on kinks, and another one nearby is often better.
     pub(super) fn hop(&mut self, best: &mut Candidate, patience: usize, stream: u64) -> Result<(), Interruption> {
@@ -55,16 +55,14 @@ impl LocalSearch<'_, '_, '_> {
         let mut perturbed = decision.clone();
         let last = decision.len() - 1;
         let scale = self.problem.variable_scale(decision);
-        let (left, right) = perturbed.as_mut_slice()[..last].split_at_mut(last / 2);
-        let (left_scale, right_scale) = scale.as_slice()[..last].split_at(last / 2);
+        let wheels = perturbed.as_mut_slice()[..last].chunks_exact_mut(last / 2);
         match perturbation {
             Perturbation::Shift => {
-                let (from, to) = (rng.random_range(0..left.len()), rng.random_range(0..left.len()));
-                shift(left, from, to);
-                shift(right, from, to);
+                let (from, to) = (rng.random_range(0..last / 2), rng.random_range(0..last / 2));
+                wheels.for_each(|torques| shift(torques, from, to));
             }
             Perturbation::Noise => {
-                for (torques, scale) in [(left, left_scale), (right, right_scale)] {
+                for (torques, scale) in wheels.zip(scale.as_slice().chunks_exact(last / 2)) {
                     for index in random_stretch(torques.len(), rng) {
                         torques[index] += FIRST_RADIUS * scale[index] * rng.random_range(-1.0..1.0);
                     }

@@ -12,7 +12,7 @@ use crate::optimizer::{
     Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, SequentialLinearResult,
     SequentialLinearSettings, criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{GoalScales, Penalty, ShootingProblem, wrapped_angle};
+use crate::shooting::{Penalty, ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
 
 /// First penalty parameter: standing still costs this many times the unit of time, more than any multiplier of most
@@ -31,33 +31,30 @@ const ITERATION_LIMIT: usize = 1_000;
 const FEASIBILITY_MARGIN: f64 = 1e-2;
 
 /// The searches of one part of a solve share problem, budget and the best candidate so far.
-pub(super) struct LocalSearch<'a, 'b, 'c> {
-    pub(super) problem: &'a mut ShootingProblem<'b>,
-    scales: GoalScales,
+pub(super) struct LocalSearch<'a> {
+    pub(super) problem: ShootingProblem<'a>,
     pub(super) settings: &'a SolverSettings,
-    pub(super) control: &'a RunControl<'c>,
-    pub(super) budget: Budget<'c>,
+    pub(super) control: &'a RunControl<'a>,
+    pub(super) budget: Budget<'a>,
     pub(super) programs: ElasticSolver,
     /// Steps of the grid on which starts are compared.
     pub(super) coarse_step_count: usize,
     /// (running start, number of starts).
     pub(super) start: (usize, usize),
     pub(super) goal_heading: Option<f64>,
-    best: Option<Candidate>,
+    pub(super) best: Option<Candidate>,
     pub(super) iterations: u64,
 }
 
-impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
+impl<'a> LocalSearch<'a> {
     pub(super) fn new(
-        problem: &'a mut ShootingProblem<'b>,
+        problem: ShootingProblem<'a>,
         settings: &'a SolverSettings,
-        control: &'a RunControl<'c>,
+        control: &'a RunControl<'a>,
         rollout_limit: u64,
     ) -> Self {
-        let scales = problem.goal_scales();
         Self {
             problem,
-            scales,
             settings,
             control,
             budget: Budget::new(control.stop(), rollout_limit),
@@ -76,10 +73,6 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         self.programs = ElasticSolver::default();
     }
 
-    pub(super) fn into_parts(self) -> (Option<Candidate>, u64, u64) {
-        (self.best, self.iterations, self.budget.spent())
-    }
-
     /// Descends under the exact law and restores the goal.
     pub(super) fn descend(&mut self, guess: &DVector<f64>, radius: f64) -> Result<Candidate, Interruption> {
         self.descend_until(guess, (radius, None), (SMALLEST_PREDICTION, f64::INFINITY))
@@ -93,28 +86,29 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         (radius, accepted): (f64, Option<&DVector<f64>>),
         (smallest_prediction, time_to_beat): (f64, f64),
     ) -> Result<Candidate, Interruption> {
-        let settings = SequentialLinearSettings {
-            first_radius: radius,
-            merit_to_beat: time_to_beat / self.problem.time_unit(),
-            ..self.descent(smallest_prediction)
-        };
-        let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
+        let merit_to_beat = time_to_beat / self.problem.time_unit();
+        let settings = SequentialLinearSettings { merit_to_beat, ..self.descent(radius, smallest_prediction) };
         let (tolerance, inequality_tolerance) = (self.settings.goal_tolerance, self.problem.inequality_tolerance());
+        let scales = self.problem.goal_scales();
         // The latest feasible point is the fastest one since the penalty parameter last grew: the merit only falls.
         let mut passed = None;
-        let mut report_improvement = |x: &DVector<f64>, constraints: &Constraints| {
+        let mut report_each = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
             let breaks_limits = constraints.largest_inequality_violation() > inequality_tolerance;
-            report(control, start, x, (goal_error, breaks_limits), tolerance);
-            if goal_error <= tolerance && !breaks_limits {
-                passed = Some(Candidate::new(x.clone(), goal_error, breaks_limits, goal_heading));
+            let reached = Candidate::new(x.clone(), goal_error, breaks_limits, self.goal_heading);
+            report(self.control, self.start, &reached, tolerance);
+            if reached.is_feasible(tolerance) {
+                passed = Some(reached);
             }
         };
         let from = (guess, &mut self.programs);
         let result =
-            minimise_sequentially(self.problem, from, (&settings, accepted), &mut self.budget, &mut report_improvement);
+            minimise_sequentially(&mut self.problem, from, (&settings, accepted), &mut self.budget, &mut report_each);
         self.iterations += result.iterations;
-        let candidate = self.candidate(&result);
+        let goal_error = scales.largest_goal_error(&result.constraints.residual);
+        let breaks_limits = self.problem.breaks_limits(&result.constraints);
+        let merit = self.merit(&result);
+        let candidate = Candidate { merit, ..Candidate::new(result.x, goal_error, breaks_limits, self.goal_heading) };
         self.note(&candidate);
         // When a descent ends infeasible, its last feasible iterate is kept.
         if let Some(passed) = passed.filter(|_| !candidate.is_feasible(tolerance)) {
@@ -124,25 +118,19 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
     }
 
     /// The settings of a descent to the goal.
-    pub(super) fn descent(&self, smallest_prediction: f64) -> SequentialLinearSettings {
+    pub(super) fn descent(&self, first_radius: f64, smallest_prediction: f64) -> SequentialLinearSettings {
+        let smallest_scale = self.problem.goal_scales().smallest();
         SequentialLinearSettings {
             penalty_parameter: PENALTY,
             largest_penalty_parameter: LARGEST_PENALTY,
-            first_radius: 1.0,
-            feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * self.scales.smallest(),
+            first_radius,
+            feasibility_tolerance: FEASIBILITY_MARGIN * self.settings.goal_tolerance * smallest_scale,
             inequality_tolerance: self.problem.inequality_tolerance(),
             smallest_prediction,
             merit_to_beat: f64::INFINITY,
             iteration_limit: ITERATION_LIMIT,
             restores: true,
         }
-    }
-
-    fn candidate(&self, result: &SequentialLinearResult) -> Candidate {
-        let goal_error = self.scales.largest_goal_error(&result.constraints.residual);
-        let breaks_limits = self.problem.breaks_limits(&result.constraints);
-        let candidate = Candidate::new(result.x.clone(), goal_error, breaks_limits, self.goal_heading);
-        Candidate { merit: self.merit(result), ..candidate }
     }
 
     /// The final time and what violations cost, s.
@@ -153,32 +141,30 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let scale = self.problem.variable_scale(guess);
-        let (control, start, scales, goal_heading) = (self.control, self.start, &self.scales, self.goal_heading);
-        let tolerance = self.settings.goal_tolerance;
+        let (scales, tolerance) = (self.problem.goal_scales(), self.settings.goal_tolerance);
+        let goal_heading = self.goal_heading;
+        let reached = |decision: DVector<f64>, (goal_error, breaks_limits): (f64, bool)| {
+            Candidate::new(decision, goal_error, breaks_limits, goal_heading)
+        };
         let last = Cell::new((f64::NAN, true));
-        let mut penalty = Penalty::new(self.problem);
+        let mut penalty = Penalty::new(&mut self.problem);
         let mut passed = None;
         let mut value = |x: &DVector<f64>, stop: Stop| {
             let value = penalty.value(x, stop)?;
-            let goal_error = scales.largest_goal_error(&penalty.constraints().residual);
-            let breaks_limits = penalty.breaks_limits();
-            last.set((goal_error, breaks_limits));
-            if goal_error <= tolerance && !breaks_limits {
-                let feasible = Candidate::new(penalty.decision().clone(), goal_error, breaks_limits, goal_heading);
-                keep_best(&mut passed, Some(feasible), tolerance);
-            }
+            last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.breaks_limits()));
+            let reached = reached(penalty.decision().clone(), last.get());
+            keep_best(&mut passed, Some(reached).filter(|plan| plan.is_feasible(tolerance)), tolerance);
             Ok(value)
         };
         let mut best = last.get();
         let mut report_improvement = |x: &DVector<f64>| {
             best = last.get();
-            report(control, start, x, best, tolerance);
+            report(self.control, self.start, &reached(x.clone(), best), tolerance);
         };
         let result = minimise_by_nelder_mead(&mut value, guess, &scale, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
-        let (goal_error, breaks_limits) = best;
-        let candidate = Candidate::new(decision, goal_error, breaks_limits, goal_heading);
+        let candidate = reached(decision, best);
         self.note(&candidate);
         // The penalty trades the goal for time: its best point may miss what another one, such as the guess, meets.
         if let Some(passed) = passed {
@@ -209,12 +195,11 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let time_unit = self.problem.time_unit();
         let settings = SequentialLinearSettings {
             penalty_parameter,
-            first_radius: FIRST_RADIUS,
-            feasibility_tolerance: self.settings.goal_tolerance * self.scales.largest(),
-            ..self.descent(0.5 * CRITICALITY_TOLERANCE * plan.final_time() / time_unit)
+            feasibility_tolerance: self.settings.goal_tolerance * self.problem.goal_scales().largest(),
+            ..self.descent(FIRST_RADIUS, 0.5 * CRITICALITY_TOLERANCE * plan.final_time() / time_unit)
         };
         let from = (&plan.decision, &mut self.programs);
-        let measure = criticality_measure(self.problem, from, &settings, &mut self.budget)?;
+        let measure = criticality_measure(&mut self.problem, from, &settings, &mut self.budget)?;
         Ok(Stationarity { penalty_parameter, time_unit, measure })
     }
 
@@ -228,22 +213,15 @@ impl<'a, 'b, 'c> LocalSearch<'a, 'b, 'c> {
         let tolerance = self.settings.goal_tolerance;
         if improves(self.best.as_ref(), candidate, tolerance) {
             self.best = Some(candidate.clone());
-            let misses = (candidate.goal_error, candidate.breaks_limits);
-            report(self.control, self.start, &candidate.decision, misses, tolerance);
+            report(self.control, self.start, candidate, tolerance);
         }
     }
 }
 
 /// Reports a decision, but for one that meets the goal beyond the limits.
-fn report(
-    control: &RunControl,
-    (start, start_count): (usize, usize),
-    x: &DVector<f64>,
-    (best_goal_error, breaks_limits): (f64, bool),
-    tolerance: f64,
-) {
-    if best_goal_error > tolerance || !breaks_limits {
-        let best_final_time = x[x.len() - 1];
+fn report(control: &RunControl, (start, start_count): (usize, usize), reached: &Candidate, tolerance: f64) {
+    if reached.goal_error > tolerance || !reached.breaks_limits {
+        let (best_final_time, best_goal_error) = (reached.final_time(), reached.goal_error);
         control.report(&SolveProgress { best_final_time, best_goal_error, start, start_count });
     }
 }
@@ -266,7 +244,7 @@ mod tests {
             let mut problem = ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (100, 1), 1.0);
             let guess = DVector::from_vec(vec![-torque, torque, 2.0]);
             let led = problem.end_heading(&guess, Stop::never()).unwrap();
-            let mut search = LocalSearch::new(&mut problem, &settings, &control, 1);
+            let mut search = LocalSearch::new(problem, &settings, &control, 1);
             search.aim_where_it_leads(&guess, 0.5).unwrap();
             let aimed = search.goal_heading.unwrap();
             let turns = (aimed - 0.5) / (2.0 * PI);

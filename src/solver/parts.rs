@@ -84,11 +84,7 @@ impl Total {
 }
 
 impl<'a> Parts<'a> {
-    pub(super) fn new(
-        progress: &'a BestProgress<'a>,
-        rollout_limit: u64,
-        (count, run): (usize, &'a RunPart<'a>),
-    ) -> Self {
+    pub(super) fn new(progress: &'a BestProgress<'a>, rollout_limit: u64, count: usize, run: &'a RunPart<'a>) -> Self {
         let state = State { slots: (0..count).map(|_| Slot::Open).collect(), given_back: None };
         Self { progress, rollout_limit, run, state: Mutex::new(state), is_cancelled: AtomicBool::new(false) }
     }
@@ -101,6 +97,7 @@ impl<'a> Parts<'a> {
         control.share(&self);
         let State { slots, given_back } = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
         let (before, mut locals) = (found.rollouts, Vec::new());
+        let again = control.of_part(control.stop(), progress);
         let mut slots = slots.into_iter().enumerate();
         while let Some((index, slot)) = slots.next() {
             let share = rollout_limit - (found.rollouts - before);
@@ -116,9 +113,7 @@ impl<'a> Parts<'a> {
                     found.interruption = Some(Interruption::Stopped);
                     break;
                 }
-                Slot::Open | Slot::UnderWay | Slot::Done { .. } => {
-                    run(index, &control.of_part(control.stop(), progress), share)
-                }
+                Slot::Open | Slot::UnderWay | Slot::Done { .. } => run(index, &again, share),
             };
             let Some(local) = found.add(outcome, goal_tolerance) else { break };
             locals.push((index, local));
@@ -189,12 +184,10 @@ impl SharedWork for Parts<'_> {
             return false;
         }
         let Some((index, limit)) = self.begin() else { return false };
-        let alarm = CancelOnPanic::new(&self.is_cancelled);
+        let _alarm = CancelOnPanic(&self.is_cancelled);
         let control = self.progress.control;
         let control = control.of_part(control.stop().interrupted_by([&self.is_cancelled, recalled]), self.progress);
-        let outcome = (self.run)(index, &control, limit);
-        alarm.disarm();
-        self.end(index, limit, outcome);
+        self.end(index, limit, (self.run)(index, &control, limit));
         true
     }
 }

@@ -14,9 +14,8 @@ pub(super) fn is_nearer(first: f64, second: f64) -> bool {
 fn is_better(first: &SolveProgress, second: &SolveProgress, goal_tolerance: f64) -> bool {
     match (first.best_goal_error <= goal_tolerance, second.best_goal_error <= goal_tolerance) {
         (true, true) => first.best_final_time < second.best_final_time,
-        (true, false) => true,
-        (false, true) => false,
-        (false, false) => is_nearer(first.best_goal_error, second.best_goal_error),
+        // What meets the goal is nearer to it than what does not.
+        (true, false) | (false, _) => is_nearer(first.best_goal_error, second.best_goal_error),
     }
 }
 
@@ -55,11 +54,11 @@ impl ProgressObserver for BestProgress<'_> {
     }
 
     fn begins(&self, phase: Phase) {
-        self.control.observer().begins(phase);
+        self.control.observer.begins(phase);
     }
 
     fn ends(&self, phase: Phase) {
-        self.control.observer().ends(phase);
+        self.control.observer.ends(phase);
     }
 }
 

@@ -5,6 +5,7 @@ use super::hops::PATIENCE;
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, Parts, RunPart, Total};
 use super::progress::BestProgress;
+use super::run_control::RunControl;
 use super::settings::SolveInput;
 use super::starts::{ONE_IN, Start, Strategy, spun, starts};
 use super::strategies::Heat;
@@ -28,12 +29,14 @@ pub(super) struct Race<'a> {
     problem: ShootingProblem<'a>,
     coarse_step_count: usize,
     rollout_limit: u64,
-    progress: &'a BestProgress<'a>,
+    progress: BestProgress<'a>,
     pub(super) found: Total,
     /// Starts tried.
     pub(super) tried: usize,
-    /// Spins of the best plan tried.
-    spun: usize,
+    /// Where starts and spins led under smoothed laws, best first.
+    smoothed: Vec<Smoothed>,
+    /// Local optima under the exact law.
+    pub(super) optima: Vec<Candidate>,
 }
 
 impl<'a> Race<'a> {
@@ -41,91 +44,82 @@ impl<'a> Race<'a> {
         input: &'a SolveInput,
         problem: &ShootingProblem<'a>,
         rollout_limit: u64,
-        progress: &'a BestProgress<'a>,
+        control: &'a RunControl<'a>,
     ) -> Self {
         let coarse_step_count = coarse_step_count(input, problem.time_unit());
-        let problem = problem.clone();
-        Self { input, problem, coarse_step_count, rollout_limit, progress, found: Total::default(), tried: 0, spun: 0 }
+        let progress = BestProgress::new(control, input.settings.goal_tolerance);
+        let (problem, found) = (problem.clone(), Total::default());
+        let (smoothed, optima) = (Vec::new(), Vec::new());
+        Self { input, problem, coarse_step_count, rollout_limit, progress, found, tried: 0, smoothed, optima }
     }
 
-    /// From starts to local optima, from as many more where none is a plan, and from spins of the best. Whether any start goes through
-    /// smoothed laws.
-    pub(super) fn starts(&mut self, optima: &mut Vec<Candidate>) -> bool {
-        let mut smoothed = Vec::new();
-        self.block(&mut smoothed, optima);
-        let has_plan = optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance));
+    /// From starts to local optima, from as many more where none is a plan, and from spins of the best. Where any start goes through
+    /// smoothed laws the optima are polished, and the best plan where it has not settled.
+    pub(super) fn run(&mut self) {
+        self.block();
+        let has_plan = self.optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance));
         if !has_plan && self.found.interruption.is_none() {
-            self.block(&mut smoothed, optima);
+            self.block();
         }
-        self.spins(&mut smoothed, optima);
-        self.descend(&mut smoothed, optima);
-        !smoothed.is_empty()
+        self.spins();
+        self.descend();
+        if !self.smoothed.is_empty() {
+            self.finals();
+        }
+        self.settle_best();
     }
 
     /// From so many starts as are requested to local optima. Some maneuvers have fewer.
-    pub(super) fn block(&mut self, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
-        let first = self.tried;
-        let starts = starts(self.input, first + self.input.settings.start_count);
-        let starts = starts.get(first..).unwrap_or_default();
+    pub(super) fn block(&mut self) {
+        let starts = starts(self.input, self.tried + self.input.settings.start_count);
         let count = starts.len();
-        let numbers: Vec<_> = (1..=count).map(|number| (first + number, first + count)).collect();
-        self.tried += self.heats((starts, &numbers), f64::INFINITY, smoothed, optima);
-        self.descend(smoothed, optima);
+        let numbered = (1..).zip(starts).skip(self.tried).map(|(number, start)| (start, (number, count)));
+        self.tried += self.heats(&numbered.collect::<Vec<_>>(), f64::INFINITY);
+        self.descend();
     }
 
     /// From spins of the best smoothed plan so far to what they lead to, in rounds, until one leads to no better plan and the best has been
     /// found more than by chance, or until several in a row lead to no better one.
-    fn spins(&mut self, smoothed: &mut Vec<Smoothed>, optima: &mut Vec<Candidate>) {
+    fn spins(&mut self) {
         let start_count = self.input.settings.start_count;
         let count = start_count / ONE_IN;
-        let mut in_vain = 0;
+        let (mut stream, mut in_vain) = (self.tried, 0);
         while count > 0 && in_vain < MOST_IN_VAIN {
-            let (None, Some(best)) = (self.found.interruption, smoothed.first()) else { return };
-            let plan = Start {
-                schedule: schedule_from_decision(&best.local.decision),
-                goal_heading: best.local.goal_heading,
-                strategy: Strategy::Smoothed,
-            };
-            let (merit, numbers) = (best.local.merit, vec![best.number; count]);
-            let spins = spun(self.input, &plan, (count, (self.tried + self.spun) as u64));
-            self.spun += count;
-            self.heats((&spins, &numbers), (1.0 + LARGEST_SPIN_LAG) * merit, smoothed, optima);
-            in_vain = if is_distinct(smoothed[0].local.merit, merit) { 0 } else { in_vain + 1 };
-            if in_vain > 0 && times_found(smoothed) * STARTS_A_FIND >= start_count {
+            let (None, Some(best)) = (self.found.interruption, self.smoothed.first()) else { return };
+            let schedule = schedule_from_decision(&best.local.decision);
+            let plan = Start { schedule, goal_heading: best.local.goal_heading, strategy: Strategy::Smoothed };
+            let (merit, number) = (best.local.merit, best.number);
+            let spins = spun(self.input, &plan, (count, stream as u64)).into_iter().map(|spin| (spin, number));
+            stream += count;
+            self.heats(&spins.collect::<Vec<_>>(), (1.0 + LARGEST_SPIN_LAG) * merit);
+            in_vain = if is_distinct(self.smoothed[0].local.merit, merit) { 0 } else { in_vain + 1 };
+            if in_vain > 0 && times_found(&self.smoothed) * STARTS_A_FIND >= start_count {
                 return;
             }
         }
     }
 
     /// From starts to what they lead to, ever fewer of them and ever more thoroughly, through other laws than the first where their merit
-    /// is at most the slowest. Smoothed ones join the others, best first. Returns how many starts were tried.
-    fn heats(
-        &mut self,
-        (starts, numbers): (&[Start], &[StartNumber]),
-        slowest: f64,
-        smoothed: &mut Vec<Smoothed>,
-        optima: &mut Vec<Candidate>,
-    ) -> usize {
-        let locals = self.round(starts.len(), &|index, search| search.run_from(&starts[index], numbers[index]));
+    /// is at most the slowest. Returns how many starts were tried.
+    fn heats(&mut self, starts: &[(Start, StartNumber)], slowest: f64) -> usize {
+        let locals = self.round(starts, |(start, number), search| search.run_from(start, *number));
         let tried = locals.len();
-        let mut rough = Vec::new();
-        for (index, local) in locals {
-            let strategy = starts[index].strategy;
-            if strategy.is_smoothed() {
-                rough.push(Smoothed::new(numbers[index], strategy, local));
-            } else {
-                optima.push(local);
+        // Merits under different laws do not compare closely.
+        let (mut rough, mut sharper) = (Vec::new(), Vec::new());
+        for ((Start { strategy, .. }, number), local) in locals {
+            match strategy {
+                Strategy::Warm | Strategy::Direct => self.optima.push(local),
+                Strategy::Smoothed => rough.push(Smoothed::new(*number, *strategy, local)),
+                Strategy::Sharper => sharper.push(Smoothed::new(*number, *strategy, local)),
             }
         }
-        // Merits under different laws do not compare closely.
-        let (rough, sharper): (Vec<_>, Vec<_>) =
-            rough.into_iter().partition(|rough| rough.strategy == Strategy::Smoothed);
         let mut arrived: Vec<_> = [rough, sharper].into_iter().flat_map(|rough| self.first_law(rough)).collect();
         arrived.retain(|arrived| arrived.local.merit <= slowest);
-        let is_first = smoothed.is_empty();
-        smoothed.extend(self.heat(&arrived, Heat::OtherLaws));
-        best_first(smoothed, |smoothed| &smoothed.local);
-        if let Some(best) = smoothed.first().filter(|_| is_first) {
+        let is_first = self.smoothed.is_empty();
+        let arrived = self.heat(&arrived, Heat::OtherLaws);
+        self.smoothed.extend(arrived);
+        best_first(&mut self.smoothed, |smoothed| &smoothed.local);
+        if let Some(best) = self.smoothed.first().filter(|_| is_first) {
             // The first guess of a small maneuver may be twenty times as slow: laws and tolerances would be too fine.
             self.problem.set_time_unit(best.local.merit.min(self.problem.time_unit()));
         }
@@ -146,44 +140,41 @@ impl<'a> Race<'a> {
         if self.found.interruption.is_some() {
             return Vec::new();
         }
-        let go_on = |index: usize, search: &mut LocalSearch| {
-            let Smoothed { number, strategy, local, .. } = &entrants[index];
+        let locals = self.round(entrants, |Smoothed { number, strategy, local, .. }, search| {
             search.go_on(local, (heat, *strategy), *number)
-        };
-        let locals = self.round(entrants.len(), &go_on).into_iter();
-        let mut arrived: Vec<_> = locals.map(|(index, local)| Smoothed { local, ..entrants[index].clone() }).collect();
+        });
+        let locals = locals.into_iter();
+        let mut arrived: Vec<_> = locals.map(|(entrant, local)| Smoothed { local, ..entrant.clone() }).collect();
         best_first(&mut arrived, |arrived| &arrived.local);
         arrived
     }
 
     /// The best distinct optima of smoothed laws under the exact law, where they join the others. After each block of starts, so that
     /// a search which is stopped has a plan.
-    fn descend(&mut self, smoothed: &mut [Smoothed], optima: &mut Vec<Candidate>) {
-        let mut groups = distinct(smoothed, |smoothed| smoothed.local.merit);
+    fn descend(&mut self) {
+        let mut groups = distinct(&self.smoothed, |smoothed| smoothed.local.merit);
         groups.truncate(self.input.settings.start_count.div_ceil(ONE_IN));
-        groups.retain(|group| !std::mem::replace(&mut smoothed[group.start].has_gone_on, true));
-        let chosen: Vec<_> = groups.into_iter().map(|group| representative(&mut smoothed[group])).collect();
-        optima.extend(self.heat(&chosen, Heat::Descend).into_iter().map(|arrived| arrived.local));
+        groups.retain(|group| !std::mem::replace(&mut self.smoothed[group.start].has_gone_on, true));
+        let chosen: Vec<_> = groups.into_iter().map(|group| representative(&mut self.smoothed[group])).collect();
+        let arrived = self.heat(&chosen, Heat::Descend);
+        self.optima.extend(arrived.into_iter().map(|arrived| arrived.local));
     }
 
     /// Improves the fastest distinct optima that come near the best, ever fewer of them and ever more thoroughly (successive halving:
     /// Jamieson & Talwalkar 2016). Patience begins with a half of what one without rivals has.
-    pub(super) fn finals(&mut self, optima: &mut [Candidate]) {
+    fn finals(&mut self) {
         let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(ONE_IN), PATIENCE / 2);
         for round in 0.. {
             if self.found.interruption.is_some() {
                 return;
             }
-            best_first(optima, |optimum| optimum);
-            let slowest = (1.0 + LARGEST_LAG) * optima.first().map_or(0.0, |best| best.merit);
-            let groups = distinct(optima, |optimum| optimum.merit).into_iter();
-            let mut chosen: Vec<_> = groups.map(|group| group.start).collect();
-            chosen.retain(|index| optima[*index].merit <= slowest);
-            chosen.truncate(count);
-            let polish =
-                |index: usize, search: &mut LocalSearch| search.polish(optima[chosen[index]].clone(), patience, round);
-            for (index, local) in self.round(chosen.len(), &polish) {
-                optima[chosen[index]] = local;
+            best_first(&mut self.optima, |optimum| optimum);
+            let slowest = (1.0 + LARGEST_LAG) * self.optima.first().map_or(0.0, |best| best.merit);
+            let groups = distinct(&self.optima, |optimum| optimum.merit).into_iter();
+            let groups = groups.filter(|group| self.optima[group.start].merit <= slowest).take(count);
+            let chosen: Vec<_> = groups.map(|group| (group.start, self.optima[group.start].clone())).collect();
+            for ((place, _), local) in self.round(&chosen, |(_, plan), search| search.polish(plan, patience, round)) {
+                self.optima[*place] = local;
             }
             // None where no merit is a number.
             if chosen.len() <= 1 && patience >= PATIENCE {
@@ -195,38 +186,37 @@ impl<'a> Race<'a> {
 
     /// Polishes the best plan where it is not shown to be a local optimum: a descent only passed it, or torques near the grip are not
     /// all.
-    pub(super) fn settle_best(&mut self, optima: &mut Vec<Candidate>) {
+    fn settle_best(&mut self) {
         if self.problem.has_torque_beyond_grip() {
             // What was measured is that of torques near the grip.
-            optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
+            self.optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
             self.problem.release_torques();
         }
         let Some(best) = self.found.best.clone().filter(|_| self.found.interruption.is_none()) else { return };
         if best.stationarity.is_some() || !best.is_feasible(self.input.settings.goal_tolerance) {
             return;
         }
-        if let Some((_, local)) = self.round(1, &|_, search| search.polish(best.clone(), PATIENCE, 0)).pop() {
-            optima.retain(|optimum| optimum.decision != best.decision);
-            optima.push(local);
+        if let Some((best, local)) = self.round(&[best], |best, search| search.polish(best, PATIENCE, 0)).pop() {
+            self.optima.retain(|optimum| optimum.decision != best.decision);
+            self.optima.push(local);
         }
     }
 
-    /// Runs the parts of one round; the local optima with the numbers of their parts.
-    fn round(
+    /// Runs a round, one part for each entrant; the local optima to which they led, each with its entrant.
+    fn round<'b, T: Sync>(
         &mut self,
-        count: usize,
-        run: &(dyn Fn(usize, &mut LocalSearch) -> Result<Candidate, Interruption> + Sync),
-    ) -> Vec<(usize, Candidate)> {
+        entrants: &'b [T],
+        run: impl Fn(&T, &mut LocalSearch) -> Result<Candidate, Interruption> + Sync,
+    ) -> Vec<(&'b T, Candidate)> {
         let run_part: &RunPart = &|index, control, rollout_limit| {
-            let mut problem = self.problem.clone();
-            let mut local_search = LocalSearch::new(&mut problem, &self.input.settings, control, rollout_limit);
-            local_search.coarse_step_count = self.coarse_step_count;
-            let local = run(index, &mut local_search);
-            let (best, iterations, rollouts) = local_search.into_parts();
-            PartOutcome { local, best, iterations, rollouts }
+            let mut search = LocalSearch::new(self.problem.clone(), &self.input.settings, control, rollout_limit);
+            search.coarse_step_count = self.coarse_step_count;
+            let local = run(&entrants[index], &mut search);
+            PartOutcome { local, best: search.best, iterations: search.iterations, rollouts: search.budget.spent() }
         };
         let left = self.rollout_limit - self.found.rollouts;
-        Parts::new(self.progress, left, (count, run_part)).run_into(&mut self.found)
+        let locals = Parts::new(&self.progress, left, entrants.len(), run_part).run_into(&mut self.found);
+        locals.into_iter().map(|(index, local)| (&entrants[index], local)).collect()
     }
 }
 
@@ -234,9 +224,8 @@ impl<'a> Race<'a> {
 fn coarse_step_count(input: &SolveInput, final_time: f64) -> usize {
     let control_count = input.settings.control_count;
     let interval = final_time / control_count as f64;
-    let needed = (interval / (LONGEST_STEP * input.robot.parameters().natural_time())).ceil();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive and whole")]
-    let needed = needed as usize;
+    let needed = (interval / (LONGEST_STEP * input.robot.parameters().natural_time())).ceil() as usize;
     needed.saturating_mul(control_count)
 }
 
@@ -245,7 +234,7 @@ type StartNumber = (usize, usize);
 
 /// Where a start led under smoothed laws.
 #[derive(Clone)]
-pub(super) struct Smoothed {
+struct Smoothed {
     /// That of the start, or of the one whose spin it was.
     number: StartNumber,
     strategy: Strategy,
@@ -299,17 +288,16 @@ mod tests {
     use super::*;
     use crate::simulation::Simulator;
     use crate::solver::grid_problem::problem_on;
-    use crate::solver::run_control::RunControl;
 
     #[test]
     fn finals_end_where_no_merit_is_a_number() {
         let (input, control) = (SolveInput::forward_drive(), RunControl::unattended());
         let simulator = Simulator::new(&input.robot);
         let (problem, _) = problem_on(&input, &simulator, input.settings.step_count);
-        let progress = BestProgress::new(&control, input.settings.goal_tolerance);
-        let mut race = Race::new(&input, &problem, 10, &progress);
+        let mut race = Race::new(&input, &problem, 10, &control);
         let diverged = Candidate::new(DVector::from_element(1, 1.0), f64::NAN, true, None);
-        race.finals(&mut [Candidate { merit: f64::NAN, ..diverged }]);
+        race.optima.push(Candidate { merit: f64::NAN, ..diverged });
+        race.finals();
         assert_eq!(race.found.rollouts, 0);
     }
 

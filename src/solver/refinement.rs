@@ -33,8 +33,7 @@ const ATTEMPT_LIMIT: usize = 3;
 /// The best decision stays, on the finest grid on which it meets the goal, where no plan can.
 pub(super) fn refine(input: &SolveInput, simulator: &Simulator, control: &RunControl, result: &mut SearchResult) {
     // While the grid is refined, iterates are worse than the plan reported before.
-    let mut refiner = Refiner { input, simulator, control: control.quietly(), result };
-    let outcome = refiner.run();
+    let outcome = Refiner { input, simulator, control: control.quietly(), result }.run();
     if let Err(interruption) = outcome {
         result.stop_reason = interruption.into();
     }
@@ -68,7 +67,7 @@ impl Refiner<'_, '_> {
         let mut first = self.plan(first, step_count, self.control.cut())?;
         let outcome = self.refine(&mut first);
         self.keep(first);
-        if outcome? == RefinementOutcome::WithinTolerance || self.refine_first(candidates, step_count)? {
+        if outcome? == RefinementOutcome::WithinTolerance || self.refine_first(candidates.collect(), step_count)? {
             return Ok(RefinementOutcome::WithinTolerance);
         }
         let candidates = further_optima(self.input, self.simulator, (&mut *self.result, step_count), &self.control);
@@ -96,11 +95,7 @@ impl Refiner<'_, '_> {
     }
 
     /// Refines plans, in their order, of those for which the allowed steps may do; keeps the first that can be executed.
-    fn refine_first(
-        &mut self,
-        candidates: impl IntoIterator<Item = Candidate>,
-        step_count: usize,
-    ) -> Result<bool, Interruption> {
+    fn refine_first(&mut self, candidates: Vec<Candidate>, step_count: usize) -> Result<bool, Interruption> {
         let mut attempts = 0;
         for candidate in candidates {
             let mut plan = self.plan(candidate, step_count, self.control.stop())?;
@@ -181,12 +176,12 @@ impl Refiner<'_, '_> {
     }
 
     /// Searches from a plan, on a grid and with tighter limits.
-    fn searching_from<T>(
+    fn searching_from(
         &mut self,
         Plan { candidate, .. }: &Plan,
         (step_count, margins): (usize, &[(&str, f64)]),
-        run: impl FnOnce(&mut LocalSearch) -> T,
-    ) -> T {
+        run: impl FnOnce(&mut LocalSearch) -> Result<Candidate, Interruption>,
+    ) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Refinement);
         let settings = &self.input.settings;
         let (mut problem, _) = problem_on(self.input, self.simulator, step_count);
@@ -197,7 +192,7 @@ impl Refiner<'_, '_> {
             search.aim(candidate.goal_heading);
             run(search)
         };
-        self.result.searching_on((&mut problem, settings), (&self.control, settings.rollout_limit), from_plan).0
+        self.result.searching_on((problem, settings), (&self.control, settings.rollout_limit), from_plan).0
     }
 
     fn plan(&self, candidate: Candidate, step_count: usize, stop: Stop) -> Result<Plan, Stopped> {

@@ -59,7 +59,7 @@ impl ProgressObserver for NoProgress {
 pub struct RunControl<'a> {
     stop: Stop<'a>,
     cut: Stop<'a>,
-    observer: &'a dyn ProgressObserver,
+    pub(super) observer: &'a dyn ProgressObserver,
     /// Whether the observer sees phases alone.
     is_quiet: bool,
     helpers: &'a dyn Helpers,
@@ -94,11 +94,8 @@ impl<'a> RunControl<'a> {
     }
 
     /// Control of one part of the search, stopped by `stop`, with an observer of its own and without helpers.
-    pub(super) fn of_part<'b>(&self, stop: Stop<'b>, observer: &'b dyn ProgressObserver) -> RunControl<'b>
-    where
-        'a: 'b,
-    {
-        RunControl { stop, observer, helpers: &Alone, ..*self }
+    pub(super) fn of_part(self, stop: Stop<'a>, observer: &'a dyn ProgressObserver) -> Self {
+        Self { stop, observer, helpers: &Alone, ..self }
     }
 
     /// Does the work on the calling thread and on helpers; returns when it is done.
@@ -126,11 +123,6 @@ impl<'a> RunControl<'a> {
     pub fn enter(&self, phase: Phase) -> RunningPhase<'a> {
         self.observer.begins(phase);
         RunningPhase { observer: self.observer, phase }
-    }
-
-    /// The observer of the solve.
-    pub(super) fn observer(&self) -> &'a dyn ProgressObserver {
-        self.observer
     }
 
     /// Notifies the observer of progress.

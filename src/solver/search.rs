@@ -5,7 +5,6 @@ use std::ops::Range;
 use super::candidate::{Candidate, distinct, improves, is_distinct};
 use super::certificate::Replayed;
 use super::local_search::LocalSearch;
-use super::progress::BestProgress;
 use super::race::Race;
 use super::run_control::RunControl;
 use super::sensitivity::Weighed;
@@ -39,31 +38,29 @@ pub(super) struct SearchResult {
 
 impl SearchResult {
     /// Adds the search of a finer grid, where this one found no plan; the better of both misses is kept.
-    pub(super) fn follow(&mut self, finer: Self, goal_tolerance: f64) {
-        let has_better = finer.best.as_ref().is_some_and(|next| improves(self.best.as_ref(), next, goal_tolerance));
-        let (iterations, rollouts) = (self.iterations + finer.iterations, self.rollouts + finer.rollouts);
-        let starts_tried = self.starts_tried + finer.starts_tried;
-        if has_better {
-            *self = finer;
+    pub(super) fn follow(&mut self, mut finer: Self, goal_tolerance: f64) {
+        if finer.best.as_ref().is_some_and(|next| improves(self.best.as_ref(), next, goal_tolerance)) {
+            std::mem::swap(self, &mut finer);
         } else {
             self.stop_reason = finer.stop_reason;
         }
-        (self.iterations, self.rollouts, self.starts_tried) = (iterations, rollouts, starts_tried);
+        self.iterations += finer.iterations;
+        self.rollouts += finer.rollouts;
+        self.starts_tried += finer.starts_tried;
     }
 
     /// Searches on with what is left of the rollouts, and counts what that takes; gives the best decision met, too.
-    pub(super) fn searching_on<T>(
+    pub(super) fn searching_on(
         &mut self,
-        (problem, settings): (&mut ShootingProblem, &SolverSettings),
+        (problem, settings): (ShootingProblem, &SolverSettings),
         (control, rollout_limit): (&RunControl, u64),
-        run: impl FnOnce(&mut LocalSearch) -> T,
-    ) -> (T, Option<Candidate>) {
+        run: impl FnOnce(&mut LocalSearch) -> Result<Candidate, Interruption>,
+    ) -> (Result<Candidate, Interruption>, Option<Candidate>) {
         let mut search = LocalSearch::new(problem, settings, control, rollout_limit - self.rollouts);
         let found = run(&mut search);
-        let (best, iterations, rollouts) = search.into_parts();
-        self.iterations += iterations;
-        self.rollouts += rollouts;
-        (found, best)
+        self.iterations += search.iterations;
+        self.rollouts += search.budget.spent();
+        (found, search.best)
     }
 
     /// How far less friction shifts the ends of the local optima; the steadiest comes first where it is asked for.
@@ -71,10 +68,8 @@ impl SearchResult {
         let weighed = |candidate: &Candidate| {
             Weighed::new(input, (&schedule_from_decision(&candidate.decision), self.step_count), stop)
         };
-        let fastest_of_groups: Vec<_> = distinct(optima, Candidate::final_time)
-            .into_iter()
-            .map(|group| weighed(&optima[group.start]))
-            .collect::<Result<_, _>>()?;
+        let groups = distinct(optima, Candidate::final_time).into_iter();
+        let fastest_of_groups: Vec<_> = groups.map(|group| weighed(&optima[group.start])).collect::<Result<_, _>>()?;
         if input.settings.choice == Choice::Steadiest {
             let fastest = self.plans.first().map_or(0.0, Candidate::final_time);
             let latest = (1.0 + input.settings.choose_within) * fastest;
@@ -106,15 +101,9 @@ pub(super) fn search(
     control: &RunControl,
 ) -> SearchResult {
     let settings = &input.settings;
-    let progress = BestProgress::new(control, settings.goal_tolerance);
-    let mut race = Race::new(input, problem, rollout_limit, &progress);
-    let mut optima = Vec::new();
-    let is_smoothed = race.starts(&mut optima);
-    if is_smoothed {
-        race.finals(&mut optima);
-    }
-    race.settle_best(&mut optima);
-    let (found, starts_tried) = (race.found, race.tried);
+    let mut race = Race::new(input, problem, rollout_limit, control);
+    race.run();
+    let Race { found, tried: starts_tried, optima, .. } = race;
     let optima = feasible(optima, settings.goal_tolerance);
     let is_plan = |plan: &&Candidate| plan.is_feasible(settings.goal_tolerance);
     let mut plans: Vec<_> = found.best.iter().chain(&optima).filter(is_plan).cloned().collect();
@@ -144,19 +133,15 @@ pub(super) fn further_optima(
     control: &RunControl,
 ) -> Vec<Candidate> {
     let settings = &input.settings;
-    let progress = BestProgress::new(control, settings.goal_tolerance);
-    let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, &progress);
-    race.tried = result.starts_tried;
-    let mut optima = Vec::new();
+    let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, control);
     // Searches of several grids count their starts each time.
-    race.block(&mut Vec::new(), &mut optima);
+    race.tried = result.starts_tried;
+    race.block();
     result.iterations += race.found.iterations;
     result.rollouts += race.found.rollouts;
     result.starts_tried = race.tried;
-    if let Some(interruption) = race.found.interruption {
-        result.stop_reason = interruption.into();
-    }
-    feasible(optima, settings.goal_tolerance)
+    result.stop_reason = race.found.interruption.map_or(StopReason::Finished, StopReason::from);
+    feasible(race.optima, settings.goal_tolerance)
 }
 
 /// Those that meet the goal, fastest first.

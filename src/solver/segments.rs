@@ -24,11 +24,8 @@ pub(super) fn duration(segments: &[Segment]) -> f64 {
 pub(super) fn schedule_from_segments(segments: &[Segment], control_count: usize) -> TorqueSchedule {
     let final_time = duration(segments);
     let interval = final_time / control_count as f64;
-    let mut schedule = TorqueSchedule {
-        final_time: final_time.clamp(SHORTEST_FINAL_TIME, LONGEST_FINAL_TIME),
-        left: vec![0.0; control_count],
-        right: vec![0.0; control_count],
-    };
+    let mut schedule =
+        TorqueSchedule::without_torque(final_time.clamp(SHORTEST_FINAL_TIME, LONGEST_FINAL_TIME), control_count);
     let mut start = 0.0;
     for segment in segments {
         let end = start + segment.duration;

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::carried::{check_robot, joined};
-use super::course::beginning_on_course;
+use super::course::first_steps;
 use super::schedule_check::{self, check_schedule};
 use crate::robot::{Payload, Robot, RobotParameters};
 use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
@@ -96,16 +96,8 @@ impl SolverSettings {
         ("solver.starts", |settings| settings.start_count as f64, Rule::at_least(1.0, "")),
         ("solver.rollout_limit", |settings| settings.rollout_limit as f64, Rule::at_least(1.0, "")),
         ("solver.goal_tolerance", |settings| settings.goal_tolerance, Rule::between(ROUNDING, 1.0, "")),
-        (
-            "solver.replay_tolerance_m",
-            |settings| settings.replay_tolerance_position,
-            Rule::between(ROUNDING, LOOSEST_REPLAY, "m"),
-        ),
-        (
-            "solver.replay_tolerance_rad",
-            |settings| settings.replay_tolerance_heading,
-            Rule::between(ROUNDING, LOOSEST_REPLAY, "rad"),
-        ),
+        ("solver.replay_tolerance_m", |settings| settings.replay_tolerance_position, replay_rule("m")),
+        ("solver.replay_tolerance_rad", |settings| settings.replay_tolerance_heading, replay_rule("rad")),
         ("solver.choose_within", |settings| settings.choose_within, Rule::between(0.0, 1.0, "")),
     ];
 
@@ -132,10 +124,8 @@ impl SolverSettings {
     /// intervals are equally long.
     pub fn finest_step_count(&self) -> usize {
         match self.refinement {
-            Refinement::UntilConfirmed { step_limit } if step_limit >= self.control_count => {
-                step_limit / self.control_count * self.control_count
-            }
-            Refinement::UntilConfirmed { step_limit } => step_limit,
+            Refinement::UntilConfirmed { step_limit } if step_limit < self.control_count => step_limit,
+            Refinement::UntilConfirmed { step_limit } => step_limit / self.control_count * self.control_count,
             Refinement::Fixed => self.step_count,
         }
     }
@@ -256,7 +246,7 @@ impl SolveInput {
         checks.finish()?;
         let SolveParameters { robot: bare_robot, payload, maneuver, aisle: _, settings, initial_guess } = parameters;
         let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
-        let settings = beginning_on_course(settings, robot.parameters(), &maneuver);
+        let settings = SolverSettings { step_count: first_steps(&settings, robot.parameters(), &maneuver), ..settings };
         Ok(Self { robot, bare_robot, payload, maneuver, aisle, settings, initial_guess })
     }
 
@@ -288,6 +278,11 @@ impl SolveInput {
 const KEEP_IN: &str = "maneuver.keep_in";
 /// Arrays of an initial guess, left and right.
 const GUESS_ARRAYS: (&str, &str) = ("torque_left_n_m", "torque_right_n_m");
+
+/// Of a replay tolerance in this unit.
+const fn replay_rule(unit: &'static str) -> Rule {
+    Rule::between(ROUNDING, LOOSEST_REPLAY, unit)
+}
 
 fn check_settings(settings: &SolverSettings, checks: &mut Checks) {
     for (field, value, rule) in SolverSettings::RULES {

@@ -9,6 +9,8 @@ mod rolling;
 mod routes;
 mod spins;
 
+use std::iter::repeat_n;
+
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -44,13 +46,6 @@ pub(super) enum Strategy {
     Sharper,
 }
 
-impl Strategy {
-    /// Whether it goes through smoothed laws, after which such starts are compared.
-    pub(super) fn is_smoothed(self) -> bool {
-        matches!(self, Self::Smoothed | Self::Sharper)
-    }
-}
-
 /// Plans that are tried with spins: the fastest ones.
 const SPUN_PLANS: usize = 2;
 /// Coasting times: the time to the goal at the speed of the start times powers of two, up to so many.
@@ -81,13 +76,10 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
         starts.push(Start { strategy: Strategy::Direct, ..plans[0].clone() });
         starts.push(plans[0].clone());
         let mut others = plans.iter().skip(1);
-        let mut spun = spinning(input, 0);
-        for plan in plans[..SPUN_PLANS.min(plans.len())].iter().cycle() {
-            if starts.len() >= count {
-                break;
-            }
+        let mut spun = plans.iter().take(SPUN_PLANS).cycle().map(spinning(input, 0));
+        while starts.len() < count {
             starts.extend(others.next().cloned());
-            starts.push(spun(plan));
+            starts.extend(spun.next());
         }
     }
     starts.truncate(if is_nelder_mead { 1 } else { count });
@@ -97,8 +89,7 @@ pub(super) fn starts(input: &SolveInput, count: usize) -> Vec<Start> {
 
 /// So many spins of a plan, drawn from a stream of their own.
 pub(super) fn spun(input: &SolveInput, plan: &Start, (count, stream): (usize, u64)) -> Vec<Start> {
-    let mut spun = spinning(input, stream);
-    let mut starts: Vec<_> = (0..count).map(|_| spun(plan)).collect();
+    let mut starts: Vec<_> = repeat_n(plan, count).map(spinning(input, stream)).collect();
     sharpen(&mut starts);
     starts
 }
@@ -120,8 +111,7 @@ fn spinning(input: &SolveInput, stream: u64) -> impl FnMut(&Start) -> Start {
 
 /// Without torque there is only the final time to choose: those of the start's speed, the most likely first.
 fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
-    let zeros = vec![0.0; input.settings.control_count];
-    let goal_heading = input.maneuver.nearest_goal_heading();
+    let (control_count, goal_heading) = (input.settings.control_count, input.maneuver.nearest_goal_heading());
     let (velocity, error) = (input.maneuver.start.velocity, input.maneuver.goal_error(&input.maneuver.start));
     let times =
         [velocity.x, velocity.y, velocity.yaw_rate].into_iter().zip(error.iter()).map(|(rate, error)| -error / rate);
@@ -129,11 +119,7 @@ fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
     let time = if time > 0.0 { time } else { 1.0 };
     let doublings = (0..=COASTING_DOUBLINGS).flat_map(|doublings| [doublings, -doublings]).skip(1);
     doublings.map(move |doublings| Start {
-        schedule: TorqueSchedule {
-            final_time: time * 2.0_f64.powi(doublings),
-            left: zeros.clone(),
-            right: zeros.clone(),
-        },
+        schedule: TorqueSchedule::without_torque(time * 2.0_f64.powi(doublings), control_count),
         goal_heading,
         strategy: Strategy::Direct,
     })

@@ -38,7 +38,7 @@ pub(super) enum Heat {
     Descend,
 }
 
-impl LocalSearch<'_, '_, '_> {
+impl LocalSearch<'_> {
     /// Searches from one start of several: to a local optimum, which is also kept when it is the best so far, or only through the
     /// smoothed laws, to a merit by which such starts are compared.
     ///
@@ -71,13 +71,11 @@ impl LocalSearch<'_, '_, '_> {
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn adapt(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
-        let adapted = self.warmly(&candidate.decision, candidate.goal_heading)?;
+    pub(super) fn adapt(&mut self, plan: &Candidate) -> Result<Candidate, Interruption> {
+        let adapted = self.warmly(&plan.decision, plan.goal_heading)?;
         // A grid moves an optimum by little: one that is slower lies on a kink.
-        if is_distinct(candidate.final_time(), adapted.final_time()) {
-            return self.polish(adapted, PATIENCE, 0);
-        }
-        Ok(adapted)
+        let lies_on_a_kink = is_distinct(plan.final_time(), adapted.final_time());
+        if lies_on_a_kink { self.polish(&adapted, PATIENCE, 0) } else { Ok(adapted) }
     }
 
     /// Moves a local optimum to where its limits are tighter, and plans slower.
@@ -124,18 +122,13 @@ impl LocalSearch<'_, '_, '_> {
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn polish(
-        &mut self,
-        candidate: Candidate,
-        patience: usize,
-        round: u64,
-    ) -> Result<Candidate, Interruption> {
+    pub(super) fn polish(&mut self, plan: &Candidate, patience: usize, round: u64) -> Result<Candidate, Interruption> {
+        let mut best = plan.clone();
         if self.settings.method == Method::NelderMead {
-            return Ok(candidate);
+            return Ok(best);
         }
         let _phase = self.control.enter(Phase::Polish);
-        self.aim(candidate.goal_heading);
-        let (times_found, mut best) = (candidate.times_found, candidate);
+        self.aim(plan.goal_heading);
         if !self.settles_without_promise(&mut best)? {
             match round {
                 0 => self.cross_kinks(&mut best)?,
@@ -145,14 +138,14 @@ impl LocalSearch<'_, '_, '_> {
             self.hop(&mut best, patience, round)?;
             self.settle(&mut best)?;
         }
-        Ok(Candidate { times_found, ..best })
+        Ok(Candidate { times_found: plan.times_found, ..best })
     }
 
     /// Back through smoothed laws, as long as that leads to another local optimum.
     fn leave_kinks(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
         loop {
             let before = best.final_time();
-            let next = self.around(&best.decision)?;
+            let next = self.around(&best.decision, &SMOOTHING[1..], FIRST_RADIUS)?;
             keep_better(best, next, self.settings.goal_tolerance);
             if !is_distinct(best.final_time(), before) {
                 return Ok(());
@@ -160,9 +153,9 @@ impl LocalSearch<'_, '_, '_> {
         }
     }
 
-    /// From a local optimum back through smoothed laws, to leave the kink on which it lies, and down to a faster one.
-    fn around(&mut self, decision: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let smoothed = self.smoothed(decision, &SMOOTHING[1..], (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
+    /// Through smoothed laws, which leave the kink of a local optimum, and down to another one.
+    fn around(&mut self, guess: &DVector<f64>, smoothings: &[f64], radius: f64) -> Result<Candidate, Interruption> {
+        let smoothed = self.smoothed(guess, smoothings, (radius, SMOOTHED_ITERATION_LIMIT))?;
         self.descend(&smoothed.decision, FIRST_RADIUS)
     }
 
@@ -172,8 +165,7 @@ impl LocalSearch<'_, '_, '_> {
         let (from, radius) = self.on_coarser_controls(guess)?;
         let mut best = self.descend(&from, radius)?;
         if !best.is_feasible(self.settings.goal_tolerance) {
-            let smoothed = self.smoothed(guess, &SMOOTHING, (START_RADIUS, SMOOTHED_ITERATION_LIMIT))?;
-            let next = self.descend(&smoothed.decision, FIRST_RADIUS)?;
+            let next = self.around(guess, &SMOOTHING, START_RADIUS)?;
             keep_better(&mut best, next, self.settings.goal_tolerance);
         }
         if !self.problem.is_smooth() && !self.settles_without_promise(&mut best)? {
@@ -210,13 +202,11 @@ impl LocalSearch<'_, '_, '_> {
         let mut best = self.near(guess)?;
         if !arrived(&best) && self.goal_heading != other_heading {
             self.aim(other_heading);
-            let next = self.near(guess)?;
-            keep_better(&mut best, next, tolerance);
+            keep_better(&mut best, self.near(guess)?, tolerance);
             self.aim(best.goal_heading);
         }
         if !arrived(&best) {
-            let next = self.around(guess)?;
-            keep_better(&mut best, next, tolerance);
+            keep_better(&mut best, self.around(guess, &SMOOTHING[1..], FIRST_RADIUS)?, tolerance);
         }
         if best.is_feasible(tolerance) {
             self.settle(&mut best)?;
@@ -286,13 +276,12 @@ impl LocalSearch<'_, '_, '_> {
             // Less than what descents end with is no gain.
             let gains = next.gains_on(best, SMALLEST_PREDICTION, tolerance);
             keep_better(best, next, tolerance);
-            if gains {
-                continue;
+            if !gains {
+                if penalty_parameter >= LARGEST_PENALTY {
+                    return Ok(());
+                }
+                penalty_parameter *= PENALTY_GROWTH;
             }
-            if penalty_parameter >= LARGEST_PENALTY {
-                return Ok(());
-            }
-            penalty_parameter *= PENALTY_GROWTH;
         }
     }
 
@@ -316,15 +305,12 @@ impl LocalSearch<'_, '_, '_> {
         // A smooth motion has one law.
         let smoothings = if self.problem.is_smooth() { &smoothings[..1] } else { smoothings };
         for &smoothing in smoothings {
-            let settings = SequentialLinearSettings {
-                first_radius,
-                iteration_limit,
-                restores: false,
-                ..self.descent(SMALLEST_PREDICTION)
-            };
+            let descent = self.descent(first_radius, SMALLEST_PREDICTION);
+            let settings = SequentialLinearSettings { iteration_limit, restores: false, ..descent };
             self.problem.set_slip_smoothing(smoothing);
             let from = (&decision, &mut self.programs);
-            let result = minimise_sequentially(self.problem, from, (&settings, None), &mut self.budget, &mut |_, _| {});
+            let result =
+                minimise_sequentially(&mut self.problem, from, (&settings, None), &mut self.budget, &mut |_, _| {});
             self.problem.set_slip_smoothing(0.0);
             self.iterations += result.iterations;
             result.ending?;
@@ -332,8 +318,7 @@ impl LocalSearch<'_, '_, '_> {
             decision = result.x;
             first_radius = FIRST_RADIUS;
         }
-        let candidate = Candidate::new(decision, f64::INFINITY, true, self.goal_heading);
-        Ok(Candidate { merit, ..candidate })
+        Ok(Candidate { merit, ..Candidate::new(decision, f64::INFINITY, true, self.goal_heading) })
     }
 }
 
@@ -354,9 +339,9 @@ mod tests {
     fn crossed(goal: Goal) -> [f64; 2] {
         let simulator = Simulator::new(&SolveInput::forward_drive().robot);
         let maneuver = Maneuver { goal, ..Maneuver::forward_drive() };
-        let mut problem = ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (100, 20), 1.0);
+        let problem = ShootingProblem::new(&simulator, (&maneuver, &PathLimits::default()), (100, 20), 1.0);
         let (settings, control) = (SolverSettings::default(), RunControl::unattended());
-        let mut search = LocalSearch::new(&mut problem, &settings, &control, 10_000);
+        let mut search = LocalSearch::new(problem, &settings, &control, 10_000);
         let there_and_back = |torque: f64| [[torque; 10], [-torque; 10]].concat();
         let guess = TorqueSchedule { final_time: 2.0, left: there_and_back(0.5), right: there_and_back(0.45) };
         let mut best = search.near(&decision_from_schedule(&guess)).unwrap();

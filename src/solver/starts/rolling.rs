@@ -68,15 +68,13 @@ impl Rolling {
 
     /// With as much of the torques as the limits of the accelerations allow.
     fn gentle(mut self, limits: &ManeuverLimits) -> Self {
-        let largest = |limit: Option<f64>, acceleration: f64| limit.map_or(1.0, |limit| limit / acceleration);
+        let largest = |limit: Option<f64>, rate: f64| limit.map_or(1.0, |limit| (limit / rate).min(1.0));
         let along = self.force() / self.mass;
         let share = largest(limits.acceleration, along)
             .min(largest(limits.deceleration, along))
             .min(largest(limits.yaw_acceleration, self.moment() / self.yaw_inertia));
-        if share < 1.0 {
-            self.torque = times(self.torque, (share, share));
-            self.drive_torque = times(self.drive_torque, (share, share));
-        }
+        self.torque = times(self.torque, (share, share));
+        self.drive_torque = times(self.drive_torque, (share, share));
         self
     }
 

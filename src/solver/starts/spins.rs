@@ -48,15 +48,12 @@ impl Spins {
 
     /// The plan with these spins under as much torque.
     pub(super) fn of(&self, plan: &Start, torque: PerWheel<f64>) -> Start {
-        let mut schedule = plan.schedule.clone();
+        let goal_heading = plan.goal_heading.map(|heading| heading + self.revolutions * TAU);
+        let mut spun = Start { goal_heading, ..plan.clone() };
         for spin in &self.parts {
-            spin.enter(&mut schedule, torque, self.turns_round);
+            spin.enter(&mut spun.schedule, torque, self.turns_round);
         }
-        Start {
-            schedule,
-            goal_heading: plan.goal_heading.map(|heading| heading + self.revolutions * TAU),
-            strategy: plan.strategy,
-        }
+        spun
     }
 }
 
