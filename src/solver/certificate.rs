@@ -130,7 +130,7 @@ fn measured(
     let control = RunControl::new(cut, &NoProgress);
     match LocalSearch::new(problem.clone(), settings, &control, rollout_limit).measured(best, STRICT_PENALTY) {
         Ok(known) if known.measure.better != Err(Interruption::Stopped) => Ok(known),
-        // Rollouts alone end no measure before its first linear program, which takes one.
+        // Either limit leaves the one rollout before the first linear program; from there on what is measured is a bound.
         Ok(_) | Err(_) => Err(Stopped),
     }
 }

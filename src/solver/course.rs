@@ -19,7 +19,8 @@ pub(super) fn steps_on_course(robot: &RobotParameters, maneuver: &Maneuver) -> u
     steps
 }
 
-/// The steps to begin with: where they are automatic as many as the robot needs to keep its course, all control intervals equally long.
+/// The steps to begin with: fixed ones as they are, automatic ones at least as many as the robot needs to keep its course, all control
+/// intervals equally long.
 pub(super) fn first_steps(settings: &SolverSettings, robot: &RobotParameters, maneuver: &Maneuver) -> usize {
     let finest = settings.finest_step_count();
     let steps = settings.step_count.max(steps_on_course(robot, maneuver)).min(finest);

@@ -1,4 +1,4 @@
-//! Starts and goals that the limits of a maneuver exclude, found without any rollout.
+//! Starts and goals that the limits of a maneuver or the loads of its contacts exclude, found without any rollout.
 
 use std::f64::consts::SQRT_2;
 
@@ -110,7 +110,7 @@ impl End {
         !self.is_start() && has_restitution && self.state.velocity.yaw_rate != 0.0
     }
 
-    /// With the code of the start or that of the goal. Nobody knows when a goal would be.
+    /// A reason with the code of the start, at time 0, or with that of the goal, whose time nobody knows.
     fn reason(
         &self,
         [at_start, at_goal]: [&'static str; 2],
@@ -176,6 +176,7 @@ impl End {
     }
 
     /// The contact whose normal force stays furthest below what it must be, whatever the torques: it separates, or misses its least load.
+    /// See [`largest_normal_forces`].
     pub(super) fn unloads(&self, input: &SolveInput) -> Option<Reason> {
         if !(self.has(&VELOCITY[2..]) && self.has(&WHEEL_RATES)) {
             return None;

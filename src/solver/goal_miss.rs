@@ -53,7 +53,7 @@ pub(super) fn goal_missed(
     }
 }
 
-/// Of a limit that a plan exceeds.
+/// The limit that a plan exceeds most, and what would help.
 pub(super) fn limit_missed(&LimitUse { limit, value, largest, time, .. }: &LimitUse) -> Reason {
     Reason {
         code: Reason::LIMIT_EXCEEDED,

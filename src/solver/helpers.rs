@@ -35,13 +35,11 @@ impl Helpers for Alone {
     }
 }
 
-/// Cancels the other parts of shared work where one panics: sets the flag where it is dropped by a panic.
+/// Cancels the other parts of shared work where one panics: sets the flag where it is dropped. A part that ends by itself forgets it.
 pub(crate) struct CancelOnPanic<'a>(pub(crate) &'a AtomicBool);
 
 impl Drop for CancelOnPanic<'_> {
     fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.store(true, Ordering::Relaxed);
-        }
+        self.0.store(true, Ordering::Relaxed);
     }
 }

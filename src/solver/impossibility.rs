@@ -82,8 +82,13 @@ fn unreachable_goal(input: &SolveInput, component: StateComponent, code: &'stati
 fn slow_goal(input: &SolveInput, bound: &LowerBound) -> Reason {
     let (field, goal) = goal_field(input, bound.component);
     let (time, assumption) = (bound.time, bound.assumption.as_str());
-    let is_limited = bound.assumption == LowerBoundAssumption::Limits;
-    let help = if is_limited { "wider `maneuver.limits`, more torque" } else { "more torque and friction" };
+    let help = match bound.assumption {
+        LowerBoundAssumption::Limits => "wider `maneuver.limits`, more torque",
+        LowerBoundAssumption::Friction
+        | LowerBoundAssumption::YawFriction
+        | LowerBoundAssumption::DriveTorque
+        | LowerBoundAssumption::WheelDrive => "more torque and friction",
+    };
     Reason {
         code: "final_time_too_long",
         message: format!(

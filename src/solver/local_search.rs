@@ -143,7 +143,7 @@ impl<'a> LocalSearch<'a> {
         let scale = self.problem.variable_scale(guess);
         let (scales, tolerance) = (self.problem.goal_scales(), self.settings.goal_tolerance);
         let goal_heading = self.goal_heading;
-        let reached = |decision: DVector<f64>, (goal_error, breaks_limits): (f64, bool)| {
+        let candidate_at = |decision: DVector<f64>, (goal_error, breaks_limits): (f64, bool)| {
             Candidate::new(decision, goal_error, breaks_limits, goal_heading)
         };
         let last = Cell::new((f64::NAN, true));
@@ -152,19 +152,19 @@ impl<'a> LocalSearch<'a> {
         let mut value = |x: &DVector<f64>, stop: Stop| {
             let value = penalty.value(x, stop)?;
             last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.breaks_limits()));
-            let reached = reached(penalty.decision().clone(), last.get());
+            let reached = candidate_at(penalty.decision().clone(), last.get());
             keep_best(&mut passed, Some(reached).filter(|plan| plan.is_feasible(tolerance)), tolerance);
             Ok(value)
         };
         let mut best = last.get();
         let mut report_improvement = |x: &DVector<f64>| {
             best = last.get();
-            report(self.control, self.start, &reached(x.clone(), best), tolerance);
+            report(self.control, self.start, &candidate_at(x.clone(), best), tolerance);
         };
         let result = minimise_by_nelder_mead(&mut value, guess, &scale, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
-        let candidate = reached(decision, best);
+        let candidate = candidate_at(decision, best);
         self.note(&candidate);
         // The penalty trades the goal for time: its best point may miss what another one, such as the guess, meets.
         if let Some(passed) = passed {

@@ -184,10 +184,12 @@ impl SharedWork for Parts<'_> {
             return false;
         }
         let Some((index, limit)) = self.begin() else { return false };
-        let _alarm = CancelOnPanic(&self.is_cancelled);
+        let alarm = CancelOnPanic(&self.is_cancelled);
         let control = self.progress.control;
         let control = control.of_part(control.stop().interrupted_by([&self.is_cancelled, recalled]), self.progress);
-        self.end(index, limit, (self.run)(index, &control, limit));
+        let outcome = (self.run)(index, &control, limit);
+        std::mem::forget(alarm);
+        self.end(index, limit, outcome);
         true
     }
 }

@@ -54,7 +54,7 @@ impl<'a> Race<'a> {
     }
 
     /// From starts to local optima, from as many more where none is a plan, and from spins of the best. Where any start goes through
-    /// smoothed laws the optima are polished, and the best plan where it has not settled.
+    /// smoothed laws the optima are polished; at the end the best plan is, where it has not settled.
     pub(super) fn run(&mut self) {
         self.block();
         let has_plan = self.optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance));

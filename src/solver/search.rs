@@ -140,7 +140,9 @@ pub(super) fn further_optima(
     result.iterations += race.found.iterations;
     result.rollouts += race.found.rollouts;
     result.starts_tried = race.tried;
-    result.stop_reason = race.found.interruption.map_or(StopReason::Finished, StopReason::from);
+    if let Some(interruption) = race.found.interruption {
+        result.stop_reason = interruption.into();
+    }
     feasible(race.optima, settings.goal_tolerance)
 }
 

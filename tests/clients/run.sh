@@ -48,7 +48,7 @@ serve() {
   if [ -n "$server" ]; then kill "$server" && wait "$server" || true; fi
   # Else the last server's addresses might be read before the new one has emptied the file.
   : >"$work/log"
-  "$built/slipdrive" serve --http 127.0.0.1:0 --grpc 127.0.0.1:0 --log-format json "$@" 2>"$work/log" &
+  "$built/slipdrive" serve --http 127.0.0.1:0 --grpc 127.0.0.1:0 --log-format json "$@" 2>>"$work/log" &
   server=$!
   for _ in $(seq 100); do
     grep -q '"listening"' "$work/log" && break

@@ -37,8 +37,8 @@ impl Basis {
         self.is_inverted = false;
     }
 
-    /// Takes these rows and columns, if their matrix is regular by far; else, pair by pair with complete pivoting, those of them that are
-    /// independent.
+    /// Takes these rows and columns in place of none, if their matrix is regular by far; else, pair by pair with complete pivoting, those
+    /// of them that are independent.
     pub(super) fn adopt(&mut self, program: &ElasticProgram, mut rows: Vec<usize>, mut columns: Vec<usize>) {
         if rows.len() == columns.len() {
             (self.tight, self.basic) = (rows.clone(), columns.clone());

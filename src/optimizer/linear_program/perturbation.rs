@@ -8,7 +8,7 @@ use std::f64::consts::SQRT_2;
 use super::ElasticSolver;
 use crate::optimizer::elastic_program::ElasticProgram;
 
-/// Of the largest cost: far below what a search reads from a solution, far above rounding.
+/// The unit of the perturbation, as a share of the largest cost: far below what a search reads from a solution, far above rounding.
 pub(super) const PERTURBATION: f64 = 1e-6;
 
 /// What the cost of a variable grows by, or the multiplier bound of a row times its range: one to two units.
