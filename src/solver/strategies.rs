@@ -215,8 +215,8 @@ impl LocalSearch<'_> {
         self.directly(guess)
     }
 
-    /// From a plan that has settled on a kink to a faster one behind it, where the linear model promises a worthwhile share of the final time:
-    /// its torques lead across, and the final time stays. Whether that gains anything.
+    /// From a plan that has settled on a kink to a faster one behind it, where the linear model promises a worthwhile share of the final
+    /// time: its torques lead across, and the final time stays. Whether that gains anything.
     fn cross_kink(&mut self, best: &mut Candidate, worthwhile: f64) -> Result<bool, Interruption> {
         let tolerance = self.settings.goal_tolerance;
         let is_worthwhile = best.promised_decrease().is_some_and(|share| share >= worthwhile);

@@ -1,7 +1,7 @@
 //! Tight rows, basic variables and the inverse of their matrix.
 //!
-//! The inverse is updated by the row or column that changes (product form), at the cost of one of its squares in place of its cube, and made
-//! afresh where a pivot is small or an answer shows that it has lost its digits.
+//! The inverse is updated by the row or column that changes (product form), at the cost of one of its squares in place of its cube, and
+//! made afresh where a pivot is small or an answer shows that it has lost its digits.
 
 use nalgebra::{DMatrix, DVector};
 
