@@ -190,7 +190,7 @@ impl From<&ManeuverLimits> for message::ManeuverLimits {
     }
 }
 
-/// An enum of the contract and the one of the domain with the same values; unspecified is the default of the domain.
+/// An enum of the contract and the one of the domain with the same values; unspecified is the default of the domain, or none of it.
 macro_rules! same_values {
     ($message:ident = $domain:ident { $($value:ident),* $(,)? }) => {
         impl From<$domain> for message::$message {
@@ -211,6 +211,18 @@ macro_rules! same_values {
             }
         }
     };
+    (known $message:ident = $domain:ident { $($value:ident),* $(,)? }) => {
+        same_values!($message = $domain { $($value),* });
+
+        impl From<message::$message> for Option<$domain> {
+            fn from(given: message::$message) -> Self {
+                match given {
+                    message::$message::Unspecified => None,
+                    $(message::$message::$value => Some($domain::$value)),*
+                }
+            }
+        }
+    };
 }
 pub(crate) use same_values;
 
@@ -222,7 +234,7 @@ same_values!(default Method = Method { SequentialLinear, NelderMead });
 same_values!(ContactMode = ContactMode { Stick, Slip });
 same_values!(ContactName = ContactName { Left, Right, Front });
 same_values!(
-    ChangedParameter = ChangedParameter {
+    known ChangedParameter = ChangedParameter {
         Friction,
         Mass,
         CenterOfMassRight,

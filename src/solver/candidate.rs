@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 
-use super::progress::is_nearer;
 use crate::optimizer::CriticalityMeasure;
 
 /// Largest accepted criticality measure, as a share of the final time.
@@ -91,15 +90,22 @@ impl Candidate {
         self.is_feasible(goal_tolerance) && (is_faster || !other.is_feasible(goal_tolerance))
     }
 
-    /// A feasible one before any other, one that meets the goal before one that misses it; then the faster one or the
-    /// one nearer to the goal. A NaN is the worst.
+    /// A feasible one before any other, then the better one by final time and goal error.
     pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {
-        let rank = |candidate: &Self| (candidate.goal_error <= goal_tolerance, candidate.is_feasible(goal_tolerance));
-        match (rank(self), rank(other)) {
-            (this, that) if this != that => this > that,
-            ((true, _), _) => self.final_time() < other.final_time(),
-            ((false, _), _) => is_nearer(self.goal_error, other.goal_error),
-        }
+        let [this, that] = [self, other].map(|candidate| candidate.is_feasible(goal_tolerance));
+        let of = |candidate: &Self| (candidate.final_time(), candidate.goal_error);
+        if this == that { is_better(of(self), of(other), goal_tolerance) } else { this }
+    }
+}
+
+/// Whether the first of two points, each with its final time and goal error, is better: the faster one of those that meet the goal, else
+/// the one nearer to the goal. A NaN is the worst error.
+pub(super) fn is_better((time, error): (f64, f64), (other_time, other_error): (f64, f64), tolerance: f64) -> bool {
+    if error <= tolerance && other_error <= tolerance {
+        time < other_time
+    } else {
+        // What meets the goal is nearer to it than what does not.
+        error < other_error || (other_error.is_nan() && !error.is_nan())
     }
 }
 

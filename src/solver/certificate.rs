@@ -1,7 +1,5 @@
 //! The certificate of an answer: its properties, computed from the final torques or taken from the search.
 
-use std::sync::Arc;
-
 use nalgebra::{DVector, SVector};
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
@@ -91,11 +89,16 @@ impl Optimality {
         (settings, rollout_limit): (&SolverSettings, u64),
         cut: Stop,
     ) -> Result<Self, Stopped> {
-        let known = match &best.stationarity {
-            Some(known) => Arc::clone(known),
-            None => Arc::new(measured(problem, best, settings, (rollout_limit, cut))?),
-        };
+        let control = RunControl::new(cut, &NoProgress);
+        // It belongs to the answer, not to the search: neither the search's rollout limit nor its stop ends it.
+        let measure_now =
+            || LocalSearch::new(problem.clone(), settings, &control, rollout_limit).measured(best, STRICT_PENALTY);
+        // Either limit leaves the one rollout before the first linear program; from there on what is measured is a bound.
+        let known = best.stationarity.clone().map_or_else(measure_now, Ok).map_err(|_| Stopped)?;
         let Stationarity { penalty_parameter, time_unit, measure } = &*known;
+        if measure.better == Err(Interruption::Stopped) {
+            return Err(Stopped);
+        }
         problem.set_time_unit(*time_unit);
         let sign_violations = sign_violations(problem, &best.decision, &measure.model, *penalty_parameter, cut)?;
         let final_time = best.final_time();
@@ -115,24 +118,6 @@ impl Optimality {
 /// what is not a number is all of it. A negative one is as large a rounding.
 fn decrease_within(predicted: f64, final_time: f64) -> f64 {
     final_time.min(predicted.abs())
-}
-
-/// The criticality measure of a decision for which the search has not computed it.
-///
-/// It belongs to the answer, not to the search: neither the search's rollout limit nor its stop ends it. After a stop it has
-/// a small limit of its own, because the caller waits.
-fn measured(
-    problem: &ShootingProblem,
-    best: &Candidate,
-    settings: &SolverSettings,
-    (rollout_limit, cut): (u64, Stop),
-) -> Result<Stationarity, Stopped> {
-    let control = RunControl::new(cut, &NoProgress);
-    match LocalSearch::new(problem.clone(), settings, &control, rollout_limit).measured(best, STRICT_PENALTY) {
-        Ok(known) if known.measure.better != Err(Interruption::Stopped) => Ok(known),
-        // Either limit leaves the one rollout before the first linear program; from there on what is measured is a bound.
-        Ok(_) | Err(_) => Err(Stopped),
-    }
 }
 
 /// The answer where no plan exists: the start with its distance from the goal, an empty schedule, and the reason.

@@ -12,7 +12,6 @@ use super::local_search::LocalSearch;
 use super::run_control::RunControl;
 use super::search::{self, SearchResult};
 use super::settings::{Choice, Method, SolveInput, SolverSettings};
-use super::solution::StopReason;
 use crate::shooting::{ShootingProblem, decision_from_schedule, schedule_from_decision};
 use crate::simulation::{Simulator, TorqueSchedule};
 
@@ -29,7 +28,7 @@ pub(super) fn search(
     let (coarse_problem, _) = problem_on(&coarse, simulator, problem.step_count());
     let mut result = search::search(&coarse, &coarse_problem, rollout_limit, control);
     result.best.iter_mut().chain(&mut result.plans).for_each(|plan| resample(plan, input));
-    if result.stop_reason == StopReason::Finished {
+    if !result.is_interrupted() {
         use_all_intervals(input, problem, (&mut result, rollout_limit), control);
     }
     result

@@ -54,25 +54,6 @@ pub enum ChangedParameter {
 }
 
 impl ChangedParameter {
-    /// All of them.
-    pub const ALL: [Self; 15] = [
-        Self::Friction,
-        Self::Mass,
-        Self::CenterOfMassRight,
-        Self::CenterOfMassForward,
-        Self::Torque,
-        Self::TorqueLeft,
-        Self::StartHeading,
-        Self::TorqueRight,
-        Self::PayloadMass,
-        Self::PayloadRight,
-        Self::PayloadForward,
-        Self::StartX,
-        Self::StartY,
-        Self::DelayLeft,
-        Self::DelayRight,
-    ];
-
     /// The name in the public contract.
     pub const fn as_str(self) -> &'static str {
         self.name_and_unit().0

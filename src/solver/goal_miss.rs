@@ -33,39 +33,25 @@ pub(super) fn goal_missed(
     // The search has no shorter plans: such a final time means that every motion diverged.
     let diverges = plan.final_time < SHORTEST_FINAL_TIME;
     let (code, subject, help) = if diverges {
-        (
-            "motion_diverges",
-            "every motion that was tried diverges, and the start",
-            "more `grid.steps` or a slower start".to_owned(),
-        )
+        let help = "more `grid.steps` or a slower start".to_owned();
+        ("motion_diverges", "every motion that was tried diverges, and the start", help)
     } else {
         ("goal_missed", "the best plan", help(input, miss, stop_reason))
     };
-    Reason {
-        code,
-        message: format!(
-            "`{field}` is {goal}, {subject} misses it by {miss}, must be within {tolerance}; {help} would help"
-        ),
-        field,
-        time: (!diverges).then_some(plan.final_time),
-        value: miss.abs(),
-        limit: tolerance,
-    }
+    let message =
+        format!("`{field}` is {goal}, {subject} misses it by {miss}, must be within {tolerance}; {help} would help");
+    let time = (!diverges).then_some(plan.final_time);
+    Reason { code, message, field, time, value: miss.abs(), limit: tolerance }
 }
 
 /// The limit that a plan exceeds most, and what would help.
 pub(super) fn limit_missed(&LimitUse { limit, value, largest, time, .. }: &LimitUse) -> Reason {
-    Reason {
-        code: Reason::LIMIT_EXCEEDED,
-        message: format!(
-            "`{limit}` allows {value}, the best plan that meets the goal takes {largest}; more `solver.starts`, more \
-             `grid.control_intervals` or a wider limit would help"
-        ),
-        field: limit.to_owned(),
-        time: Some(time),
-        value: largest,
-        limit: value,
-    }
+    let message = format!(
+        "`{limit}` allows {value}, the best plan that meets the goal takes {largest}; more `solver.starts`, more \
+         `grid.control_intervals` or a wider limit would help"
+    );
+    let (code, field) = (Reason::LIMIT_EXCEEDED, limit.to_owned());
+    Reason { code, message, field, time: Some(time), value: largest, limit: value }
 }
 
 /// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
@@ -82,6 +68,7 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> St
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     let on_course = steps_on_course(input.robot.parameters(), &input.maneuver);
+    let enough_steps = format!("at least {on_course} `grid.steps`, on which the robot keeps its course so far,");
     let help = match stop_reason {
         StopReason::Finished if decision_len(settings.control_count) < requirements => {
             "more `grid.control_intervals`, of which there are too few for so many goal fields,"
@@ -93,9 +80,7 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> St
         StopReason::Finished if miss.abs() <= NEAR_MISS * settings.goal_tolerance => {
             "a larger `solver.goal_tolerance` or more `grid.steps`"
         }
-        StopReason::Finished if settings.step_count < on_course => {
-            return format!("at least {on_course} `grid.steps`, on which the robot keeps its course so far,");
-        }
+        StopReason::Finished if settings.step_count < on_course => &enough_steps,
         StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",
     };
     help.to_owned()

@@ -14,16 +14,6 @@ use crate::optimizer::{FIRST_RADIUS, Interruption, Problem};
 /// A local optimum without rivals is left after so many hops in a row that gain nothing.
 pub(super) const PATIENCE: usize = 6;
 
-/// A perturbation of the torques.
-#[derive(Debug, Clone, Copy)]
-enum Perturbation {
-    /// The torques of both wheels between two intervals move one interval earlier or later: a descent cannot move a switch
-    /// to the next interval where the final time first rises.
-    Shift,
-    /// The torques of one stretch of each wheel change at random.
-    Noise,
-}
-
 impl LocalSearch<'_> {
     /// Basin hopping: descends again from perturbed copies of a local optimum, until so many in a row gain nothing. Local optima lie
     /// on kinks, and another one nearby is often better.
@@ -31,11 +21,11 @@ impl LocalSearch<'_> {
         let tolerance = self.settings.goal_tolerance;
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(stream));
         let mut in_vain = 0;
-        for perturbation in [Perturbation::Shift, Perturbation::Noise].into_iter().cycle() {
+        for perturb in [Self::shifted, Self::with_noise].into_iter().cycle() {
             if in_vain == patience {
                 break;
             }
-            let perturbed = self.perturbed(&best.decision, perturbation, &mut rng);
+            let perturbed = perturb(self, &best.decision, &mut rng);
             let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
             let next = self.descend_until(&perturbed, (FIRST_RADIUS, None), (SMALLEST_PREDICTION, time_to_beat))?;
             // Less than what `converged` allows is no gain.
@@ -45,31 +35,27 @@ impl LocalSearch<'_> {
         Ok(())
     }
 
-    /// A copy of the torques with a perturbation; the final time stays.
-    fn perturbed(
-        &self,
-        decision: &DVector<f64>,
-        perturbation: Perturbation,
-        rng: &mut Xoshiro256PlusPlus,
-    ) -> DVector<f64> {
-        let mut perturbed = decision.clone();
-        let last = decision.len() - 1;
+    /// The torques of both wheels between two intervals move one interval earlier or later: a descent cannot move a switch
+    /// to the next interval where the final time first rises.
+    fn shifted(&self, decision: &DVector<f64>, rng: &mut Xoshiro256PlusPlus) -> DVector<f64> {
+        let (mut shifted, count) = (decision.clone(), self.problem.control_count());
+        let (from, to) = (rng.random_range(0..count), rng.random_range(0..count));
+        for torques in shifted.as_mut_slice()[..2 * count].chunks_exact_mut(count) {
+            shift(torques, from, to);
+        }
+        shifted
+    }
+
+    /// The torques of one stretch of each wheel change at random.
+    fn with_noise(&self, decision: &DVector<f64>, rng: &mut Xoshiro256PlusPlus) -> DVector<f64> {
+        let (mut noisy, count) = (decision.clone(), self.problem.control_count());
         let scale = self.problem.variable_scale(decision);
-        let wheels = perturbed.as_mut_slice()[..last].chunks_exact_mut(last / 2);
-        match perturbation {
-            Perturbation::Shift => {
-                let (from, to) = (rng.random_range(0..last / 2), rng.random_range(0..last / 2));
-                wheels.for_each(|torques| shift(torques, from, to));
-            }
-            Perturbation::Noise => {
-                for (torques, scale) in wheels.zip(scale.as_slice().chunks_exact(last / 2)) {
-                    for index in random_stretch(torques.len(), rng) {
-                        torques[index] += FIRST_RADIUS * scale[index] * rng.random_range(-1.0..1.0);
-                    }
-                }
+        for first in [0, count] {
+            for interval in random_stretch(count, rng) {
+                noisy[first + interval] += FIRST_RADIUS * scale[first + interval] * rng.random_range(-1.0..1.0);
             }
         }
-        perturbed
+        noisy
     }
 }
 

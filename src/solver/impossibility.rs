@@ -67,16 +67,10 @@ fn unreachable_goal(input: &SolveInput, component: StateComponent, code: &'stati
     } else {
         ("no friction moves the robot there", "`robot.wheel_friction_coefficient`")
     };
-    Reason {
-        code,
-        message: format!(
-            "`{field}` is {goal}, which the start misses by {error} (tolerance {tolerance}), and {cause}; larger {help} help"
-        ),
-        field,
-        time: Some(0.0),
-        value: error.abs(),
-        limit: tolerance,
-    }
+    let message = format!(
+        "`{field}` is {goal}, which the start misses by {error} (tolerance {tolerance}), and {cause}; larger {help} help"
+    );
+    Reason { code, message, field, time: Some(0.0), value: error.abs(), limit: tolerance }
 }
 
 fn slow_goal(input: &SolveInput, bound: &LowerBound) -> Reason {
@@ -89,17 +83,12 @@ fn slow_goal(input: &SolveInput, bound: &LowerBound) -> Reason {
         | LowerBoundAssumption::DriveTorque
         | LowerBoundAssumption::WheelDrive => "more torque and friction",
     };
-    Reason {
-        code: "final_time_too_long",
-        message: format!(
-            "`{field}` is {goal}, which takes at least {time} s (bound `{assumption}`), must be at most \
-             {LONGEST_FINAL_TIME} s; {help} or a nearer goal help"
-        ),
-        field,
-        time: Some(time),
-        value: time,
-        limit: LONGEST_FINAL_TIME,
-    }
+    let message = format!(
+        "`{field}` is {goal}, which takes at least {time} s (bound `{assumption}`), must be at most \
+         {LONGEST_FINAL_TIME} s; {help} or a nearer goal help"
+    );
+    let code = "final_time_too_long";
+    Reason { code, message, field, time: Some(time), value: time, limit: LONGEST_FINAL_TIME }
 }
 
 /// The field of a goal component, and what is asked of it.

@@ -191,7 +191,11 @@ impl<'a> LocalSearch<'a> {
     }
 
     /// The criticality measure of a plan: until half of what counts is predicted.
-    pub(super) fn measured(&mut self, plan: &Candidate, penalty_parameter: f64) -> Result<Stationarity, Interruption> {
+    pub(super) fn measured(
+        &mut self,
+        plan: &Candidate,
+        penalty_parameter: f64,
+    ) -> Result<Arc<Stationarity>, Interruption> {
         let time_unit = self.problem.time_unit();
         let settings = SequentialLinearSettings {
             penalty_parameter,
@@ -200,13 +204,7 @@ impl<'a> LocalSearch<'a> {
         };
         let from = (&plan.decision, &mut self.programs);
         let measure = criticality_measure(&mut self.problem, from, &settings, &mut self.budget)?;
-        Ok(Stationarity { penalty_parameter, time_unit, measure })
-    }
-
-    /// Stores the criticality measure of a candidate, which may be the best one.
-    pub(super) fn note_stationarity(&mut self, candidate: &mut Candidate, stationarity: Stationarity) {
-        candidate.stationarity = Some(Arc::new(stationarity));
-        keep_best(&mut self.best, Some(candidate.clone()), self.settings.goal_tolerance);
+        Ok(Arc::new(Stationarity { penalty_parameter, time_unit, measure }))
     }
 
     fn note(&mut self, candidate: &Candidate) {

@@ -14,6 +14,8 @@ use super::candidate::{Candidate, keep_best};
 use super::helpers::{CancelOnPanic, SharedWork};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
+use super::search::SearchResult;
+use super::solution::StopReason;
 use crate::optimizer::Interruption;
 
 /// The outcome of one part.
@@ -63,26 +65,6 @@ enum Slot {
     Done { outcome: Box<PartOutcome>, limit: u64 },
 }
 
-/// What the parts of all rounds came to, beside their local optima.
-#[derive(Debug, Default)]
-pub(super) struct Total {
-    /// Why some parts have no local optimum.
-    pub(super) interruption: Option<Interruption>,
-    pub(super) best: Option<Candidate>,
-    pub(super) iterations: u64,
-    pub(super) rollouts: u64,
-}
-
-impl Total {
-    /// Adds the outcome of a part; gives its local optimum.
-    fn add(&mut self, outcome: PartOutcome, goal_tolerance: f64) -> Option<Candidate> {
-        self.iterations += outcome.iterations;
-        self.rollouts += outcome.rollouts;
-        keep_best(&mut self.best, outcome.best, goal_tolerance);
-        outcome.local.map_err(|interruption| self.interruption = Some(interruption)).ok()
-    }
-}
-
 impl<'a> Parts<'a> {
     pub(super) fn new(progress: &'a BestProgress<'a>, rollout_limit: u64, count: usize, run: &'a RunPart<'a>) -> Self {
         let state = State { slots: (0..count).map(|_| Slot::Open).collect(), given_back: None };
@@ -91,7 +73,7 @@ impl<'a> Parts<'a> {
 
     /// Runs all parts, with the helpers of the control, and adds them to what was found; the local optima with the numbers of their
     /// parts, in order.
-    pub(super) fn run_into(self, found: &mut Total) -> Vec<(usize, Candidate)> {
+    pub(super) fn run_into(self, found: &mut SearchResult) -> Vec<(usize, Candidate)> {
         let Self { progress, rollout_limit, run, .. } = self;
         let BestProgress { control, goal_tolerance, .. } = *progress;
         control.share(&self);
@@ -110,7 +92,7 @@ impl<'a> Parts<'a> {
                             locals.extend(found.add(*outcome, goal_tolerance).map(|local| (index, local)));
                         }
                     }
-                    found.interruption = Some(Interruption::Stopped);
+                    found.stop_reason = StopReason::Stopped;
                     break;
                 }
                 Slot::Open | Slot::UnderWay | Slot::Done { .. } => run(index, &again, share),

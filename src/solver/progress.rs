@@ -2,22 +2,8 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use super::candidate::is_better;
 use super::run_control::{Phase, ProgressObserver, RunControl, SolveProgress};
-
-/// Whether the first goal error is the smaller one; NaN counts as the largest.
-pub(super) fn is_nearer(first: f64, second: f64) -> bool {
-    first < second || (second.is_nan() && !first.is_nan())
-}
-
-/// Whether the first of two points is reported in place of the second: the faster among those that meet the goal, else
-/// the one nearer to the goal.
-fn is_better(first: &SolveProgress, second: &SolveProgress, goal_tolerance: f64) -> bool {
-    match (first.best_goal_error <= goal_tolerance, second.best_goal_error <= goal_tolerance) {
-        (true, true) => first.best_final_time < second.best_final_time,
-        // What meets the goal is nearer to it than what does not.
-        (true, false) | (false, _) => is_nearer(first.best_goal_error, second.best_goal_error),
-    }
-}
 
 /// Forwards progress that is better than all reported before, and the latest start that has begun.
 pub(super) struct BestProgress<'a> {
@@ -36,7 +22,8 @@ impl<'a> BestProgress<'a> {
         let Some(best) = reported else { return Some(*progress) };
         // A polish has start numbers 0. The count grows where more starts are tried than were asked for.
         let (start, start_count) = (best.start.max(progress.start), best.start_count.max(progress.start_count));
-        if is_better(progress, &best, self.goal_tolerance) {
+        let of = |progress: &SolveProgress| (progress.best_final_time, progress.best_goal_error);
+        if is_better(of(progress), of(&best), self.goal_tolerance) {
             return Some(SolveProgress { start, start_count, ..*progress });
         }
         (start > best.start).then_some(SolveProgress { start, start_count, ..best })

@@ -3,9 +3,10 @@
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, distinct, is_distinct};
 use super::hops::PATIENCE;
 use super::local_search::LocalSearch;
-use super::parts::{PartOutcome, Parts, RunPart, Total};
+use super::parts::{PartOutcome, Parts, RunPart};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
+use super::search::SearchResult;
 use super::settings::SolveInput;
 use super::starts::{ONE_IN, Start, Strategy, spun, starts};
 use super::strategies::Heat;
@@ -30,9 +31,8 @@ pub(super) struct Race<'a> {
     coarse_step_count: usize,
     rollout_limit: u64,
     progress: BestProgress<'a>,
-    pub(super) found: Total,
-    /// Starts tried.
-    pub(super) tried: usize,
+    /// The best decision, and what it took.
+    pub(super) found: SearchResult,
     /// Where starts and spins led under smoothed laws, best first.
     smoothed: Vec<Smoothed>,
     /// Local optima under the exact law.
@@ -43,14 +43,13 @@ impl<'a> Race<'a> {
     pub(super) fn new(
         input: &'a SolveInput,
         problem: &ShootingProblem<'a>,
-        rollout_limit: u64,
+        (found, rollout_limit): (SearchResult, u64),
         control: &'a RunControl<'a>,
     ) -> Self {
         let coarse_step_count = coarse_step_count(input, problem.time_unit());
         let progress = BestProgress::new(control, input.settings.goal_tolerance);
-        let (problem, found) = (problem.clone(), Total::default());
-        let (smoothed, optima) = (Vec::new(), Vec::new());
-        Self { input, problem, coarse_step_count, rollout_limit, progress, found, tried: 0, smoothed, optima }
+        let (problem, smoothed, optima) = (problem.clone(), Vec::new(), Vec::new());
+        Self { input, problem, coarse_step_count, rollout_limit, progress, found, smoothed, optima }
     }
 
     /// From starts to local optima, from as many more where none is a plan, and from spins of the best. Where any start goes through
@@ -58,7 +57,7 @@ impl<'a> Race<'a> {
     pub(super) fn run(&mut self) {
         self.block();
         let has_plan = self.optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance));
-        if !has_plan && self.found.interruption.is_none() {
+        if !has_plan && !self.found.is_interrupted() {
             self.block();
         }
         self.spins();
@@ -71,10 +70,11 @@ impl<'a> Race<'a> {
 
     /// From so many starts as are requested to local optima. Some maneuvers have fewer.
     pub(super) fn block(&mut self) {
-        let starts = starts(self.input, self.tried + self.input.settings.start_count);
+        let tried = self.found.starts_tried;
+        let starts = starts(self.input, tried + self.input.settings.start_count);
         let count = starts.len();
-        let numbered = (1..).zip(starts).skip(self.tried).map(|(number, start)| (start, (number, count)));
-        self.tried += self.heats(&numbered.collect::<Vec<_>>(), f64::INFINITY);
+        let numbered = (1..).zip(starts).skip(tried).map(|(number, start)| (start, (number, count)));
+        self.found.starts_tried += self.heats(&numbered.collect::<Vec<_>>(), f64::INFINITY);
         self.descend();
     }
 
@@ -83,9 +83,9 @@ impl<'a> Race<'a> {
     fn spins(&mut self) {
         let start_count = self.input.settings.start_count;
         let count = start_count / ONE_IN;
-        let (mut stream, mut in_vain) = (self.tried, 0);
+        let (mut stream, mut in_vain) = (self.found.starts_tried, 0);
         while count > 0 && in_vain < MOST_IN_VAIN {
-            let (None, Some(best)) = (self.found.interruption, self.smoothed.first()) else { return };
+            let (false, Some(best)) = (self.found.is_interrupted(), self.smoothed.first()) else { return };
             let schedule = schedule_from_decision(&best.local.decision);
             let plan = Start { schedule, goal_heading: best.local.goal_heading, strategy: Strategy::Smoothed };
             let (merit, number) = (best.local.merit, best.number);
@@ -137,7 +137,7 @@ impl<'a> Race<'a> {
 
     /// Where a heat leads these, best first; none of them once the search is interrupted.
     fn heat(&mut self, entrants: &[Smoothed], heat: Heat) -> Vec<Smoothed> {
-        if self.found.interruption.is_some() {
+        if self.found.is_interrupted() {
             return Vec::new();
         }
         let locals = self.round(entrants, |Smoothed { number, strategy, local, .. }, search| {
@@ -165,7 +165,7 @@ impl<'a> Race<'a> {
     fn finals(&mut self) {
         let (mut count, mut patience) = (self.input.settings.start_count.div_ceil(ONE_IN), PATIENCE / 2);
         for round in 0.. {
-            if self.found.interruption.is_some() {
+            if self.found.is_interrupted() {
                 return;
             }
             best_first(&mut self.optima, |optimum| optimum);
@@ -192,7 +192,7 @@ impl<'a> Race<'a> {
             self.optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
             self.problem.release_torques();
         }
-        let Some(best) = self.found.best.clone().filter(|_| self.found.interruption.is_none()) else { return };
+        let Some(best) = self.found.best.clone().filter(|_| !self.found.is_interrupted()) else { return };
         if best.stationarity.is_some() || !best.is_feasible(self.input.settings.goal_tolerance) {
             return;
         }
@@ -294,7 +294,7 @@ mod tests {
         let (input, control) = (SolveInput::forward_drive(), RunControl::unattended());
         let simulator = Simulator::new(&input.robot);
         let (problem, _) = problem_on(&input, &simulator, input.settings.step_count);
-        let mut race = Race::new(&input, &problem, 10, &control);
+        let mut race = Race::new(&input, &problem, (SearchResult::default(), 10), &control);
         let diverged = Candidate::new(DVector::from_element(1, 1.0), f64::NAN, true, None);
         race.optima.push(Candidate { merit: f64::NAN, ..diverged });
         race.finals();

@@ -14,7 +14,7 @@ use super::local_search::LocalSearch;
 use super::run_control::{Phase, RunControl};
 use super::search::SearchResult;
 use super::settings::SolveInput;
-use super::solution::{RefinementOutcome, StopReason};
+use super::solution::RefinementOutcome;
 use crate::optimizer::Interruption;
 use crate::shooting::schedule_from_decision;
 use crate::simulation::Simulator;
@@ -58,7 +58,7 @@ struct Plan {
 impl Refiner<'_, '_> {
     fn run(&mut self) -> Result<RefinementOutcome, Interruption> {
         let mut candidates = self.candidates_on_the_coarsest_grid().into_iter();
-        if self.is_interrupted() {
+        if self.result.is_interrupted() {
             return Ok(RefinementOutcome::Interrupted);
         }
         let step_count = self.result.step_count;
@@ -71,7 +71,7 @@ impl Refiner<'_, '_> {
             return Ok(RefinementOutcome::WithinTolerance);
         }
         let candidates = further_optima(self.input, self.simulator, (&mut *self.result, step_count), &self.control);
-        if self.is_interrupted() {
+        if self.result.is_interrupted() {
             return Ok(RefinementOutcome::Interrupted);
         }
         if self.refine_first(candidates, step_count)? { Ok(RefinementOutcome::WithinTolerance) } else { outcome }
@@ -80,7 +80,7 @@ impl Refiner<'_, '_> {
     /// The plans of the search, or of the same search on the coarsest finer grid that has any.
     fn candidates_on_the_coarsest_grid(&mut self) -> Vec<Candidate> {
         let mut step_count = self.result.step_count;
-        while self.result.plans.is_empty() && !self.is_interrupted() && step_count < self.finest() {
+        while self.result.plans.is_empty() && !self.result.is_interrupted() && step_count < self.finest() {
             step_count = (FACTORS.1 * step_count).min(self.finest());
             let (problem, _) = problem_on(self.input, self.simulator, step_count);
             let left = self.input.settings.rollout_limit - self.result.rollouts;
@@ -88,10 +88,6 @@ impl Refiner<'_, '_> {
             self.result.follow(finer, self.input.settings.goal_tolerance);
         }
         self.result.plans.clone()
-    }
-
-    fn is_interrupted(&self) -> bool {
-        self.result.stop_reason != StopReason::Finished
     }
 
     /// Refines plans, in their order, of those for which the allowed steps may do; keeps the first that can be executed.

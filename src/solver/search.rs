@@ -2,9 +2,10 @@
 
 use std::ops::Range;
 
-use super::candidate::{Candidate, distinct, improves, is_distinct};
+use super::candidate::{Candidate, distinct, improves, is_distinct, keep_best};
 use super::certificate::Replayed;
 use super::local_search::LocalSearch;
+use super::parts::PartOutcome;
 use super::race::Race;
 use super::run_control::RunControl;
 use super::sensitivity::Weighed;
@@ -37,6 +38,19 @@ pub(super) struct SearchResult {
 }
 
 impl SearchResult {
+    /// Whether it was ended before it was done.
+    pub(super) fn is_interrupted(&self) -> bool {
+        self.stop_reason != StopReason::Finished
+    }
+
+    /// Adds the outcome of a part of the search; gives its local optimum.
+    pub(super) fn add(&mut self, outcome: PartOutcome, goal_tolerance: f64) -> Option<Candidate> {
+        self.iterations += outcome.iterations;
+        self.rollouts += outcome.rollouts;
+        keep_best(&mut self.best, outcome.best, goal_tolerance);
+        outcome.local.map_err(|interruption| self.stop_reason = interruption.into()).ok()
+    }
+
     /// Adds the search of a finer grid, where this one found no plan; the better of both misses is kept.
     pub(super) fn follow(&mut self, mut finer: Self, goal_tolerance: f64) {
         if finer.best.as_ref().is_some_and(|next| improves(self.best.as_ref(), next, goal_tolerance)) {
@@ -101,24 +115,15 @@ pub(super) fn search(
     control: &RunControl,
 ) -> SearchResult {
     let settings = &input.settings;
-    let mut race = Race::new(input, problem, rollout_limit, control);
+    let nothing = SearchResult { step_count: problem.step_count(), ..SearchResult::default() };
+    let mut race = Race::new(input, problem, (nothing, rollout_limit), control);
     race.run();
-    let Race { found, tried: starts_tried, optima, .. } = race;
+    let Race { found: mut result, optima, .. } = race;
     let optima = feasible(optima, settings.goal_tolerance);
     let is_plan = |plan: &&Candidate| plan.is_feasible(settings.goal_tolerance);
-    let mut plans: Vec<_> = found.best.iter().chain(&optima).filter(is_plan).cloned().collect();
-    plans.dedup_by(|next, kept| !is_distinct(kept.final_time(), next.final_time()));
-    let mut result = SearchResult {
-        plans,
-        best: found.best,
-        stop_reason: found.interruption.map_or(StopReason::Finished, StopReason::from),
-        step_count: problem.step_count(),
-        iterations: found.iterations,
-        rollouts: found.rollouts,
-        starts_tried,
-        distinct_optima: grouped(&optima),
-        ..SearchResult::default()
-    };
+    result.plans = result.best.iter().chain(&optima).filter(is_plan).cloned().collect();
+    result.plans.dedup_by(|next, kept| !is_distinct(kept.final_time(), next.final_time()));
+    result.distinct_optima = grouped(&optima);
     if result.stop_reason != StopReason::Stopped && result.weigh(input, &optima, control.stop()).is_err() {
         result.stop_reason = StopReason::Stopped;
     }
@@ -132,18 +137,12 @@ pub(super) fn further_optima(
     result: &mut SearchResult,
     control: &RunControl,
 ) -> Vec<Candidate> {
-    let settings = &input.settings;
-    let mut race = Race::new(input, problem, settings.rollout_limit - result.rollouts, control);
-    // Searches of several grids count their starts each time.
-    race.tried = result.starts_tried;
+    // What this grid leads to does not compare with a plan that was refined.
+    let best = result.best.take();
+    let mut race = Race::new(input, problem, (std::mem::take(result), input.settings.rollout_limit), control);
     race.block();
-    result.iterations += race.found.iterations;
-    result.rollouts += race.found.rollouts;
-    result.starts_tried = race.tried;
-    if let Some(interruption) = race.found.interruption {
-        result.stop_reason = interruption.into();
-    }
-    feasible(race.optima, settings.goal_tolerance)
+    *result = SearchResult { best, ..race.found };
+    feasible(race.optima, input.settings.goal_tolerance)
 }
 
 /// Those that meet the goal, fastest first.

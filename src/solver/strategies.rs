@@ -2,7 +2,9 @@
 
 use nalgebra::DVector;
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, LEAST_PROMISE, is_distinct, keep_better};
+use super::candidate::{
+    CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, LEAST_PROMISE, is_distinct, keep_best, keep_better,
+};
 use super::hops::PATIENCE;
 use super::local_search::{LARGEST_PENALTY, LocalSearch, SMALLEST_PREDICTION, STRICT_PENALTY};
 use super::run_control::Phase;
@@ -267,7 +269,9 @@ impl LocalSearch<'_> {
         loop {
             let known = self.measured(best, penalty_parameter)?;
             let Some(better) = known.measure.better.clone()? else {
-                self.note_stationarity(best, known);
+                best.stationarity = Some(known);
+                // It may be the best one of all.
+                keep_best(&mut self.best, Some(best.clone()), tolerance);
                 return Ok(());
             };
             // On a short way the goal tolerance gains much time, and from a plan that uses it a descent to the goal itself is slower.

@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 use crate::assessment::{AssessInput, Distribution, Limited, MOST_STEPS};
 use crate::contract::Problem;
 use crate::contract::convert::{aisle_corners, named, payload, required, robot};
+use crate::contract::json::Named;
 use crate::contract::message::{self, AssessRequest, Tolerances, Uncertainty};
 use crate::jobs::Limits;
 use crate::jobs::plan::{AcceptedPlan, Said};
@@ -16,7 +17,7 @@ use crate::shooting::AisleCorners;
 use crate::solver::{ChangedParameter, SolveInput, Undisturbed};
 
 const SAMPLES_RULE: Rule = Rule::between(1.0, 10_000.0, "");
-const UNCERTAIN_RULE: Rule = Rule::between(1.0, ChangedParameter::ALL.len() as f64, Rule::ITEMS);
+const UNCERTAIN_RULE: Rule = Rule::between(1.0, message::ChangedParameter::NAMES.len() as f64, Rule::ITEMS);
 const DEFAULT_SAMPLES: u32 = 1_000;
 /// From what rollouts round to, to any miss.
 const DISTANCE_RULE: Rule = Rule::between(1e-9, 1e4, "m");
@@ -149,8 +150,7 @@ fn checked_uncertain(
     for (index, &Uncertainty { parameter, low, high, mean, standard_deviation }) in given.iter().enumerate() {
         let field = format!("uncertain[{index}].parameter");
         let named: message::ChangedParameter = named(parameter, &field)?;
-        let known = ChangedParameter::ALL.into_iter().find(|&known| message::ChangedParameter::from(known) == named);
-        let parameter = required(known, &field)?;
+        let parameter: ChangedParameter = required(named.into(), &field)?;
         let is_first = !uncertain.iter().any(|(known, _)| *known == parameter);
         checks.require(&field, parameter.as_str(), is_first, "a parameter that is not given before", None);
         let distribution = checks.within(&format!("uncertain[{index}]"), |checks| {
