@@ -190,7 +190,8 @@ impl From<&ManeuverLimits> for message::ManeuverLimits {
     }
 }
 
-/// An enum of the contract and the one of the domain with the same values; unspecified is the default of the domain, or none of it.
+/// An enum of the contract and the one of the domain with the same values. Back from the contract, unspecified is the domain's default
+/// (`default`) or nothing (`known`).
 macro_rules! same_values {
     ($message:ident = $domain:ident { $($value:ident),* $(,)? }) => {
         impl From<$domain> for message::$message {

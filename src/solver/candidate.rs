@@ -90,7 +90,7 @@ impl Candidate {
         self.is_feasible(goal_tolerance) && (is_faster || !other.is_feasible(goal_tolerance))
     }
 
-    /// A feasible one before any other, then the better one by final time and goal error.
+    /// A feasible one before any other; of two that are, or two that are not, the one that [`is_better`].
     pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {
         let [this, that] = [self, other].map(|candidate| candidate.is_feasible(goal_tolerance));
         let of = |candidate: &Self| (candidate.final_time(), candidate.goal_error);

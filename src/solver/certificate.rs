@@ -93,7 +93,7 @@ impl Optimality {
         // It belongs to the answer, not to the search: neither the search's rollout limit nor its stop ends it.
         let measure_now =
             || LocalSearch::new(problem.clone(), settings, &control, rollout_limit).measured(best, STRICT_PENALTY);
-        // Either limit leaves the one rollout before the first linear program; from there on what is measured is a bound.
+        // A limit that ends it later than at its first rollout makes it an upper bound: only the cut leaves nothing.
         let known = best.stationarity.clone().map_or_else(measure_now, Ok).map_err(|_| Stopped)?;
         let Stationarity { penalty_parameter, time_unit, measure } = &*known;
         if measure.better == Err(Interruption::Stopped) {

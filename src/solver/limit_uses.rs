@@ -54,8 +54,8 @@ pub(super) fn motion_with_limits(
         return Ok((motion, uses));
     }
     let step_length = rollout.schedule.final_time / rollout.step_count as f64;
-    for (limit, &PathMaximum { value, node }) in judged.into_iter().zip(&motion.maxima) {
-        let counted = limit.counted(value);
+    for (limit, &PathMaximum { value: reached, node }) in judged.into_iter().zip(&motion.maxima) {
+        let counted = limit.counted(reached);
         let (field, excess) = (limit.field, limit.excess(counted));
         let (value, largest, time) = (limit.allowed(), limit.used(counted), node as f64 * step_length);
         let next = LimitUse { limit: field, value, largest, time, excess, replay_excess: None };

@@ -29,9 +29,10 @@ pub(super) struct Race<'a> {
     input: &'a SolveInput,
     problem: ShootingProblem<'a>,
     coarse_step_count: usize,
+    /// Most rollouts of all that is found, those before this race included.
     rollout_limit: u64,
     progress: BestProgress<'a>,
-    /// The best decision, and what it took.
+    /// What is known so far, and what it took.
     pub(super) found: SearchResult,
     /// Where starts and spins led under smoothed laws, best first.
     smoothed: Vec<Smoothed>,

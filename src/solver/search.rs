@@ -25,6 +25,7 @@ pub(super) struct SearchResult {
     pub(super) step_count: usize,
     pub(super) iterations: u64,
     pub(super) rollouts: u64,
+    /// Searches of several grids count theirs each time.
     pub(super) starts_tried: usize,
     /// Local optima that meet the goal, fastest first.
     pub(super) distinct_optima: Vec<DistinctOptimum>,

@@ -46,7 +46,8 @@ export work
 # serve FLAG...: a server on free ports; sets $rest and $grpc.
 serve() {
   if [ -n "$server" ]; then kill "$server" && wait "$server" || true; fi
-  # Else the last server's addresses might be read before the new one has emptied the file.
+  # Emptied here, else the last server's addresses might be read before the new one writes its own; appended to, since the server of
+  # schemathesis goes on writing.
   : >"$work/log"
   "$built/slipdrive" serve --http 127.0.0.1:0 --grpc 127.0.0.1:0 --log-format json "$@" 2>>"$work/log" &
   server=$!
