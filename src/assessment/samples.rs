@@ -103,9 +103,9 @@ impl SharedWork for Samples<'_> {
             ranges[index] = Range::UnderWay;
             index
         };
-        let alarm = CancelOnPanic(&self.is_cancelled);
+        let alarm = CancelOnPanic::new(&self.is_cancelled);
         let outcomes = self.run(index, self.control.stop().interrupted_by([&self.is_cancelled, recalled]));
-        std::mem::forget(alarm);
+        alarm.disarm();
         self.ranges()[index] = outcomes.map_or(Range::Open, Range::Done);
         true
     }

@@ -251,8 +251,9 @@ fn check_delay(delay: &PerWheel<f64>, schedule: &TorqueSchedule, checks: &mut Ch
     let before = checks.count();
     let left = (ChangedParameter::DelayLeft.as_str(), delay.left);
     let right = (ChangedParameter::DelayRight.as_str(), delay.right);
-    checks.bounds(left.0, left.1, &DELAY_RULE);
-    checks.bounds(right.0, right.1, &DELAY_RULE);
+    for (name, delay) in [left, right] {
+        checks.bounds(name, delay, &DELAY_RULE);
+    }
     if checks.count() > before {
         return;
     }

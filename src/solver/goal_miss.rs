@@ -68,19 +68,24 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> St
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     let on_course = steps_on_course(input.robot.parameters(), &input.maneuver);
-    let enough_steps = format!("at least {on_course} `grid.steps`, on which the robot keeps its course so far,");
     let help = match stop_reason {
         StopReason::Finished if decision_len(settings.control_count) < requirements => {
             "more `grid.control_intervals`, of which there are too few for so many goal fields,"
         }
         // Its penalty trades the goal for time, however long it searches.
-        _ if settings.method == Method::NelderMead => "the method `sequential_linear`",
+        StopReason::Stopped | StopReason::RolloutLimit | StopReason::Finished
+            if settings.method == Method::NelderMead =>
+        {
+            "the method `sequential_linear`"
+        }
         StopReason::Stopped => "more time (`solver.time_limit_s` or the deadline)",
         StopReason::RolloutLimit => "a larger `solver.rollout_limit`",
         StopReason::Finished if miss.abs() <= NEAR_MISS * settings.goal_tolerance => {
             "a larger `solver.goal_tolerance` or more `grid.steps`"
         }
-        StopReason::Finished if settings.step_count < on_course => &enough_steps,
+        StopReason::Finished if settings.step_count < on_course => {
+            return format!("at least {on_course} `grid.steps`, on which the robot keeps its course so far,");
+        }
         StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",
     };
     help.to_owned()

@@ -35,8 +35,20 @@ impl Helpers for Alone {
     }
 }
 
-/// Cancels the other parts of shared work where one panics: sets the flag where it is dropped. A part that ends by itself forgets it.
-pub(crate) struct CancelOnPanic<'a>(pub(crate) &'a AtomicBool);
+/// Cancels the other parts of shared work when one panics.
+pub(crate) struct CancelOnPanic<'a>(&'a AtomicBool);
+
+impl<'a> CancelOnPanic<'a> {
+    /// Sets the flag where it is dropped before [`Self::disarm`].
+    pub(crate) fn new(is_cancelled: &'a AtomicBool) -> Self {
+        Self(is_cancelled)
+    }
+
+    /// The part has ended by itself.
+    pub(crate) fn disarm(self) {
+        std::mem::forget(self);
+    }
+}
 
 impl Drop for CancelOnPanic<'_> {
     fn drop(&mut self) {

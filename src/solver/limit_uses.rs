@@ -56,9 +56,14 @@ pub(super) fn motion_with_limits(
     let step_length = rollout.schedule.final_time / rollout.step_count as f64;
     for (limit, &PathMaximum { value: reached, node }) in judged.into_iter().zip(&motion.maxima) {
         let counted = limit.counted(reached);
-        let (field, excess) = (limit.field, limit.excess(counted));
-        let (value, largest, time) = (limit.allowed(), limit.used(counted), node as f64 * step_length);
-        let next = LimitUse { limit: field, value, largest, time, excess, replay_excess: None };
+        let next = LimitUse {
+            limit: limit.field,
+            value: limit.allowed(),
+            largest: limit.used(counted),
+            time: node as f64 * step_length,
+            excess: limit.excess(counted),
+            replay_excess: None,
+        };
         // The largest use of each field is kept.
         match uses.iter_mut().find(|known| known.limit == next.limit) {
             Some(known) if exceeds_more(&next, known) => *known = next,
@@ -86,8 +91,14 @@ fn torque_rate_use(rate: f64, schedule: &TorqueSchedule) -> LimitUse {
         torques.windows(2).enumerate().map(|(boundary, pair)| (boundary, (pair[1] - pair[0]).abs() / interval))
     });
     let (boundary, largest) = changes.fold((0, 0.0), |worst, next| if next.1 > worst.1 { next } else { worst });
-    let (limit, time) = ("maneuver.limits.torque_rate_n_m_s", (boundary + 1) as f64 * interval);
-    LimitUse { limit, value: rate, largest, time, excess: largest / rate - 1.0, replay_excess: None }
+    LimitUse {
+        limit: "maneuver.limits.torque_rate_n_m_s",
+        value: rate,
+        largest,
+        time: (boundary + 1) as f64 * interval,
+        excess: largest / rate - 1.0,
+        replay_excess: None,
+    }
 }
 
 #[cfg(test)]

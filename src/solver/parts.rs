@@ -65,6 +65,16 @@ enum Slot {
     Done { outcome: Box<PartOutcome>, limit: u64 },
 }
 
+impl SearchResult {
+    /// Adds the outcome of a part; gives its local optimum.
+    fn add(&mut self, outcome: PartOutcome, goal_tolerance: f64) -> Option<Candidate> {
+        self.iterations += outcome.iterations;
+        self.rollouts += outcome.rollouts;
+        keep_best(&mut self.best, outcome.best, goal_tolerance);
+        outcome.local.map_err(|interruption| self.stop_reason = interruption.into()).ok()
+    }
+}
+
 impl<'a> Parts<'a> {
     pub(super) fn new(progress: &'a BestProgress<'a>, rollout_limit: u64, count: usize, run: &'a RunPart<'a>) -> Self {
         let state = State { slots: (0..count).map(|_| Slot::Open).collect(), given_back: None };
@@ -166,11 +176,11 @@ impl SharedWork for Parts<'_> {
             return false;
         }
         let Some((index, limit)) = self.begin() else { return false };
-        let alarm = CancelOnPanic(&self.is_cancelled);
+        let alarm = CancelOnPanic::new(&self.is_cancelled);
         let control = self.progress.control;
         let control = control.of_part(control.stop().interrupted_by([&self.is_cancelled, recalled]), self.progress);
         let outcome = (self.run)(index, &control, limit);
-        std::mem::forget(alarm);
+        alarm.disarm();
         self.end(index, limit, outcome);
         true
     }

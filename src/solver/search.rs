@@ -2,10 +2,9 @@
 
 use std::ops::Range;
 
-use super::candidate::{Candidate, distinct, improves, is_distinct, keep_best};
+use super::candidate::{Candidate, distinct, improves, is_distinct};
 use super::certificate::Replayed;
 use super::local_search::LocalSearch;
-use super::parts::PartOutcome;
 use super::race::Race;
 use super::run_control::RunControl;
 use super::sensitivity::Weighed;
@@ -42,14 +41,6 @@ impl SearchResult {
     /// Whether it was ended before it was done.
     pub(super) fn is_interrupted(&self) -> bool {
         self.stop_reason != StopReason::Finished
-    }
-
-    /// Adds the outcome of a part of the search; gives its local optimum.
-    pub(super) fn add(&mut self, outcome: PartOutcome, goal_tolerance: f64) -> Option<Candidate> {
-        self.iterations += outcome.iterations;
-        self.rollouts += outcome.rollouts;
-        keep_best(&mut self.best, outcome.best, goal_tolerance);
-        outcome.local.map_err(|interruption| self.stop_reason = interruption.into()).ok()
     }
 
     /// Adds the search of a finer grid, where this one found no plan; the better of both misses is kept.

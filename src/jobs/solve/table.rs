@@ -1,8 +1,6 @@
 //! The answer of a solve as a short table for people.
 
 use super::Solved;
-use crate::contract::json::Named;
-use crate::contract::message::Refinement;
 use crate::jobs::table::{line, row, separations, write_limits, write_timeline};
 use crate::service::Done;
 use crate::shooting::Goal;
@@ -24,8 +22,7 @@ pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
     if *status != Status::Infeasible {
         row(&mut table, "final time", &final_time(schedule, report));
         row(&mut table, "replay confirmed", if *replay_confirmed { "yes" } else { "no" });
-        let refinement = Refinement::name_of(Refinement::from(report.refinement).into()).unwrap_or_default();
-        row(&mut table, "grid", &format!("{} steps ({refinement})", report.step_count));
+        row(&mut table, "grid", &format!("{} steps ({})", report.step_count, report.refinement.as_str()));
         row(&mut table, "replay miss", &report.replay.as_ref().map_or(NOT_REACHED.to_owned(), replay_miss));
         row(&mut table, "separations", &separations(&report.separations));
     }
