@@ -83,10 +83,35 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> St
         StopReason::Finished if miss.abs() <= NEAR_MISS * settings.goal_tolerance => {
             "a larger `solver.goal_tolerance` or more `grid.steps`"
         }
-        StopReason::Finished if settings.step_count < on_course => {
-            return format!("at least {on_course} `grid.steps`, on which the robot keeps its course so far,");
+        // Automatic steps begin on that many, if they may.
+        StopReason::Finished if settings.finest_step_count() < on_course => {
+            return format!(
+                "a shorter way or at least {on_course} `grid.steps`, on which the robot keeps its course so far,"
+            );
         }
         StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",
     };
     help.to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shooting::{Goal, Maneuver};
+    use crate::solver::settings::Refinement;
+
+    #[test]
+    fn steps_on_course_are_advised_where_the_search_had_fewer() {
+        for (refinement, is_advised) in [
+            (Refinement::Fixed, true),
+            (Refinement::UntilConfirmed { step_limit: 400 }, true),
+            (Refinement::UntilConfirmed { step_limit: 10_000 }, false),
+        ] {
+            let mut input = SolveInput::forward_drive();
+            input.maneuver = Maneuver { goal: Goal::at_rest(0.0, 100.0, 0.0), ..input.maneuver };
+            input.settings.refinement = refinement;
+            let help = help_for_search(&input, 50.0, StopReason::Finished);
+            assert_eq!(help.contains("at least 452 `grid.steps`"), is_advised, "{refinement:?}: {help}");
+        }
+    }
 }

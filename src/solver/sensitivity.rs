@@ -22,6 +22,8 @@ const CHANGES: [(ChangedParameter, f64); 7] = [
 ];
 /// As a share.
 const FRICTION_CHANGE: f64 = 0.1;
+/// The change that plans are weighed by.
+const LESS_FRICTION: (ChangedParameter, f64) = (ChangedParameter::Friction, -FRICTION_CHANGE);
 /// m.
 const PLACE_CHANGE: f64 = 0.01;
 /// As a share.
@@ -74,9 +76,10 @@ pub(super) fn sensitivity(
         None => &Weighed::new(input, (schedule, step_count), stop)?,
     };
     let changes = CHANGES.into_iter().flat_map(|(parameter, size)| [(parameter, -size), (parameter, size)]);
-    // The first one is less friction.
-    let others = changes.skip(1).map(|change| sensitivity_to((planned, end), change, stop));
-    std::iter::once(Ok(less_friction.clone())).chain(others).collect()
+    let outcome_of = |change| {
+        if change == LESS_FRICTION { Ok(less_friction.clone()) } else { sensitivity_to((planned, end), change, stop) }
+    };
+    changes.map(outcome_of).collect()
 }
 
 /// A plan with its own end, and with what less friction does to it.
@@ -96,7 +99,7 @@ impl Weighed {
         let start = (maneuver.reference_point, &maneuver.start);
         let planned = Undisturbed::new((*bare_robot, *payload), start, plan);
         let (end, _) = planned.unchanged().end(stop)?;
-        let less_friction = sensitivity_to((&planned, &end), (ChangedParameter::Friction, -FRICTION_CHANGE), stop)?;
+        let less_friction = sensitivity_to((&planned, &end), LESS_FRICTION, stop)?;
         Ok(Self { planned, end, less_friction })
     }
 
