@@ -19,8 +19,8 @@ pub trait Problem {
     /// The constraint values at x; one rollout.
     ///
     /// # Errors
-    /// When it was stopped; the values are then as they were.
-    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints, stop: Stop) -> Result<(), Stopped>;
+    /// When it was stopped.
+    fn evaluate(&mut self, x: &DVector<f64>, stop: Stop) -> Result<Constraints, Stopped>;
     /// The constraint values at x, the working set and its derivatives; counts as one rollout. The working set is to hold what a step
     /// within a trust region of this radius may violate.
     ///

@@ -34,8 +34,8 @@ pub struct NelderMeadResult {
     pub x: DVector<f64>,
     /// Moves of the simplex.
     pub iterations: u64,
-    /// What ended the search early, if anything.
-    pub interruption: Option<Interruption>,
+    /// What of the budget ended it, if anything did.
+    pub ending: Result<(), Interruption>,
 }
 
 /// A function to minimise, which ends early when it is stopped.
@@ -54,8 +54,8 @@ pub fn minimise_by_nelder_mead(
 ) -> NelderMeadResult {
     let mut search =
         Search { value, budget, on_improvement, best: start.clone(), best_value: f64::INFINITY, iterations: 0 };
-    let interruption = search.run(&(scale * EDGE)).err();
-    NelderMeadResult { x: search.best, iterations: search.iterations, interruption }
+    let ending = search.run(&(scale * EDGE));
+    NelderMeadResult { x: search.best, iterations: search.iterations, ending }
 }
 
 struct Search<'a, 'b> {
@@ -225,7 +225,7 @@ mod tests {
         let result = minimum(|x| (1.0 - x[0]).powi(2) + 100.0 * (x[1] - x[0] * x[0]).powi(2), &[-1.2, 1.0]);
         // A tolerance of 1e-16 leaves sqrt(1e-16) in x.
         assert!((result.x - DVector::from_vec(vec![1.0, 1.0])).amax() < 1e-6);
-        assert_eq!(result.interruption, None);
+        assert_eq!(result.ending, Ok(()));
     }
 
     #[test]
@@ -248,7 +248,7 @@ mod tests {
         };
         let (start, scale) = (DVector::from_vec(vec![3.0, 4.0]), DVector::repeat(2, 2.5));
         let result = minimise_by_nelder_mead(&mut value, &start, &scale, &mut Budget::new(&stop, 25), &mut falls);
-        assert_eq!(result.interruption, Some(Interruption::RolloutLimit));
+        assert_eq!(result.ending, Err(Interruption::RolloutLimit));
         assert!(last < 25.0);
         assert_eq!(last, result.x.norm_squared());
     }

@@ -30,7 +30,7 @@ use super::linear_program::ElasticSolver;
 pub struct SequentialLinearSettings {
     /// First penalty parameter of the merit; the penalty is exact when it exceeds every multiplier of the problem.
     pub penalty_parameter: f64,
-    /// The penalty parameter is never made larger than this.
+    /// The penalty parameter grows while it is smaller than this.
     pub largest_penalty_parameter: f64,
     /// First trust radius, as a fraction of each variable's scale.
     pub first_radius: f64,
@@ -42,7 +42,7 @@ pub struct SequentialLinearSettings {
     pub smallest_prediction: f64,
     /// The merit to beat: the iteration ends where the model no longer promises to.
     pub merit_to_beat: f64,
-    /// Most iterations.
+    /// Most iterations of a descent; after a restoration, under a larger penalty parameter, they are counted afresh.
     pub iteration_limit: usize,
     /// Whether the final point is an answer, whose violations are driven to zero, and no intermediate one.
     pub restores: bool,
@@ -310,8 +310,7 @@ impl<'a> Search<'a> {
     fn evaluate(&mut self, x: &DVector<f64>, budget: &mut Budget) -> Result<Trial, Interruption> {
         let stop = budget.spend()?;
         let x = clamped(x, self.problem.lower(), self.problem.upper());
-        let mut constraints = self.problem.constraints();
-        self.problem.evaluate(&x, &mut constraints, stop)?;
+        let mut constraints = self.problem.evaluate(&x, stop)?;
         constraints.subtract(&self.offset);
         let merit = self.merit(&x, &constraints);
         Ok(Trial { x, constraints, merit })

@@ -52,22 +52,7 @@ impl SmallProblem {
     }
 
     pub(super) fn constraints_at(&mut self, x: &DVector<f64>) -> Constraints {
-        let mut constraints = self.constraints();
-        self.evaluate(x, &mut constraints, Stop::never()).unwrap();
-        constraints
-    }
-
-    /// The answer from `start`.
-    pub(super) fn unchecked(&mut self, start: &[f64], settings: &SequentialLinearSettings) -> SequentialLinearResult {
-        let stop = AtomicBool::new(false);
-        let start = DVector::from_row_slice(start);
-        minimise_sequentially(
-            self,
-            (&start, &mut ElasticSolver::default()),
-            (settings, None),
-            &mut Budget::new(&stop, PLENTY),
-            &mut |_, _| {},
-        )
+        self.evaluate(x, Stop::never()).unwrap()
     }
 
     /// The answer from `start`, checked for what holds of every run: points inside the bounds, a merit that falls, and
@@ -139,12 +124,10 @@ impl Problem for SmallProblem {
         Constraints { residual, inequality }
     }
 
-    fn evaluate(&mut self, x: &DVector<f64>, constraints: &mut Constraints, stop: Stop) -> Result<(), Stopped> {
+    fn evaluate(&mut self, x: &DVector<f64>, stop: Stop) -> Result<Constraints, Stopped> {
         stop.check()?;
         let values = |rows: &[Row]| DVector::from_iterator(rows.len(), rows.iter().map(|row| row(x.as_slice()).0));
-        constraints.residual = values(self.equations);
-        constraints.inequality = values(self.limits);
-        Ok(())
+        Ok(Constraints { residual: values(self.equations), inequality: values(self.limits) })
     }
 
     fn linearise(
@@ -153,7 +136,7 @@ impl Problem for SmallProblem {
         model: &mut Linearisation,
         stop: Stop,
     ) -> Result<(), Stopped> {
-        self.evaluate(x, &mut model.constraints, stop)?;
+        model.constraints = self.evaluate(x, stop)?;
         let near = model.constraints.inequality.iter().enumerate().filter(|(_, value)| **value > -self.margin);
         model.working_set = near.map(|(index, _)| index).collect();
         let limits = model.working_set.iter().map(|&index| &self.limits[index]);

@@ -63,7 +63,7 @@ impl<'a, 'b> Penalty<'a, 'b> {
                 torque_violation += ((value - self.clamped[index]) / upper).powi(2);
             }
         }
-        self.problem.evaluate(&self.clamped, &mut self.constraints, stop)?;
+        self.constraints = self.problem.evaluate(&self.clamped, stop)?;
         let final_time = self.clamped[self.clamped.len() - 1];
         let goal = self.problem.length_unit().powi(2) * self.constraints.residual.norm_squared();
         Ok(final_time

@@ -321,11 +321,12 @@ impl Problem for ShootingProblem<'_> {
         Constraints { residual: DVector::zeros(self.rows.len()), inequality: DVector::zeros(inequality_count) }
     }
 
-    fn evaluate(&mut self, decision: &DVector<f64>, constraints: &mut Constraints, stop: Stop) -> Result<(), Stopped> {
+    fn evaluate(&mut self, decision: &DVector<f64>, stop: Stop) -> Result<Constraints, Stopped> {
         self.record(decision, stop)?;
+        let mut constraints = self.constraints();
         self.write_residual(&self.end_frame().state(&self.sensitivity.end), &mut constraints.residual);
         self.path_constraints.write_values(&self.sensitivity.path, &self.schedule, &mut constraints.inequality);
-        Ok(())
+        Ok(constraints)
     }
 
     fn linearise(
@@ -387,9 +388,7 @@ mod tests {
             let [above, below] = [step, -step].map(|step| {
                 let mut moved = decision.clone();
                 moved[index] += step;
-                let mut constraints = problem.constraints();
-                problem.evaluate(&moved, &mut constraints, Stop::never()).unwrap();
-                model.rows_of(&constraints)
+                model.rows_of(&problem.evaluate(&moved, Stop::never()).unwrap())
             });
             let difference = (above - below) / (2.0 * step);
             // Truncation and rounding of the central difference meet near 1e-9 of derivatives near 1.

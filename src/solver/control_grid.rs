@@ -59,7 +59,7 @@ fn with_fewer_intervals(input: &SolveInput) -> Option<SolveInput> {
         control_count /= 2;
     }
     // A torque may change by less from one interval to the next where these are shorter.
-    let has_torque_rate = input.path_limits().torque_rate.is_some();
+    let has_torque_rate = input.maneuver.limits.torque_rate.is_some();
     let needs_all = input.settings.method == Method::NelderMead || has_torque_rate || input.initial_guess.is_some();
     (control_count < input.settings.control_count && !needs_all).then(|| {
         let settings = SolverSettings { control_count, ..input.settings };
@@ -91,7 +91,7 @@ fn use_all_intervals(
     let mut problem = problem.clone();
     problem.release_torques();
     problem.set_time_unit(best.final_time());
-    // Smoothing and hops lead to faster plans, whether these are steady or not.
+    // Crossed kinks and hops lead to faster plans, whether these are steady or not.
     let (patience, round) = match input.settings.choice {
         Choice::Fastest => (PATIENCE, 0),
         Choice::Steadiest => (0, 1),

@@ -1,6 +1,6 @@
 //! Descents of the search; all descents of one part share a rollout budget.
 
-use std::cell::Cell;
+use std::cell::RefCell;
 use std::sync::Arc;
 
 use nalgebra::DVector;
@@ -20,8 +20,8 @@ use crate::stop::Stop;
 const PENALTY: f64 = 30.0;
 /// First penalty parameter of the criticality measure.
 pub(super) const STRICT_PENALTY: f64 = PENALTY_GROWTH * PENALTY;
-/// Penalty parameters from this one on do not grow.
-pub(super) const LARGEST_PENALTY: f64 = STRICT_PENALTY * PENALTY;
+/// The largest penalty parameter.
+pub(super) const LARGEST_PENALTY: f64 = PENALTY_GROWTH * PENALTY_GROWTH * STRICT_PENALTY;
 /// Descents end where less than this share of the unit of time is predicted: to gain the rest would take a third of the rollouts, and
 /// more with limits, where steps along curved constraints stay short. `converged` allows ten times as much.
 pub(super) const SMALLEST_PREDICTION: f64 = 1e-5;
@@ -143,34 +143,31 @@ impl<'a> LocalSearch<'a> {
         let scale = self.problem.variable_scale(guess);
         let (scales, tolerance) = (self.problem.goal_scales(), self.settings.goal_tolerance);
         let goal_heading = self.goal_heading;
-        let candidate_at = |decision: DVector<f64>, (goal_error, breaks_limits): (f64, bool)| {
-            Candidate::new(decision, goal_error, breaks_limits, goal_heading)
-        };
-        let last = Cell::new((f64::NAN, true));
+        let inside = guess.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
+        let last = RefCell::new(Candidate::new(inside, f64::NAN, true, goal_heading));
+        let mut best = last.borrow().clone();
         let mut penalty = Penalty::new(&mut self.problem);
         let mut passed = None;
         let mut value = |x: &DVector<f64>, stop: Stop| {
             let value = penalty.value(x, stop)?;
-            last.set((scales.largest_goal_error(&penalty.constraints().residual), penalty.breaks_limits()));
-            let reached = candidate_at(penalty.decision().clone(), last.get());
-            keep_best(&mut passed, Some(reached).filter(|plan| plan.is_feasible(tolerance)), tolerance);
+            let goal_error = scales.largest_goal_error(&penalty.constraints().residual);
+            let reached = Candidate::new(penalty.decision().clone(), goal_error, penalty.breaks_limits(), goal_heading);
+            keep_best(&mut passed, Some(reached.clone()).filter(|plan| plan.is_feasible(tolerance)), tolerance);
+            last.replace(reached);
             Ok(value)
         };
-        let mut best = last.get();
-        let mut report_improvement = |x: &DVector<f64>| {
-            best = last.get();
-            report(self.control, self.start, &candidate_at(x.clone(), best), tolerance);
+        let mut report_improvement = |_: &DVector<f64>| {
+            best = last.borrow().clone();
+            report(self.control, self.start, &best, tolerance);
         };
         let result = minimise_by_nelder_mead(&mut value, guess, &scale, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
-        let decision = result.x.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
-        let candidate = candidate_at(decision, best);
-        self.note(&candidate);
+        self.note(&best);
         // The penalty trades the goal for time: its best point may miss what another one, such as the guess, meets.
         if let Some(passed) = passed {
             self.note(&passed);
         }
-        result.interruption.map_or(Ok(candidate), Err)
+        result.ending.map(|()| best)
     }
 
     pub(super) fn aim(&mut self, goal_heading: Option<f64>) {

@@ -33,10 +33,7 @@ fn maneuver(cases: &mut RandomCases, robot: &Robot, reference_point: ReferencePo
 
 /// From a rollout that follows no other: what Newton leaves is then as smooth as the law.
 fn rows_at(fresh: &ShootingProblem, model: &Linearisation, decision: &DVector<f64>) -> DVector<f64> {
-    let mut problem = fresh.clone();
-    let mut constraints = problem.constraints();
-    problem.evaluate(decision, &mut constraints, Stop::never()).unwrap();
-    model.rows_of(&constraints)
+    model.rows_of(&fresh.clone().evaluate(decision, Stop::never()).unwrap())
 }
 
 /// Compares every column with differences of a problem that has no rollout yet; returns how many normal forces have rows.

@@ -38,22 +38,21 @@ pub struct CriticalityMeasure {
 /// left. What it takes as met counts as met: removing violations that a search accepts is no decrease.
 ///
 /// # Errors
-/// When the budget ends before the first linear program is solved.
+/// When the budget ends before the first linear program is solved, or one is stopped.
 pub fn criticality_measure(
     problem: &mut dyn Problem,
     (x, programs): (&DVector<f64>, &mut ElasticSolver),
     settings: &SequentialLinearSettings,
     budget: &mut Budget,
 ) -> Result<CriticalityMeasure, Interruption> {
-    let mut model = Linearisation::new(problem.constraints(), x.len());
-    let stop = budget.spend()?;
-    problem.linearise((x, settings.first_radius), &mut model, stop)?;
+    let mut search = Search::new(problem, (x, programs), settings);
+    search.linearise(budget)?;
     let within = |value: f64, tolerance: f64| if value.abs() <= tolerance { value } else { 0.0 };
-    let residual = model.constraints.residual.map(|value| within(value, settings.feasibility_tolerance));
-    let inequality = model.constraints.inequality.map(|value| within(value.max(0.0), settings.inequality_tolerance));
-    let offset = Constraints { residual, inequality };
-    model.constraints.subtract(&offset);
-    let mut search = Search { model, model_is_current: true, offset, ..Search::new(problem, (x, programs), settings) };
+    let Constraints { residual, inequality } = &search.model.constraints;
+    let residual = residual.map(|value| within(value, settings.feasibility_tolerance));
+    let inequality = inequality.map(|value| within(value.max(0.0), settings.inequality_tolerance));
+    search.offset = Constraints { residual, inequality };
+    search.model.constraints.subtract(&search.offset);
     let merit = search.merit(&search.x, &search.model.constraints);
     let (mut step, mut prediction) = search.promised(merit, budget)?;
     let (promise, promised_point) = (prediction, &search.x + &step);

@@ -207,7 +207,10 @@ fn a_penalty_parameter_that_is_too_small_grows() {
         ..settings()
     };
     let mut problem = SmallProblem::new(&[WIDE], &[at_one, shifted_parabola], &[]);
-    assert_at_vertex(&problem.unchecked(&[3.0, 0.0], &settings), &[1.0, 2.0]);
+    let (stop, start) = (AtomicBool::new(false), DVector::from_row_slice(&[3.0, 0.0]));
+    let (from, mut budget) = ((&start, &mut ElasticSolver::default()), Budget::new(&stop, PLENTY));
+    let result = minimise_sequentially(&mut problem, from, (&settings, None), &mut budget, &mut |_, _| {});
+    assert_at_vertex(&result, &[1.0, 2.0]);
 }
 
 #[test]
