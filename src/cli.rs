@@ -274,7 +274,8 @@ pub(crate) fn refused(fault: &str) -> ExitCode {
 
 fn refuse(problem: &Problem) -> ExitCode {
     tell(&format_args!("error: {problem}"));
-    for error in problem.errors() {
+    // A single fault is the problem's own detail.
+    for error in problem.errors().iter().filter(|_| problem.errors().len() > 1) {
         tell(&format_args!("  {}: {}", error.pointer, error.message));
     }
     ExitCode::from(EXIT_BAD_INPUT)

@@ -133,7 +133,25 @@ fn malformed(error: &serde_json::Error) -> Problem {
 fn without_position(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let position = format!(" at line {} column {}", error.line(), error.column());
-    text.strip_suffix(&position).map_or_else(|| text.clone(), str::to_owned)
+    in_words_of_json(text.strip_suffix(&position).unwrap_or(&text))
+}
+
+/// With types by the names that callers know them by, in place of those of Rust.
+fn in_words_of_json(message: &str) -> String {
+    let Some((found, expected)) = message.rsplit_once(", expected ") else { return message.to_owned() };
+    let found = match found {
+        "invalid type: sequence" => "invalid type: list",
+        "invalid type: map" => "invalid type: object",
+        other => other,
+    };
+    let expected = match expected {
+        "f64" => "a number",
+        "u32" | "u64" => "a whole number, at least 0",
+        "i32" | "i64" => "a whole number",
+        "a sequence" => "a list",
+        other => other,
+    };
+    format!("{found}, expected {expected}")
 }
 
 fn field_named_in<'a>(message: &'a str, beginnings: &[&str]) -> Option<&'a str> {

@@ -8,9 +8,10 @@ use serde_json::Value;
 use super::simulate::Simulate;
 use super::solve::Solve;
 use super::{Clock, Kind, Limits, ManeuverSolver};
+use crate::contract::Problem;
 use crate::contract::convert::{aisle_corners, required, schedule};
-use crate::contract::message::{SimulateResponse, SimulatedPlan, Solution, SolvedPlan};
-use crate::contract::{Problem, json};
+use crate::contract::json::{self, Named as _};
+use crate::contract::message::{SimulateResponse, SimulatedPlan, Solution, SolvedPlan, Status};
 use crate::rules::{Checks, Rule};
 use crate::shooting::{AisleCorners, ManeuverLimits};
 use crate::simulation::{TorqueSchedule, Trajectory};
@@ -65,8 +66,9 @@ impl AcceptedPlan {
     pub(super) fn without_report(self) -> Self {
         let said = match self.said {
             Said::Solve(asked, answer) => {
-                let Solution { status, final_time_s, end_state, .. } = *answer;
-                Said::Solve(asked, Box::new(Solution { status, final_time_s, end_state, ..Solution::default() }))
+                let Solution { status, replay_confirmed, final_time_s, end_state, .. } = *answer;
+                let rest = Solution::default();
+                Said::Solve(asked, Box::new(Solution { status, replay_confirmed, final_time_s, end_state, ..rest }))
             }
             Said::Simulate(answer) => {
                 let end_state = answer.end_state;
@@ -74,6 +76,17 @@ impl AcceptedPlan {
             }
         };
         Self { said, ..self }
+    }
+
+    /// What the answer says that it is worth.
+    pub(super) fn standing(&self) -> String {
+        match &self.said {
+            Said::Simulate(_) => "simulated".to_owned(),
+            Said::Solve(_, answer) => {
+                let status = Status::name_of(answer.status).unwrap_or("without a status");
+                format!("{status}, replay {}", if answer.replay_confirmed { "confirmed" } else { "not confirmed" })
+            }
+        }
     }
 
     /// Steps of its motion; 0 where nothing moves.

@@ -199,12 +199,14 @@ impl RobotParameters {
         for guard in self.paradox_guards() {
             let ParadoxGuard { field, friction, length_name, length } = guard;
             let largest = PARADOX_LIMIT * length / self.center_of_mass_height;
+            let height = self.center_of_mass_height;
             let rule = format_args!(
-                "at most {}: {field} * center_of_mass_height_m / ({length_name}) above {PARADOX_LIMIT} may lose \
-                 uniqueness",
-                Number(largest)
+                "such that the motion is unique: times center_of_mass_height_m ({}) at most {PARADOX_LIMIT} of \
+                 {length_name} ({})",
+                Number(height),
+                Number(length)
             );
-            checks.require(field, Number(friction), guard.admits(self.center_of_mass_height), rule, Some(largest));
+            checks.require(field, Number(friction), guard.admits(height), rule, Some(largest));
         }
     }
 

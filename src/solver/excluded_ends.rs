@@ -29,9 +29,19 @@ pub(super) fn excluded_end(input: &SolveInput) -> Option<Reason> {
         .find_map(|end| end.leaves_aisle(input).or_else(|| end.exceeds_rates(input)).or_else(|| end.slips(input)))
 }
 
-/// The slip speed of a wheel that the goal asks for, m/s; none where no wheel slips there, or where that is left open.
-pub(super) fn slip_at_goal(input: &SolveInput) -> Option<f64> {
-    End::goal(input).slip(input).map(|(slip, _)| slip)
+/// The slip speed of a wheel that other wheel rates at the goal would take away, m/s; none where no wheel slips there so.
+pub(super) fn slip_by_wheel_rates(input: &SolveInput) -> Option<f64> {
+    End::goal(input).slip(input).filter(|slip| !slip.is_across).map(|slip| slip.speed)
+}
+
+/// A slip that an end asks for.
+struct Slip {
+    /// The largest of both wheels, along or across, m/s.
+    speed: f64,
+    /// What tolerances may be of it, m/s.
+    slack: f64,
+    /// Whether it is across: no wheel rates mend that.
+    is_across: bool,
 }
 
 impl End {
@@ -146,19 +156,22 @@ impl End {
     /// A wheel that slips where none may. With restitution one that sticks may slip at both ends of a step.
     fn slips(&self, input: &SolveInput) -> Option<Reason> {
         let may_not = input.maneuver.forbids_slip() && input.robot.parameters().tangential_restitution == 0.0;
-        let (slip, slack) = self.slip(input).filter(|_| may_not)?;
+        let Slip { speed, slack, is_across } = self.slip(input).filter(|_| may_not)?;
+        let (how, help) = if is_across {
+            ("the wheels slip sideways", "a heading along the velocity helps, or a free one at the goal")
+        } else {
+            ("a wheel slips", "wheel rates that fit the velocity help, or free ones at the goal")
+        };
         let message = format!(
-            "`maneuver.slip` is forbidden, but at the {} a wheel slips by {slip} m/s, must be at most {slack}; wheel rates \
-             that fit the velocity help, or free ones at the goal",
+            "`maneuver.slip` is forbidden, but at the {} {how} by {speed} m/s, must be at most {slack}; {help}",
             self.name
         );
-        Some(self.reason(["start_slips", "goal_slips"], ("maneuver.slip", message), (slip, slack)))
+        Some(self.reason(["start_slips", "goal_slips"], ("maneuver.slip", message), (speed, slack)))
     }
 
-    /// The largest slip speed of a wheel along or across, m/s, and what tolerances may be of it; none where it is no more than that,
-    /// or left open.
-    fn slip(&self, input: &SolveInput) -> Option<(f64, f64)> {
-        if !(self.has(&POSE[2..]) && self.has(&VELOCITY) && self.has(&WHEEL_RATES)) {
+    /// None where tolerances allow it, or where it is left open.
+    fn slip(&self, input: &SolveInput) -> Option<Slip> {
+        if !(self.has(&POSE[2..]) && self.has(&VELOCITY)) {
             return None;
         }
         let parameters = input.robot.parameters();
@@ -166,13 +179,14 @@ impl End {
         let mut velocity = self.body_velocity();
         velocity[0] += offset.y * velocity[2];
         velocity[1] -= offset.x * velocity[2];
-        let slips = input.robot.tangent_jacobian().wheel_slip(&velocity);
-        let slip = slips.into_iter().map(f64::abs).fold(0.0, f64::max);
+        let [left, right, across] = input.robot.tangent_jacobian().wheel_slip(&velocity).map(f64::abs);
+        let along = if self.has(&WHEEL_RATES) { left.max(right) } else { 0.0 };
         // Each component of a state may be off by the tolerance; a heading that is turns the velocity.
         let speed = velocity[0].hypot(velocity[1]);
         let play = SQRT_2 + speed + offset.norm() + parameters.track_width + parameters.wheel_radius;
         let slack = input.settings.goal_tolerance * play;
-        (slip > slack).then_some((slip, slack))
+        let slip = Slip { speed: along.max(across), slack, is_across: across > slack };
+        (slip.speed > slack).then_some(slip)
     }
 
     /// The contact whose normal force stays furthest below what it must be, whatever the torques: it separates, or misses its least load.

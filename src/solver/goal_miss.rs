@@ -3,7 +3,7 @@
 use nalgebra::SVector;
 
 use super::course::steps_on_course;
-use super::excluded_ends::slip_at_goal;
+use super::excluded_ends::slip_by_wheel_rates;
 use super::settings::{Method, SolveInput};
 use super::solution::{LimitUse, Reason, StopReason};
 use crate::robot::State;
@@ -57,7 +57,7 @@ pub(super) fn limit_missed(&LimitUse { limit, value, largest, time, .. }: &Limit
 /// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
 fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> String {
     let for_search = help_for_search(input, miss, stop_reason);
-    let Some(slip) = slip_at_goal(input) else { return for_search };
+    let Some(slip) = slip_by_wheel_rates(input) else { return for_search };
     format!(
         "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {slip} m/s), else {for_search}"
     )

@@ -287,6 +287,19 @@ fn ends_that_limits_exclude_are_infeasible() {
 }
 
 #[test]
+fn no_wheel_rates_are_advised_where_the_goal_moves_sideways() {
+    let mut parameters = symmetric();
+    let goal = &mut parameters.maneuver.goal;
+    goal.set(StateComponent::VelocityX, Some(1.0));
+    goal.set(StateComponent::WheelRateLeft, None);
+    goal.set(StateComponent::WheelRateRight, None);
+    let reason = solved(parameters).reason.unwrap();
+    assert_eq!((reason.code, reason.value), ("goal_slips", 1.0));
+    assert!(reason.message.contains("the wheels slip sideways by 1 m/s"), "{}", reason.message);
+    assert!(reason.message.contains("a heading along the velocity helps"), "{}", reason.message);
+}
+
+#[test]
 fn a_start_at_the_goal_is_excluded_as_any_other() {
     let at_goal = |mut parameters: SolveParameters| {
         let maneuver = &mut parameters.maneuver;

@@ -105,7 +105,11 @@ pub(super) fn table(accepted: &AcceptedAssess, assessment: &Assessment) -> Strin
     let percent = 100.0 * *success_count as f64 / *sample_count as f64;
     let interval = format!("95 % interval {:.1} to {:.1} %", 100.0 * low, 100.0 * high);
     row(&mut table, "success", &format!("{percent:.1} %, {success_count} of {sample_count} samples, {interval}"));
-    row(&mut table, "refused", &assessment.refused_count.to_string());
+    let refused = match assessment.refused_count {
+        0 => "none".to_owned(),
+        count => format!("{count} samples: robots that break the rules, counted as failures"),
+    };
+    row(&mut table, "refused", &refused);
     row(&mut table, "separations", &format!("{} samples", assessment.separated_count));
     let verdict = if nominal.is_success { "within" } else { "not within" };
     let grid =

@@ -145,15 +145,16 @@ impl Kind for Export {
         without_motion(&files.concat())
     }
 
-    /// Files and their sizes, and the miss.
-    fn table(_export: &AcceptedExport, done: &Done<Exported>) -> String {
+    /// What the plan is worth, files and their sizes, and the miss.
+    fn table(export: &AcceptedExport, done: &Done<Exported>) -> String {
         let Exported { files, miss, point_count } = &done.output;
         let mut table = String::new();
+        row(&mut table, "plan", &export.plan.standing());
         row(&mut table, "points", &point_count.to_string());
         row(
             &mut table,
-            "miss",
-            &format!("{:.2e} m, {:.2e} rad, of the twist between the points", miss.distance, miss.yaw),
+            "twist alone",
+            &format!("misses the last pose by {:.2e} m, {:.2e} rad", miss.distance, miss.yaw),
         );
         table.push_str("\nfiles\n");
         for File { name, content, .. } in files {

@@ -11,8 +11,7 @@ pub(super) fn replay(report: &Report, asked: &SolveInput) -> String {
         return "Replay: not computed in time, so the plan is not confirmed on a finer grid.".to_owned();
     };
     let beyond = beyond_tolerance(report, replay, asked);
-    let verdict =
-        if beyond.is_empty() { String::new() } else { format!(" Beyond what is tolerated: {}.", beyond.join(", ")) };
+    let verdict = if beyond.is_empty() { String::new() } else { format!(" Above tolerance: {}.", beyond.join(", ")) };
     format!(
         "Replay: the same torques on a finer grid of {} steps end {} mm and {} rad from the goal; tolerated are {} mm and {} rad, and \
          of speeds what moves the robot as far in a second.{verdict}",
@@ -36,7 +35,7 @@ fn beyond_tolerance(report: &Report, replay: &Replay, asked: &SolveInput) -> Vec
         ("the speed of a wheel", replay.miss_wheel_speed_m_s, position, 1e3, "mm/s"),
     ];
     let missed = misses.into_iter().filter(|(_, miss, tolerance, ..)| miss > tolerance);
-    let missed = missed.map(|(what, miss, _, scale, unit)| format!("{what} by {} {unit}", short(scale * miss)));
+    let missed = missed.map(|(what, miss, _, scale, unit)| format!("{what} misses by {} {unit}", short(scale * miss)));
     let limits = report.limits.iter().filter(|used| used.replay_excess.is_some_and(|excess| excess > REPLAY_EXCESS));
     let exceeded = limits.map(|used| format!("{} exceeded", used.limit));
     let separates = (replay.separations > 0).then(|| "a contact separates".to_owned());
