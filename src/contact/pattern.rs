@@ -1,5 +1,7 @@
 //! Contact patterns: which contacts stick, and which way a single slipping wheel slips.
 
+use super::directions::sticking;
+
 /// Whether a contact sticks (no slip, impulse inside its friction disc) or slips.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ContactMode {
@@ -128,16 +130,7 @@ impl ContactPattern {
 
     /// 5 - rank of the sticking directions.
     pub fn degrees_of_freedom(self) -> u8 {
-        let wheels = match self.wheels {
-            WheelPattern::BothStick => 3,
-            WheelPattern::RightSlips(_) | WheelPattern::LeftSlips(_) => 2,
-            WheelPattern::BothSlip => 0,
-        };
-        let front = match self.front {
-            ContactMode::Stick => 2,
-            ContactMode::Slip => 0,
-        };
-        5 - wheels - front
+        5 - sticking::<5>(self).map(u8::from).iter().sum::<u8>()
     }
 }
 

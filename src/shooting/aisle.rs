@@ -5,7 +5,7 @@
 use nalgebra::Vector2;
 
 use super::maneuver::POSITION_LIMIT;
-use crate::rules::{Checks, Rule, RuleSet, Violations};
+use crate::rules::{Checks, Rule, RuleSet};
 
 /// Least angle by which the outline turns at a corner, rad: far above rounding, far below what an outline needs.
 const LEAST_TURN: f64 = 1e-6;
@@ -163,21 +163,10 @@ pub struct Aisle {
     pub footprint: ConvexPolygon,
 }
 
-impl Aisle {
-    /// Validates the corners of a maneuver; none without `keep_in`.
-    ///
-    /// # Errors
-    /// All violated rules, with field names of the public contract.
-    pub fn new(corners: &AisleCorners) -> Result<Option<Self>, Violations> {
-        let mut checks = Checks::new();
-        let aisle = corners.check("maneuver.keep_in", &mut checks);
-        checks.finish().map(|()| aisle)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rules::Violations;
 
     fn points(corners: &[(f64, f64)]) -> Vec<Vector2<f64>> {
         corners.iter().map(|&(x, y)| Vector2::new(x, y)).collect()
@@ -194,7 +183,9 @@ mod tests {
 
     fn aisle(keep_in: Vec<Vector2<f64>>, footprint: Vec<Vector2<f64>>) -> Result<Option<Aisle>, Vec<String>> {
         let fields = |found: Violations| found.list().iter().map(|violation| violation.field.clone()).collect();
-        Aisle::new(&AisleCorners { keep_in, footprint }).map_err(fields)
+        let mut checks = Checks::new();
+        let aisle = AisleCorners { keep_in, footprint }.check("maneuver.keep_in", &mut checks);
+        checks.finish().map(|()| aisle).map_err(fields)
     }
 
     fn faults(keep_in: Vec<Vector2<f64>>) -> Vec<String> {

@@ -11,7 +11,7 @@ use crate::simulation::PathQuantity;
 /// force no share of the friction is needed or left.
 pub(crate) const LEAST_LOAD_FOR_GRIP: f64 = 1e-3;
 
-/// What a floor without friction is judged by: so the share is none of a wheel that needs no friction, and far beyond 1 of any other.
+/// What a floor without friction is judged by: so the share is none of a wheel that needs no friction.
 const LEAST_FRICTION_COEFFICIENT: f64 = 1e-6;
 
 /// A quantity and what a field of the request allows of it, beside the normal forces.

@@ -177,13 +177,14 @@ impl End {
         let parameters = input.robot.parameters();
         let offset = input.maneuver.reference_point.offset(parameters);
         let mut velocity = self.body_velocity();
+        // Each component of a state may be off by the tolerance: a heading turns the velocity, a yaw rate swings the wheels.
+        let speed = velocity[0].hypot(velocity[1]);
+        let [left_wheel, right_wheel, _] = parameters.contact_points().map(|contact| (contact - offset).norm());
+        let play = SQRT_2 + speed + left_wheel.max(right_wheel) + parameters.wheel_radius;
         velocity[0] += offset.y * velocity[2];
         velocity[1] -= offset.x * velocity[2];
         let [left, right, across] = input.robot.tangent_jacobian().wheel_slip(&velocity).map(f64::abs);
         let along = if self.has(&WHEEL_RATES) { left.max(right) } else { 0.0 };
-        // Each component of a state may be off by the tolerance; a heading that is turns the velocity.
-        let speed = velocity[0].hypot(velocity[1]);
-        let play = SQRT_2 + speed + offset.norm() + parameters.track_width + parameters.wheel_radius;
         let slack = input.settings.goal_tolerance * play;
         let slip = Slip { speed: along.max(across), slack, is_across: across > slack };
         (slip.speed > slack).then_some(slip)

@@ -49,7 +49,7 @@ pub enum StopReason {
 pub struct Reason {
     /// Stable `snake_case` code.
     pub code: &'static str,
-    /// The field of the input that could not be met, such as `goal.y_m`.
+    /// The field of the input that could not be met, such as `maneuver.goal.y_m`.
     pub field: String,
     /// When it fails, s; none where nobody knows, at a goal without a plan to it.
     pub time: Option<f64>,

@@ -287,6 +287,81 @@ fn ends_that_limits_exclude_are_infeasible() {
 }
 
 #[test]
+fn plans_on_long_steps_that_lose_much_are_not_excluded() {
+    // A narrow robot that turns by more than a radian in each of two steps: what the first one loses goes by the speed before it.
+    let (torque, final_time) = (0.044_887_838_642_219_034, 0.453_388_879_109_756_1);
+    let mut parameters = SolveParameters::forward_drive();
+    parameters.robot = RobotParameters {
+        chassis_mass: 10.0,
+        wheel_mass: 0.001,
+        chassis_yaw_inertia: 0.002_911_777_290_723_005,
+        wheel_diametral_inertia: 1e-9,
+        wheel_spin_inertia: 1e-6,
+        wheel_radius: 0.05,
+        track_width: 0.1,
+        axle_to_front_support: 0.2,
+        center_of_mass_right: 0.0,
+        center_of_mass_forward: 0.002_069_940_850_897_993_3,
+        center_of_mass_height: 0.0,
+        wheel_friction_coefficient: 3.0,
+        ..parameters.robot
+    };
+    let start = &mut parameters.maneuver.start.velocity;
+    (start.y, start.wheel_rate) = (1.262_111_225_883_858, PerWheel::new(25.242_224_517_677_16, 25.242_224_517_677_16));
+    let schedule = TorqueSchedule { final_time, left: vec![-torque, 0.0], right: vec![torque, 0.0] };
+    let motion = simulate(
+        &SimulateInput::new(SimulateParameters {
+            robot: parameters.robot,
+            start: parameters.maneuver.start,
+            schedule: schedule.clone(),
+            step_count: 2,
+            ..SimulateParameters::default()
+        })
+        .unwrap(),
+        Stop::never(),
+    )
+    .unwrap();
+    let maneuver = &mut parameters.maneuver;
+    for component in StateComponent::ALL {
+        let is_angle = matches!(component, StateComponent::WheelAngleLeft | StateComponent::WheelAngleRight);
+        let value = motion.trajectory.end_state.to_vector()[component.index()];
+        maneuver.goal.set(component, (!is_angle).then_some(value));
+    }
+    (maneuver.torque_limit, maneuver.limits.yaw_rate) = (PerWheel::new(torque, torque), Some(6.871_781_897_342_458_5));
+    (maneuver.slip, maneuver.limits.normal_load_share) = (SlipPolicy::Forbidden, 0.0);
+    (parameters.initial_guess, parameters.settings.control_count) = (Some(schedule), 2);
+    (parameters.settings.refinement, parameters.settings.step_count) = (Refinement::Fixed, 2);
+    let solution = solved(parameters);
+    assert!(solution.report.lower_bound.is_some_and(|bound| bound <= final_time), "{:?}", solution.report.lower_bound);
+    assert!(solution.goal_error.amax() <= 1e-6, "{:?}", solution.reason);
+}
+
+#[test]
+fn goals_within_the_tolerances_of_a_long_robot_that_rolls_are_not_excluded() {
+    let mut parameters = symmetric();
+    // The centre of mass, of which the goal speaks, is far from the wheels.
+    (parameters.robot.center_of_mass_forward, parameters.robot.axle_to_front_support) = (5.0, 10.0);
+    let (tolerance, yaw_rate, speed) = (0.01, 0.5, 1.0);
+    parameters.settings.goal_tolerance = tolerance;
+    let goal = &mut parameters.maneuver.goal;
+    let rate =
+        |side: f64| (speed + side * 0.5 * parameters.robot.track_width * yaw_rate) / parameters.robot.wheel_radius;
+    for (component, value) in [
+        (StateComponent::Heading, 0.99 * tolerance),
+        (StateComponent::VelocityX, -5.0 * yaw_rate + 0.99 * tolerance),
+        (StateComponent::VelocityY, speed),
+        (StateComponent::YawRate, yaw_rate + 0.99 * tolerance),
+        (StateComponent::WheelRateLeft, rate(-1.0)),
+        (StateComponent::WheelRateRight, rate(1.0)),
+    ] {
+        goal.set(component, Some(value));
+    }
+    parameters.settings.rollout_limit = 1;
+    let solution = solved(parameters);
+    assert_ne!(solution.status, Status::Infeasible, "{:?}", solution.reason);
+}
+
+#[test]
 fn no_wheel_rates_are_advised_where_the_goal_moves_sideways() {
     let mut parameters = symmetric();
     let goal = &mut parameters.maneuver.goal;

@@ -13,6 +13,7 @@ use super::curve::{Curve, Level};
 use super::envelope::{Envelope, Piece};
 use super::first_time::{Cover, Floor, first_time};
 use super::grid_error::GridError;
+use crate::shooting::StateComponent;
 
 /// Spans of a motion on which the grid's errors are bounded by their largest value.
 const ERROR_SPANS: f64 = 64.0;
@@ -58,13 +59,9 @@ pub(super) struct Axis {
     pub(super) is_damped: bool,
     /// Limits of its speed.
     pub(super) ceiling: Ceiling,
-}
-
-/// Which part of a goal takes the time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Demand {
-    Displacement,
-    Velocity,
+    pub(super) law: GridLaw,
+    /// The goal components of displacement and speed.
+    pub(super) components: [StateComponent; 2],
 }
 
 /// How the grid's errors enter the curves; that of the torques has its errors in it.
@@ -128,18 +125,19 @@ impl Axis {
         Self { ceiling: Ceiling::default(), ..self.clone() }
     }
 
-    /// A time before which the coordinate cannot meet its goal, s; infinite where it never can, and zero where it is no
-    /// later than `floor`.
-    pub(super) fn least_time(&self, law: GridLaw, error: &impl Fn(f64) -> GridError, floor: Floor) -> (f64, Demand) {
+    /// A time before which the coordinate cannot meet its goal, s, with the component that takes it; infinite where it never can, and
+    /// zero where it is no later than `floor`.
+    pub(super) fn least_time(&self, error: &impl Fn(f64) -> GridError, floor: Floor) -> (f64, StateComponent) {
+        let [of_displacement, of_velocity] = self.components;
         let reversed = self.reversed();
         let at_floor = error(floor.time);
-        if !self.excludes(floor.time, law, &at_floor) && !reversed.excludes(floor.time, law, &at_floor) {
-            return (0.0, Demand::Velocity);
+        if !self.excludes(floor.time, &at_floor) && !reversed.excludes(floor.time, &at_floor) {
+            return (0.0, of_velocity);
         }
-        let velocity = self.least_time_of_velocity(law, error);
-        let one_way = |axis: &Self| axis.least_time_of_displacement(velocity, law, error, floor);
+        let velocity = self.least_time_of_velocity(error);
+        let one_way = |axis: &Self| axis.least_time_of_displacement(velocity, error, floor);
         let displacement = one_way(self).max(one_way(&reversed));
-        if displacement > velocity { (displacement, Demand::Displacement) } else { (velocity, Demand::Velocity) }
+        if displacement > velocity { (displacement, of_displacement) } else { (velocity, of_velocity) }
     }
 
     /// The displacement of the fastest change of speed.
@@ -150,16 +148,15 @@ impl Axis {
     }
 
     /// Whether a plan of a duration, s, cannot meet the goal in the positive direction.
-    fn excludes(&self, duration: f64, law: GridLaw, error: &GridError) -> bool {
-        self.largest_change(duration, || law.error_of_velocity(error)) < self.change_of_speed()
-            || self.asks_for_displacement()
-                && self.furthest(duration, duration, law, error).within < self.displacement.0
+    fn excludes(&self, duration: f64, error: &GridError) -> bool {
+        self.largest_change(duration, || self.law.error_of_velocity(error)) < self.change_of_speed()
+            || self.asks_for_displacement() && self.furthest(duration, duration, error).within < self.displacement.0
     }
 
-    fn least_time_of_velocity(&self, law: GridLaw, error: &impl Fn(f64) -> GridError) -> f64 {
-        let grid_error = |duration| match law {
+    fn least_time_of_velocity(&self, error: &impl Fn(f64) -> GridError) -> f64 {
+        let grid_error = |duration| match self.law {
             GridLaw::Exact => 0.0,
-            GridLaw::CenterOfMass => law.error_of_velocity(&error(duration)),
+            GridLaw::CenterOfMass => self.law.error_of_velocity(&error(duration)),
         };
         let change = |_, duration| Cover::growing(self.largest_change(duration, || grid_error(duration)));
         first_time(0.0, self.change_of_speed(), Floor::ZERO, change)
@@ -189,23 +186,17 @@ impl Axis {
         self.displacement.0 > f64::NEG_INFINITY
     }
 
-    fn least_time_of_displacement(
-        &self,
-        not_before: f64,
-        law: GridLaw,
-        error: &impl Fn(f64) -> GridError,
-        floor: Floor,
-    ) -> f64 {
+    fn least_time_of_displacement(&self, not_before: f64, error: &impl Fn(f64) -> GridError, floor: Floor) -> f64 {
         if !self.asks_for_displacement() {
             return not_before;
         }
-        first_time(not_before, self.displacement.0, floor, |from, to| self.furthest(from, to, law, &error(to)))
+        first_time(not_before, self.displacement.0, floor, |from, to| self.furthest(from, to, &error(to)))
     }
 
     /// The furthest displacement in any time between two.
     ///
     /// With more time every line lies higher, so the lines of the longest time hold for all of them.
-    fn furthest(&self, from: f64, to: f64, law: GridLaw, error: &GridError) -> Cover {
+    fn furthest(&self, from: f64, to: f64, error: &GridError) -> Cover {
         if to <= 0.0 {
             return Cover::growing(0.0);
         }
@@ -223,9 +214,9 @@ impl Axis {
         curves.extend(&lines.curves);
         let envelope = Envelope::new(&curves);
         let convexity = error.of_convexity(&curves);
-        let error_area: f64 = envelope.pieces().iter().map(|piece| law.error_area(piece, error)).sum();
+        let error_area: f64 = envelope.pieces().iter().map(|piece| self.law.error_area(piece, error)).sum();
         let excess = lines.excess(envelope.pieces(), LIMITS, self.start_speed);
-        let further = error_area + convexity + law.error_of_displacement(error) + excess;
+        let further = error_area + convexity + self.law.error_of_displacement(error) + excess;
         Cover { at_end: envelope.area(to) + further, within: largest_area(envelope.pieces(), from) + further }
     }
 }

@@ -64,12 +64,12 @@ impl Curve {
         Self { segments }
     }
 
-    /// Growth from `start` on at rates that rise with the value, with `extra(value)` added to the rates.
-    pub(super) fn by_value(levels: &[Level], start: f64, extra: impl Fn(f64) -> f64, duration: f64) -> Self {
+    /// Growth from `start` on at rates that rise with the value.
+    pub(super) fn by_value(levels: &[Level], start: f64, duration: f64) -> Self {
         let (mut time, mut value) = (0.0, start);
         let mut segments = Vec::with_capacity(levels.len());
         for level in levels.iter().filter(|level| level.until > start) {
-            let slope = level.rate + extra(level.until);
+            let slope = level.rate;
             let reached = if slope > 0.0 { time + (level.until - value) / slope } else { f64::INFINITY };
             segments.push(Segment { to: reached.min(duration), line: Line { start: value - slope * time, slope } });
             if reached >= duration {
@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn each_level_has_its_rate() {
-        let curve = Curve::by_value(&LEVELS, 1.0, |_| 0.0, 4.0);
+        let curve = Curve::by_value(&LEVELS, 1.0, 4.0);
         assert_eq!(ends(&curve), [(1.0, 2.0), (4.0, 11.0)]);
         assert_eq!((curve.end(), curve.slope_rise()), (11.0, 2.0));
         assert_eq!(curve.scaled(0.5).end(), 5.5);
@@ -139,12 +139,12 @@ mod tests {
 
     #[test]
     fn levels_below_the_start_do_not_count() {
-        assert_eq!(Curve::by_value(&LEVELS, 5.0, |_| 1.0, 1.0).end(), 9.0);
+        assert_eq!(Curve::by_value(&LEVELS, 5.0, 1.0).end(), 8.0);
     }
 
     #[test]
     fn a_reversed_curve_falls_to_its_start() {
-        let curve = Curve::by_value(&LEVELS, 1.0, |_| 0.0, 4.0).reversed();
+        let curve = Curve::by_value(&LEVELS, 1.0, 4.0).reversed();
         assert_eq!(ends(&curve), [(3.0, 2.0), (4.0, 1.0)]);
         assert_eq!(curve.segments()[0].line.at(0.0), 11.0);
     }

@@ -33,16 +33,11 @@ pub(super) fn drive_rates(norm: &DriveNorm, loads: &Loads, level_count: u32) -> 
         Level { until: norm_squared.sqrt(), rate: margin + rate(norm, loads, &pairs) }
     };
     let last = (bounds[0].end(loads)).max(bounds[WEIGHTS.len() - 1].end(loads));
-    let mut levels = Vec::new();
-    if last.is_finite() {
-        levels.extend((1..=level_count).map(|index| level(last * f64::from(index) / f64::from(level_count))));
-        levels.push(without_end(unloaded));
-        // What bounds the rate at a larger norm bounds it at smaller ones.
-        for index in (1..levels.len()).rev() {
-            levels[index - 1].rate = levels[index - 1].rate.min(levels[index].rate);
-        }
-    } else {
-        levels.push(Level { until: f64::INFINITY, ..level(0.0) });
+    let bounded = (1..=level_count).map(|index| level(last * f64::from(index) / f64::from(level_count)));
+    let mut levels: Vec<Level> = bounded.chain([without_end(unloaded)]).collect();
+    // What bounds the rate at a larger norm bounds it at smaller ones.
+    for index in (1..levels.len()).rev() {
+        levels[index - 1].rate = levels[index - 1].rate.min(levels[index].rate);
     }
     levels
 }
@@ -67,10 +62,9 @@ impl Bound {
         self.at_rest.at(torque) - self.relief * norm_squared
     }
 
-    /// Squared norm at which no torque keeps the sum above zero.
+    /// Squared norm at which no torque keeps the sum above zero. Of a wheel's load the gyroscopic moment always takes some.
     fn end(&self, loads: &Loads) -> f64 {
-        let largest = torques(loads).map(|torque| self.at_rest.at(torque)).into_iter().fold(0.0, f64::max);
-        if self.relief == 0.0 { f64::INFINITY } else { largest / self.relief }
+        torques(loads).map(|torque| self.at_rest.at(torque)).into_iter().fold(0.0, f64::max) / self.relief
     }
 }
 

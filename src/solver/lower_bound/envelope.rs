@@ -155,7 +155,7 @@ mod tests {
         let rising = Curve::straight(0.0, 2.0, 4.0);
         let falling = Curve::straight(0.0, 1.0, 4.0).reversed();
         let levels = [Level { until: 1.0, rate: 1.0 }, Level { until: f64::INFINITY, rate: 3.0 }];
-        let envelope = Envelope::new(&[&rising, &falling, &Curve::by_value(&levels, 0.0, |_| 0.0, 4.0)]);
+        let envelope = Envelope::new(&[&rising, &falling, &Curve::by_value(&levels, 0.0, 4.0)]);
         assert_eq!(order(&envelope), [(2, 1.0), (2, 1.5), (1, 4.0)]);
     }
 

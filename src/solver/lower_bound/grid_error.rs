@@ -7,7 +7,7 @@
 use std::f64::consts::PI;
 
 use super::capacity::Capacity;
-use super::curve::Curve;
+use super::curve::{Curve, Level};
 use super::envelope::Envelope;
 
 /// The motions for which a bound holds.
@@ -223,7 +223,9 @@ impl Turning {
         let levels = capacity.drive_rates.as_ref()?;
         let by_rolling = capacity.rolling.as_ref().map(|rolling| rolling.levels(rates.start_norm, (self.dt, duration)));
         let levels = by_rolling.as_ref().unwrap_or(levels);
-        let curve_from = |start| Curve::by_value(levels, start, |norm| self.rate(capacity, norm), duration);
+        let with_error = |level: &Level| Level { rate: level.rate + self.rate(capacity, level.until), ..*level };
+        let levels: Vec<Level> = levels.iter().map(with_error).collect();
+        let curve_from = |start| Curve::by_value(&levels, start, duration);
         let half_step = 0.5 * self.dt * self.lever * capacity.mass.sqrt();
         let start = rates.start_norm
             + 3.0 * half_step * rates.start_yaw * rates.start_yaw

@@ -20,7 +20,7 @@ mod targets;
 
 use nalgebra::Vector2;
 
-use self::axis::{Axis, Demand, GridLaw, Push};
+use self::axis::{Axis, GridLaw, Push};
 use self::capacity::Capacity;
 pub(super) use self::capacity::LAW_ERROR;
 use self::ceiling::{Ceiling, SpeedLevel};
@@ -182,28 +182,25 @@ impl<'a> Bounds<'a> {
         directions
     }
 
-    /// Bounds by the motion of the whole robot's centre of mass along a direction.
+    /// Bounds by the motion of the whole robot's centre of mass along a direction: without the torques, with them, and with limits.
     fn of_center(&self, direction: Vector2<f64>, found: &mut Found) {
         let axis = self.axis_along(direction);
-        let name = |demand| match (demand, direction.x.abs() > direction.y.abs()) {
-            (Demand::Displacement, true) => StateComponent::X,
-            (Demand::Displacement, false) => StateComponent::Y,
-            (Demand::Velocity, true) => StateComponent::VelocityX,
-            (Demand::Velocity, false) => StateComponent::VelocityY,
-        };
-        self.of_axis(&axis, GridLaw::CenterOfMass, LowerBoundAssumption::Friction, name, found);
+        let by_friction = self.bound(&axis.without_drive(), LowerBoundAssumption::Friction, found.floor());
+        found.bounds.push(by_friction);
+        if axis.drive_scale.is_some() && by_friction.time.is_finite() {
+            found.bounds.push(self.bound(&axis, self.of_torques(), found.floor()));
+        }
         if let Some(point) = self.point_ceiling() {
             let axis = Axis { ceiling: Ceiling { point: Some(point), ..axis.ceiling }, ..axis };
-            let (time, demand) = self.least_time(&axis, GridLaw::CenterOfMass, found.floor());
-            found.bounds.push(LowerBound { time, assumption: LowerBoundAssumption::Limits, component: name(demand) });
+            found.bounds.push(self.bound(&axis, LowerBoundAssumption::Limits, found.floor()));
         }
     }
 
     /// The direction along which friction alone gives the largest bound by the motion of the whole robot's centre of mass.
     fn most_promising_direction(&self) -> Option<Vector2<f64>> {
         let promise = |direction: Vector2<f64>, floor| {
-            let axis = self.axis_along(direction).without_drive();
-            self.least_time(&axis, GridLaw::Exact, floor).0
+            let axis = Axis { law: GridLaw::Exact, ..self.axis_along(direction).without_drive() };
+            self.bound(&axis, LowerBoundAssumption::Friction, floor).time
         };
         let mut directions = self.directions().into_iter();
         let mut best = directions.next()?;
@@ -218,13 +215,15 @@ impl<'a> Bounds<'a> {
         Some(best)
     }
 
-    fn least_time(&self, axis: &Axis, law: GridLaw, floor: Floor) -> (f64, Demand) {
-        axis.least_time(law, &|duration| self.error(duration), floor)
+    fn bound(&self, axis: &Axis, assumption: LowerBoundAssumption, floor: Floor) -> LowerBound {
+        let (time, component) = axis.least_time(&|duration| self.error(duration), floor);
+        LowerBound { time, assumption, component }
     }
 
     /// The whole robot's centre of mass along a direction.
     fn axis_along(&self, direction: Vector2<f64>) -> Axis {
         let level = if self.capacity.rolling.is_some() { SpeedLevel::Center } else { SpeedLevel::None };
+        let is_along_x = direction.x.abs() > direction.y.abs();
         Axis {
             acceleration: self.capacity.acceleration,
             start_push: self.start_push(direction),
@@ -235,6 +234,12 @@ impl<'a> Bounds<'a> {
             drive_scale: self.drive_scale(self.capacity.translation_scale()),
             is_damped: false,
             ceiling: Ceiling { level, ..Ceiling::default() },
+            law: GridLaw::CenterOfMass,
+            components: if is_along_x {
+                [StateComponent::X, StateComponent::VelocityX]
+            } else {
+                [StateComponent::Y, StateComponent::VelocityY]
+            },
         }
     }
 
@@ -281,21 +286,16 @@ impl<'a> Bounds<'a> {
             drive_scale: self.drive_scale(self.capacity.yaw_scale()),
             is_damped: false,
             ceiling: Ceiling { level: yaw_level, ..Ceiling::default() },
-        };
-        let name = |demand| match demand {
-            Demand::Displacement => StateComponent::Heading,
-            Demand::Velocity => StateComponent::YawRate,
+            law: GridLaw::Exact,
+            components: [StateComponent::Heading, StateComponent::YawRate],
         };
         // The goal's windings on both sides of the change that takes no time beyond that of the speed. A moving start has passed both at
         // some time, and reaches others: so earlier times count too, also those that another bound excludes.
         let changes = self.targets.heading_changes(axis.displacement_of_fastest_change());
         let of_windings = |axis: &Axis, assumption, floor: Floor| {
             let floor = Floor { is_proven: false, ..floor };
-            let windings = changes.iter().map(|change| {
-                let axis = Axis { displacement: *change, ..axis.clone() };
-                let (time, demand) = self.least_time(&axis, GridLaw::Exact, floor);
-                LowerBound { time, assumption, component: name(demand) }
-            });
+            let axes = changes.iter().map(|change| Axis { displacement: *change, ..axis.clone() });
+            let windings = axes.map(|axis| self.bound(&axis, assumption, floor));
             windings.reduce(|a, b| if b.time < a.time { b } else { a })
         };
         let is_limited = self.capacity.is_yaw_limited();
@@ -323,37 +323,17 @@ impl<'a> Bounds<'a> {
             start_speed,
             end_speed: (f64::NEG_INFINITY, end_speed),
             displacement: (change, f64::INFINITY),
+            components: [StateComponent::Heading; 2],
             ..axis.clone()
         };
-        let (time, _) = self.least_time(&magnitude, GridLaw::Exact, floor);
         let is_limited = axis.ceiling.level != SpeedLevel::None;
         let assumption = if is_limited { LowerBoundAssumption::Limits } else { self.of_torques() };
-        Some(LowerBound { time, assumption, component: StateComponent::Heading })
+        Some(self.bound(&magnitude, assumption, floor))
     }
 
     /// What bounds by the torques rest on: where no wheel may slip, on that.
     fn of_torques(&self) -> LowerBoundAssumption {
         if self.capacity.rolling.is_some() { LowerBoundAssumption::Limits } else { LowerBoundAssumption::DriveTorque }
-    }
-
-    /// The bound without the torques, then with them.
-    fn of_axis(
-        &self,
-        axis: &Axis,
-        law: GridLaw,
-        assumption: LowerBoundAssumption,
-        name: impl Fn(Demand) -> StateComponent,
-        found: &mut Found,
-    ) {
-        let bound = |axis: &Axis, assumption, floor| {
-            let (time, demand) = self.least_time(axis, law, floor);
-            LowerBound { time, assumption, component: name(demand) }
-        };
-        let by_friction = bound(&axis.without_drive(), assumption, found.floor());
-        found.bounds.push(by_friction);
-        if axis.drive_scale.is_some() && by_friction.time.is_finite() {
-            found.bounds.push(bound(axis, self.of_torques(), found.floor()));
-        }
     }
 
     /// `scale`, unless torques bound nothing.
@@ -399,30 +379,27 @@ impl<'a> Bounds<'a> {
         let limit = self.capacity.limits.wheel;
         let level = if limit.is_finite() { SpeedLevel::Wheel(limit) } else { SpeedLevel::None };
         let wheels = [
-            (left, angle.left, rate.left, StateComponent::WheelAngleLeft, StateComponent::WheelRateLeft),
-            (right, angle.right, rate.right, StateComponent::WheelAngleRight, StateComponent::WheelRateRight),
+            (left, angle.left, rate.left, [StateComponent::WheelAngleLeft, StateComponent::WheelRateLeft]),
+            (right, angle.right, rate.right, [StateComponent::WheelAngleRight, StateComponent::WheelRateRight]),
         ];
-        for (acceleration, angle, rate, angle_component, rate_component) in wheels {
-            let (low, high) = self.targets.component(angle_component);
+        for (acceleration, angle, rate, components) in wheels {
+            let [(low, high), end_speed] = components.map(|component| self.targets.component(component));
             let axis = Axis {
                 acceleration,
                 start_push: Push::steady(acceleration),
                 end_push: Push::steady(acceleration),
                 start_speed: rate,
-                end_speed: self.targets.component(rate_component),
+                end_speed,
                 displacement: (low - angle, high - angle),
                 drive_scale: None,
                 is_damped: self.input.robot.parameters().wheel_viscous_friction > 0.0,
                 ceiling: Ceiling { level, ..Ceiling::default() },
+                law: GridLaw::Exact,
+                components,
             };
-            let bound = |axis: &Axis, assumption, floor| {
-                let (time, demand) = self.least_time(axis, GridLaw::Exact, floor);
-                let component = if demand == Demand::Displacement { angle_component } else { rate_component };
-                LowerBound { time, assumption, component }
-            };
-            found.bounds.push(bound(&axis.without_limits(), LowerBoundAssumption::WheelDrive, found.floor()));
+            found.bounds.push(self.bound(&axis.without_limits(), LowerBoundAssumption::WheelDrive, found.floor()));
             if level != SpeedLevel::None {
-                found.bounds.push(bound(&axis, LowerBoundAssumption::Limits, found.floor()));
+                found.bounds.push(self.bound(&axis, LowerBoundAssumption::Limits, found.floor()));
             }
         }
     }

@@ -217,7 +217,10 @@ impl Rolling {
     ) -> Option<Curve> {
         let rate = self.rate + 2.0 * self.hold_error;
         let loss = |norm: f64| self.loss(norm, (lever, dt), yaw_rate);
-        self.is_conservative.then(|| Curve::by_value(&levels(largest, rate, loss), end, |_| 0.0, duration))
+        // What a step loses goes by the norm before it, which is by so much larger at most than that after it.
+        let step = dt * (rate + loss(largest));
+        let loss_before = |norm: f64| loss((norm + step).min(largest));
+        self.is_conservative.then(|| Curve::by_value(&levels(largest, rate, loss_before), end, duration))
     }
 
     /// What the turning frame takes from a norm per second, at most.
