@@ -1,6 +1,6 @@
 # The service as a small image: no shell, no package manager, no root, nothing to write to.
 #   docker build -t slipdrive .
-#   docker run --rm -p 8080:8080 -p 50051:50051 -e SLIPDRIVE_ALLOW_UNAUTHENTICATED=true slipdrive
+#   docker run --rm -p 127.0.0.1:8080:8080 -p 127.0.0.1:50051:50051 -e SLIPDRIVE_ALLOW_UNAUTHENTICATED=true slipdrive
 # A server that others can reach wants API keys; the variable says that something in front of it checks callers.
 
 # Optional parts; each does nothing where it is not configured: `otel` exports spans where OTEL_EXPORTER_OTLP_ENDPOINT is set,

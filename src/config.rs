@@ -183,6 +183,9 @@ pub(crate) struct JobArguments {
     pub(crate) threads: Option<NonZeroUsize>,
 }
 
+/// So much that three sixteenths of it, the share of a connection for what is large, hold the largest answer (4.5 MB).
+const LEAST_MEMORY_BUDGET_MIB: usize = 24;
+
 /// The variable of the API keys, which have no flag: it would show them to everyone who can list processes.
 const API_KEYS_VARIABLE: &str = "SLIPDRIVE_API_KEYS";
 
@@ -325,6 +328,12 @@ impl ServeSettings {
         if admin.is_none() && places <= PROBE_PLACES {
             faults.add(format!(
                 "`max_connections` is {places}, must be > {PROBE_PLACES}, which are kept for probes where `admin` is not set"
+            ));
+        }
+        let budget = self.memory_budget_mib.get();
+        if budget < LEAST_MEMORY_BUDGET_MIB {
+            faults.add(format!(
+                "`memory_budget_mib` is {budget}, must be >= {LEAST_MEMORY_BUDGET_MIB}, or the largest answer never fits"
             ));
         }
     }

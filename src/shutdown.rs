@@ -255,6 +255,8 @@ impl Signals {
     #[cfg(unix)]
     pub(crate) fn listen() -> io::Result<Self> {
         use tokio::signal::unix::{SignalKind, signal};
+        // Once it is taken it ends nothing: a file that may not grow is an error of its write.
+        let _ = signal(SignalKind::from_raw(libc::SIGXFSZ))?;
         Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
     }
 

@@ -89,10 +89,9 @@ def tear(folder):
 
 
 def full_by_limit(runs, folder, bytes_allowed):
-    """A run that may write files of so many bytes; the signal that a larger one brings is ignored, as it is on a full disk."""
+    """A run that may write files of so many bytes."""
 
     def limited():
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_allowed, bytes_allowed))
 
     run = subprocess.run(

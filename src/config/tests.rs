@@ -119,6 +119,8 @@ fn settings_that_contradict_each_other_are_found() {
     let found = faults(&["--max-connections", "16"]);
     assert!(found.len() == 1 && found[0].contains("`max_connections` is 16, must be > 16"), "{found:?}");
     assert!(config(&["--max-connections", "16", "--admin", "127.0.0.1:0"]).is_ok());
+    let found = faults(&["--memory-budget-mib", "23"]);
+    assert!(found.len() == 1 && found[0].contains("`memory_budget_mib` is 23, must be >= 24"), "{found:?}");
     assert!(config(&["--http", "127.0.0.1:0", "--admin", "127.0.0.1:0"]).is_ok(), "two free ports differ");
 }
 

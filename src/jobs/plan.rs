@@ -18,9 +18,6 @@ use crate::simulation::{TorqueSchedule, Trajectory};
 use crate::solver::{SimulateInput, SimulateParameters, SolveInput};
 use crate::stop::{Stop, Stopped};
 
-/// Shorter motions are none: what takes no time, or diverges at once.
-const LEAST_TIME_S: f64 = 1e-6;
-
 /// A plan whose request is valid and whose answer has a motion, or none where nothing moves.
 #[derive(Debug)]
 pub struct AcceptedPlan {
@@ -91,7 +88,7 @@ impl AcceptedPlan {
 
     /// Steps of its motion; 0 where nothing moves.
     pub(super) fn step_count(&self) -> usize {
-        if self.motion.schedule.final_time < LEAST_TIME_S { 0 } else { self.motion.step_count }
+        if self.motion.schedule.final_time > 0.0 { self.motion.step_count } else { 0 }
     }
 
     /// Its motion at the reference point; the start alone where nothing moves.

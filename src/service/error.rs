@@ -42,8 +42,8 @@ pub enum ServiceError {
     /// The deadline passed before the job could start, or before it had anything to answer.
     #[error("the deadline passed before there was an answer")]
     DeadlineExceeded,
-    /// The server's own limit passed before there was an answer.
-    #[error("the time limit of the server passed before there was an answer")]
+    /// The time limit of the request, or that of the server, passed before there was an answer.
+    #[error("the time limit passed before there was an answer")]
     TimeLimitExceeded,
     /// The service starts or drains.
     #[error("the server takes no work at present, try again in {} s", seconds(.retry_after))]

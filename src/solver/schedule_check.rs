@@ -5,9 +5,9 @@ use crate::robot::PerWheel;
 use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
 
-/// The length of a schedule or of one of its intervals.
+/// The length of a schedule or of one of its intervals: those of every answer.
 /// Shorter ones move nothing, and the impulses within them come near the smallest numbers there are.
-pub(super) const TIME_RULE: Rule = Rule::at_least(ROUNDING, "s");
+pub(super) const TIME_RULE: Rule = Rule::at_least(1e-12, "s");
 const LENGTH_RULE: Rule = Rule::at_least(1.0, Rule::ITEMS);
 
 /// The rules of a schedule with the given names of its time and of its left and right arrays.

@@ -253,7 +253,10 @@ fn saved_plan_is_exported_into_a_folder() {
     let exported = run_with_input(&[&["export", &plan], &of_bag[..]].concat(), b"");
     let table = String::from_utf8(exported.stdout).unwrap();
     assert_eq!(exported.status.code(), Some(0), "{}", String::from_utf8_lossy(&exported.stderr));
-    assert!(table.contains("miss  ") && table.contains("  plan.mcap  "), "{table}");
+    assert!(
+        table.contains("plan             converged, replay not confirmed\n") && table.contains("  plan.mcap  "),
+        "{table}"
+    );
     assert!(folder.read("bag/metadata.yaml").contains("- plan.mcap\n"));
     assert!(std::fs::read(folder.0.join("bag/plan.mcap")).unwrap().starts_with(b"\x89MCAP0\r\n"));
     let listed = run_with_input(&["export", &plan, "--format", "csv", "--rate-hz", "50"], b"");

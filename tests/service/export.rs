@@ -62,6 +62,36 @@ fn columns(csv: &[u8]) -> BTreeMap<String, Vec<f64>> {
 }
 
 #[tokio::test]
+async fn answers_of_hardly_any_time_are_taken_back() {
+    let server = TestServer::start(4, real_solver()).await;
+    let rolling = json!({"velocity_y_m_s": 2e-6, "wheel_rate_left_rad_s": 3.33e-5, "wheel_rate_right_rad_s": 3.33e-5});
+    let coasting = body(&rolling, &json!({"free": ["x_m", "y_m"]}));
+    let spinning = json!({"wheel_rate_right_rad_s": -100_000});
+    for request in [
+        json!({"maneuver": {"goal": {"wheel_rate_right_rad_s": 0.05}}, "solver": {"starts": 1}, "grid": {"steps": 200}}),
+        json!({"maneuver": {"goal": coasting}, "solver": {"starts": 1, "goal_tolerance": 1e-7}}),
+        // Its motions diverge.
+        json!({"maneuver": {"start": spinning, "goal": {"y_m": -10_000}}, "solver": {"starts": 1}, "grid": {"steps": 200}}),
+    ] {
+        let answer = server.post("/solve", request.to_string()).await.json();
+        assert!(answer["final_time_s"].as_f64().unwrap() < 1e-6, "{answer}");
+        let plan = json!({"request": request, "answer": answer});
+        let shown = server.post("/present", json!({"plans": [{"solve": plan}]}).to_string()).await;
+        assert!(shown.status == 200 && !shown.text().contains("does not belong"), "{}", shown.text());
+        let export = json!({"solve": plan, "format": "csv", "rate_hz": 100});
+        let exported = server.post("/export", export.to_string()).await;
+        assert_eq!(exported.status, 200, "{}", exported.text());
+        let motion = json!({
+            "torque_schedule": answer["torque_schedule"],
+            "start": request["maneuver"].get("start").unwrap_or(&json!({})),
+            "grid": {"steps": answer["report"]["steps"]},
+        });
+        let simulated = server.post("/simulate", motion.to_string()).await;
+        assert_eq!(simulated.json()["end_state"], answer["end_state"], "{}", simulated.text());
+    }
+}
+
+#[tokio::test]
 async fn left_turn_has_the_signs_of_rep_103() {
     let server = TestServer::start(4, real_solver()).await;
     let (files, answer) = exported(&server, &body(&left_turn(), &json!({"format": "csv", "rate_hz": 100}))).await;

@@ -48,13 +48,13 @@ fn field_faults() -> Vec<Fault> {
             &["duplicate field `wheel_radius_m`"],
         ),
         fault(r#"{"view": "full", "view": "full"}"#, FIELD, "#/view", &["duplicate field"]),
-        fault(r#"{"robot": {"wheel_radius_m": "1"}}"#, FIELD, "#/robot/wheel_radius_m", &["string \"1\"", "f64"]),
+        fault(r#"{"robot": {"wheel_radius_m": "1"}}"#, FIELD, "#/robot/wheel_radius_m", &["string \"1\"", "a number"]),
         fault(r#"{"robot": {"wheel_radius_m": null}}"#, FIELD, "#/robot/wheel_radius_m", &["null"]),
         fault(r#"{"robot": null}"#, FIELD, "#/robot", &["null", "an object"]),
-        fault(r#"{"robot": [10.33]}"#, FIELD, "#/robot", &["sequence", "an object"]),
+        fault(r#"{"robot": [10.33]}"#, FIELD, "#/robot", &["list", "an object"]),
         fault(r#"{"initial_guess": null}"#, FIELD, "#/initial_guess", &["null"]),
         fault(r#"{"maneuver": {"goal": {"y_m": null}}}"#, FIELD, "#/maneuver/goal/y_m", &["null"]),
-        fault(r#"{"maneuver": {"goal": {"free": "y_m"}}}"#, FIELD, "#/maneuver/goal/free", &["string", "sequence"]),
+        fault(r#"{"maneuver": {"goal": {"free": "y_m"}}}"#, FIELD, "#/maneuver/goal/free", &["string", "a list"]),
         fault(r#"{"maneuver": {"goal": {"free": [1]}}}"#, FIELD, "#/maneuver/goal/free/0", &["integer `1`"]),
         fault(r#"{"grid": {"steps": 200.5}}"#, FIELD, "#/grid/steps", &["200.5"]),
         fault(r#"{"grid": {"steps": -1}}"#, FIELD, "#/grid/steps", &["-1"]),
@@ -66,7 +66,7 @@ fn field_faults() -> Vec<Fault> {
             "#/initial_guess/torque_left_n_m",
             &["missing field"],
         ),
-        fault("[]", FIELD, "#", &["sequence", "an object"]),
+        fault("[]", FIELD, "#", &["list", "an object"]),
         fault("null", FIELD, "#", &["null", "an object"]),
         fault("5", FIELD, "#", &["integer `5`", "an object"]),
     ]
@@ -296,7 +296,12 @@ async fn simulate_refuses_as_solve_does() {
         r#"{"grid": {"steps": 1}, "torque_schedule": {"interval_s": 1, "left_n_m": [0, 0], "right_n_m": [0, 0]}}"#;
     let faults = [
         fault("{}", FIELD, "#/torque_schedule", &["missing field"]),
-        fault(schedule(json!(-1), json!([1]), json!([1])), VALUE, "#/torque_schedule/interval_s", &["-1", ">= 1e-9 s"]),
+        fault(
+            schedule(json!(-1), json!([1]), json!([1])),
+            VALUE,
+            "#/torque_schedule/interval_s",
+            &["-1", ">= 1e-12 s"],
+        ),
         fault(schedule(json!(1), json!([1]), json!([1, 2])), VALUE, "#/torque_schedule/right_n_m", &["2 items long"]),
         fault(with_steps, VALUE, "#/grid/steps", &["is 1, must be at least"]),
         fault(

@@ -28,6 +28,7 @@ use crate::contract::{BodyLimit, Problem};
 use crate::metrics::Metrics;
 use crate::rules::RuleSet;
 use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
+use crate::stop::Stop;
 
 /// What a step of a rollout takes a small cloud machine, s.
 const STEP_S: f64 = 3e-6;
@@ -77,8 +78,13 @@ impl Job for Export {
         plan.check_belongs(&trajectory)?;
         let motion = Motion::new(plan, &trajectory);
         let points = motion.points(*rate);
-        let files = files::files(*format, labels, &motion, &points);
-        Ok(Exported { files, miss: Miss::of(&points), point_count: points.len() })
+        let exported = Exported {
+            files: files::files(*format, labels, &motion, &points),
+            miss: Miss::of(&points),
+            point_count: points.len(),
+        };
+        // What is late has no answer, however far it came.
+        if Stop::from(control.stop().cut_flag()).is_set() { Err(control.cut_off()) } else { Ok(exported) }
     }
 }
 
