@@ -201,8 +201,8 @@ async fn what_makes_no_sense_is_refused_by_name() {
     let server = TestServer::start(4, real_solver()).await;
     let tolerances = json!({"distance_m": 0.1});
     let of = |uncertain: Value| body(&straight(), &json!({"uncertain": uncertain, "tolerances": tolerances}));
-    let mut still = straight();
-    still["simulate"]["request"]["torque_schedule"]["interval_s"] = json!(1e-9);
+    // Its start is its goal.
+    let still = json!({"solve": {"request": {}, "answer": server.post("/solve", "{}").await.json()}});
     let mut long = straight();
     long["simulate"]["request"]["grid"]["steps"] = json!(10_000);
     let mut short = straight();
@@ -241,7 +241,7 @@ async fn what_makes_no_sense_is_refused_by_name() {
         (body(&straight(), &json!({"uncertain": mass, "tolerances": {}})), "#/tolerances", "at least one"),
         (body(&straight(), &json!({"uncertain": mass})), "#/tolerances", "missing field"),
         (body(&straight(), &json!({"tolerances": tolerances})), "#/uncertain", "missing field"),
-        (body(&still, &further), "#/simulate/request/torque_schedule", "a plan that moves"),
+        (body(&still, &further), "#/solve/answer/torque_schedule", "a plan that moves"),
         (body(&body(&long, &further), &json!({"samples": 2001})), "#/samples", "at most 2000"),
         (
             body(&body(&straight(), &further), &json!({"robot": {"chassis_mass_kg": -1}})),

@@ -59,7 +59,7 @@ fn field_faults() -> Vec<Fault> {
         fault(r#"{"grid": {"steps": 200.5}}"#, FIELD, "#/grid/steps", &["200.5"]),
         fault(r#"{"grid": {"steps": -1}}"#, FIELD, "#/grid/steps", &["-1"]),
         fault(r#"{"solver": {"method": "magic"}}"#, FIELD, "#/solver/method", &["magic", "\"nelder_mead\""]),
-        fault(r#"{"solver": {"method": {"nelder_mead": null}}}"#, FIELD, "#/solver/method", &["map"]),
+        fault(r#"{"solver": {"method": {"nelder_mead": null}}}"#, FIELD, "#/solver/method", &["object"]),
         fault(
             r#"{"initial_guess": {"final_time_s": 1}}"#,
             FIELD,

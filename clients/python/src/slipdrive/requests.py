@@ -172,7 +172,7 @@ class InitialGuess(TypedDict):
     """A start of the search, tried first. All fields are required."""
 
     final_time_s: float
-    """Final time, s, at least 1e-9. [>= 1e-09]"""
+    """Final time, s, at least 1e-9. [>= 1e-12]"""
     torque_left_n_m: Numbers
     """Torques of the left wheel in equal intervals, N m."""
     torque_right_n_m: Numbers
@@ -437,7 +437,9 @@ class Solver(TypedDict, total=False):
     seed: int
     """Seed of all randomness; default 0. [>= 0, <= 1.84467e+19]"""
     starts: int
-    """How many starts the search tries, and twice as many where none leads to a plan; default 36. [>= 1, <= 64]"""
+    """How many starts the search tries, and as many more where none leads to a plan; automatic steps then begin
+    again on a finer grid. Default 36. [>= 1, <= 64]
+    """
     time_limit_s: float
     """How long the solve may run, s, counted from its start; default 10. [> 0, <= 60]"""
 
