@@ -1000,7 +1000,7 @@ class TorqueSchedule:
     """Piecewise constant torques."""
 
     interval_s: float
-    """Length of one interval, s, at least 1e-9; required in requests."""
+    """Length of one interval, s, at least 1e-12; required in requests."""
     left_n_m: Array
     """Torques of the left wheel, N m."""
     right_n_m: Array

@@ -172,7 +172,7 @@ class InitialGuess(TypedDict):
     """A start of the search, tried first. All fields are required."""
 
     final_time_s: float
-    """Final time, s, at least 1e-9. [>= 1e-12]"""
+    """Final time, s, at least 1e-12. [>= 1e-12]"""
     torque_left_n_m: Numbers
     """Torques of the left wheel in equal intervals, N m."""
     torque_right_n_m: Numbers
@@ -497,7 +497,7 @@ class TorqueSchedule(TypedDict):
     """Piecewise constant torques."""
 
     interval_s: float
-    """Length of one interval, s, at least 1e-9; required in requests."""
+    """Length of one interval, s, at least 1e-12; required in requests."""
     left_n_m: Numbers
     """Torques of the left wheel, N m."""
     right_n_m: Numbers
