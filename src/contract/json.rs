@@ -23,6 +23,9 @@ use super::problem::{Problem, quoted_path, shortened};
 /// `malformed_body` with line and column when the bytes are no JSON, `invalid_field` with a pointer when they are, but
 /// not of this form.
 pub fn read_object<'de, T: Deserialize<'de>>(body: &'de [u8]) -> Result<T, Problem> {
+    if body.is_empty() {
+        return Err(Problem::new(ErrorCode::MalformedBody, "it is empty"));
+    }
     let mut deserializer = serde_json::Deserializer::from_slice(body);
     let Object(value) =
         serde_path_to_error::deserialize(&mut deserializer).map_err(|error| problem_of(error.path(), error.inner()))?;
@@ -242,9 +245,32 @@ pub(crate) fn some_value<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     T::deserialize(deserializer).map(Some)
 }
 
-/// Reads a count that is present; one beyond the type is far above every limit: the largest is refused just the same.
+/// Reads a count that is present, also where a table of numbers has written it as 200.0; one beyond the type is far above every
+/// limit: the largest is refused just the same.
 pub(super) fn some_count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u32>, D::Error> {
-    u64::deserialize(deserializer).map(|count| Some(u32::try_from(count).unwrap_or(u32::MAX)))
+    struct CountVisitor;
+
+    impl Visitor<'_> for CountVisitor {
+        type Value = u32;
+
+        fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+            formatter.write_str("a whole number, at least 0")
+        }
+
+        fn visit_u64<E: de::Error>(self, count: u64) -> Result<u32, E> {
+            Ok(u32::try_from(count).unwrap_or(u32::MAX))
+        }
+
+        fn visit_f64<E: de::Error>(self, count: f64) -> Result<u32, E> {
+            if count < 0.0 || count.fract() != 0.0 {
+                return Err(E::invalid_type(de::Unexpected::Float(count), &self));
+            }
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole, and casts saturate")]
+            Ok(count as u32)
+        }
+    }
+
+    deserializer.deserialize_u64(CountVisitor).map(Some)
 }
 
 /// Reads a number of an answer; null is one that is not finite.

@@ -94,6 +94,11 @@ async fn validation_completes_the_body_and_the_completed_body_means_the_same() {
     let again = server.post("/validate", completed.to_string()).await.json();
     assert_eq!(again["input_hash"], hash);
     assert_eq!(server.post("/solve", body).await.json()["input_hash"], hash);
+    let as_tables_write_it = server.post("/validate", body.replace("300", "300.0")).await.json();
+    assert_eq!(as_tables_write_it["input_hash"], hash);
+    // A load of no mass is none.
+    let unloaded = body.replacen('{', r#"{"payload": {"mass_kg": 0, "height_m": 1}, "#, 1);
+    assert_eq!(server.post("/validate", unloaded).await.json()["input_hash"], hash);
 }
 
 #[tokio::test]

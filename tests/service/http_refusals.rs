@@ -191,7 +191,7 @@ async fn malformed_json_is_refused_with_line_and_column() {
     let server = server().await;
     let nested = format!(r#"{{"maneuver": {}"#, "{\"goal\":".repeat(100_000));
     let bodies = [
-        ("", "line 1 column 0"),
+        ("", "it is empty"),
         ("{", "line 1 column 1"),
         ("{\"grid\":\n{,}}", "line 2 column 2"),
         (r#"{"robot": {"wheel_radius_m": 1e400}}"#, "number out of range at line 1"),

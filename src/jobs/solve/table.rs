@@ -14,7 +14,10 @@ const NOT_REACHED: &str = "not computed in time";
 pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
     let Solution { status, replay_confirmed, reason, schedule, report, contact_modes, .. } = &solved.output.solution;
     let mut table = String::new();
-    row(&mut table, "status", &format!("{} ({})", status.as_str(), solved.output.stop_reason.as_str()));
+    let is_there = *status == Status::Converged && schedule.final_time == 0.0;
+    let nothing_to_do = if is_there { ": the start is the goal" } else { "" };
+    let ending = solved.output.stop_reason.as_str();
+    row(&mut table, "status", &format!("{} ({ending}){nothing_to_do}", status.as_str()));
     if let Some(Reason { message, .. }) = reason {
         row(&mut table, "reason", message);
     }
