@@ -164,7 +164,7 @@ fn what_is_no_sweep_is_refused() {
         (r#"{"job": "solve"}"#, "missing field `request`"),
         ("{\"job\": \"solve\", \"request\": {}}\n[1]", "line 2: "),
         ("{\"job\": \"solve\", \"request\": {}, \"axes\": []}\n{}", "absent where lines with requests follow"),
-        ("", "EOF"),
+        ("", "it is empty"),
     ] {
         let problem = read(text).err().unwrap_or_else(|| panic!("{text} is accepted"));
         assert!(problem.to_string().contains(fault), "{text}: {problem}");
