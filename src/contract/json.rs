@@ -112,20 +112,22 @@ fn problem_of(path: &Path, error: &serde_json::Error) -> Problem {
             if let Some(field) = field_named_in(&message, &["missing field `", "duplicate field `"]) {
                 push_segment(&mut pointer, field);
             }
-            let text = format!("{}: {}", quoted_path(&pointer), with_short_words(message));
+            let text = format!("{}: {}", quoted_path(&pointer), with_short_words(&message));
             Problem::at_field(ErrorCode::InvalidField, pointer, text)
         }
     }
 }
 
+/// What of a message tells what was found from what was expected.
+const EXPECTED: &str = ", expected ";
 /// Longest word of the caller that a message repeats with what was expected in its place, characters.
 const MAX_WORD: usize = 200;
 
 /// A message in which the caller's words are cut, and what was expected is not.
-fn with_short_words(message: String) -> String {
-    match message.rfind(", expected ") {
-        Some(at) => shortened(message[..at].to_owned(), MAX_WORD) + &message[at..],
-        None => message,
+fn with_short_words(message: &str) -> String {
+    match message.rsplit_once(EXPECTED) {
+        Some((found, expected)) => shortened(found.to_owned(), MAX_WORD) + EXPECTED + expected,
+        None => message.to_owned(),
     }
 }
 
@@ -141,7 +143,7 @@ fn without_position(error: &serde_json::Error) -> String {
 
 /// With types by the names that callers know them by, in place of those of Rust.
 fn in_words_of_json(message: &str) -> String {
-    let Some((found, expected)) = message.rsplit_once(", expected ") else { return message.to_owned() };
+    let Some((found, expected)) = message.rsplit_once(EXPECTED) else { return message.to_owned() };
     let found = match found {
         "invalid type: sequence" => "invalid type: list",
         "invalid type: map" => "invalid type: object",
@@ -154,7 +156,7 @@ fn in_words_of_json(message: &str) -> String {
         "a sequence" => "a list",
         other => other,
     };
-    format!("{found}, expected {expected}")
+    [found, EXPECTED, expected].concat()
 }
 
 fn field_named_in<'a>(message: &'a str, beginnings: &[&str]) -> Option<&'a str> {

@@ -74,17 +74,16 @@ impl Job for Export {
 
     fn run(&self, export: &AcceptedExport, control: &JobControl<'_, ()>) -> Result<Exported, Stopped> {
         let AcceptedExport { plan, format, rate, labels, time_limit: _ } = export;
-        let trajectory = plan.trajectory(&*self.0, control.stop().cut_flag().into()).map_err(|_| control.cut_off())?;
+        let stop = Stop::from(control.stop().cut_flag());
+        let trajectory = plan.trajectory(&*self.0, stop).map_err(|_| control.cut_off())?;
         plan.check_belongs(&trajectory)?;
         let motion = Motion::new(plan, &trajectory);
         let points = motion.points(*rate);
-        let exported = Exported {
-            files: files::files(*format, labels, &motion, &points),
-            miss: Miss::of(&points),
-            point_count: points.len(),
-        };
+        let files = files::files(*format, labels, &motion, &points);
+        let miss = Miss::of(&points);
         // What is late has no answer, however far it came.
-        if Stop::from(control.stop().cut_flag()).is_set() { Err(control.cut_off()) } else { Ok(exported) }
+        stop.check().map_err(|_| control.cut_off())?;
+        Ok(Exported { files, miss, point_count: points.len() })
     }
 }
 
