@@ -80,8 +80,8 @@ impl AcceptedPlan {
         match &self.said {
             Said::Simulate(_) => "simulated".to_owned(),
             Said::Solve(_, answer) => {
-                let status = Status::name_of(answer.status).unwrap_or("without a status");
-                format!("{status}, replay {}", if answer.replay_confirmed { "confirmed" } else { "not confirmed" })
+                let replay = if answer.replay_confirmed { "confirmed" } else { "not confirmed" };
+                format!("{}, replay {replay}", status_word(answer))
             }
         }
     }
@@ -99,6 +99,11 @@ impl AcceptedPlan {
         }
         solver.simulate(&self.motion, stop).map(|simulation| simulation.trajectory)
     }
+}
+
+/// The status as the answer writes it.
+pub(super) fn status_word(answer: &Solution) -> &'static str {
+    Status::name_of(answer.status).unwrap_or("unspecified")
 }
 
 /// A saved plan, or a whole request about one, without what is rolled out again anyway.

@@ -7,7 +7,7 @@ use crate::contract::Problem;
 use crate::contract::convert::{named, required};
 use crate::contract::message::{ExportFormat, ExportRequest, Status};
 use crate::jobs::Limits;
-use crate::jobs::plan::{AcceptedPlan, Said};
+use crate::jobs::plan::{AcceptedPlan, Said, status_word};
 use crate::rules::{Checks, Number, Rule, RuleSet};
 
 const RATE_RULE: Rule = Rule::between(1.0, 10_000.0, "Hz");
@@ -98,10 +98,9 @@ fn check_plan(plan: &AcceptedPlan, rate: f64, checks: &mut Checks) {
     if let Said::Solve(_, answer) = &plan.said {
         // Where the start is the goal the plan is to stay.
         let is_plan = answer.status() == Status::Converged || !plan.motion.schedule.left.is_empty();
-        let status = answer.status().as_str_name().trim_start_matches("STATUS_").to_lowercase();
         checks.require(
             "solve.answer.status",
-            format!("{status} and there are no torques"),
+            format!("{} and there are no torques", status_word(answer)),
             is_plan,
             "that of a plan",
             None,

@@ -85,7 +85,7 @@ pub(super) fn accept(request: SolveRequest, limits: &Limits) -> Result<AcceptedS
     let input = checks.and(SolveInput::new(parameters)).map_err(of_default)?;
     let completed = SolveRequest {
         robot: Some(message::Robot { footprint, ..(&robot).into() }),
-        payload: input.payload.as_ref().filter(|payload| payload.mass > 0.0).map(Into::into),
+        payload: input.payload.as_ref().filter(|payload| payload.is_load()).map(Into::into),
         maneuver: Some(message::Maneuver { keep_in, ..(&input.maneuver).into() }),
         grid: Some(SolveGrid { control_intervals: Some(count(settings.control_count)), ..grid }),
         solver: Some(solver_message(&settings, time_limit_s)),
