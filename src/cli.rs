@@ -11,7 +11,7 @@ mod worker;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ use slipdrive::service::{Class, Done, Service, ServiceError, ServiceSettings};
 pub(crate) use self::sweep::sweep;
 #[cfg(feature = "nats")]
 pub(crate) use self::worker::worker;
-use crate::config::{JobArguments, cores};
+use crate::config::{JobArguments, thread_count};
 use crate::{EXIT_BAD_INPUT, tell};
 
 /// For an answer that is not what was asked for: a plan that misses the goal.
@@ -186,7 +186,7 @@ fn run_job<K: Kind>(
         Err(problem) => return Ok(refuse(&problem)),
     };
     // Nobody else is in the queue: all workers help with the one job.
-    let workers = arguments.threads.unwrap_or_else(cores);
+    let workers = thread_count(arguments.threads);
     let service = Service::start(ServiceSettings { workers, queue_length: 0, ..ServiceSettings::default() })?;
     let made = |input: &K::Input, done: &Done<K::Output>| Made::<K>::of(input, done);
     let running = service.reserve(K::CLASS)?.submit(Arc::clone(kind), input, None, made)?;
@@ -239,7 +239,17 @@ fn read_body<K: Kind>(arguments: &JobArguments, limits: &Limits) -> anyhow::Resu
         return Ok(Ok(json::write(&(example.request)())));
     }
     let most = if K::SAVED_FILES > 0 { LARGEST_FILE } else { K::body_limit(limits).bytes };
-    let files: anyhow::Result<Vec<_>> = arguments.input.iter().map(|input| read_file(input, most)).collect();
+    let examples: Vec<_> = K::EXAMPLES.iter().map(|example| example.name).collect();
+    // Whoever mistypes the name of an example asks for a file.
+    let is_no_example =
+        if examples.is_empty() { String::new() } else { format!("is no example ({}), and ", examples.join(", ")) };
+    let files: anyhow::Result<Vec<_>> = arguments
+        .input
+        .iter()
+        .map(|input| {
+            read_file(input, most).with_context(|| format!("{} {is_no_example}cannot be read", input.display()))
+        })
+        .collect();
     Ok(K::joined(files?))
 }
 
@@ -254,15 +264,14 @@ fn with_flags(body: Vec<u8>, flags: Map<String, Value>) -> Result<Vec<u8>, Probl
 }
 
 /// A file of which at most one byte above the limit is read: enough for the reader to refuse it.
-fn read_file(input: &PathBuf, limit: usize) -> anyhow::Result<Vec<u8>> {
+fn read_file(input: &Path, limit: usize) -> io::Result<Vec<u8>> {
     let mut body = Vec::new();
     let most = limit as u64 + 1;
-    let read = if input == Path::new("-") {
-        io::stdin().take(most).read_to_end(&mut body)
+    if input == Path::new("-") {
+        io::stdin().take(most).read_to_end(&mut body)?;
     } else {
-        File::open(input).and_then(|file| file.take(most).read_to_end(&mut body))
-    };
-    read.with_context(|| format!("{} cannot be read", input.display()))?;
+        File::open(input)?.take(most).read_to_end(&mut body)?;
+    }
     Ok(body)
 }
 

@@ -33,7 +33,7 @@ pub(crate) use nats::{NatsArguments, SweepOverNats, WorkerArguments};
 pub(crate) use settings::{LogSettings, ServeSettings};
 use sources::{Given, Shown, Sources};
 pub(crate) use tls::for_probes;
-pub(crate) use value::LogFormat;
+pub(crate) use value::{LogFormat, Threads};
 
 /// What the exit codes mean.
 const EXIT_CODES: &str = "\
@@ -138,7 +138,7 @@ pub(crate) struct SweepArguments {
     pub(crate) shard: Shard,
     /// Threads that work; the results do not depend on their number [default: cores].
     #[arg(long)]
-    pub(crate) threads: Option<NonZeroUsize>,
+    pub(crate) threads: Option<Threads>,
     /// Draws a map into the folder (`map.svg`): what the value is over the two fields. Fields that differ beside them are
     /// given one value each.
     #[arg(long, value_name = "X,Y,VALUE[,FIELD=VALUE]...")]
@@ -180,7 +180,7 @@ pub(crate) struct JobArguments {
     pub(crate) out: Option<PathBuf>,
     /// Threads that work; the answer does not depend on their number [default: cores].
     #[arg(long)]
-    pub(crate) threads: Option<NonZeroUsize>,
+    pub(crate) threads: Option<Threads>,
 }
 
 /// So much that three sixteenths of it, the share of a connection for what is large, hold the largest answer (4.5 MB).
@@ -276,7 +276,7 @@ impl ServerConfig {
 
     pub(crate) fn service_settings(&self) -> ServiceSettings {
         let ServeSettings { workers, queue_length, queue_work_s: queue_work, .. } = self.settings;
-        let workers = workers.unwrap_or_else(default_workers);
+        let workers = workers.map_or_else(default_workers, |Threads(count)| count);
         ServiceSettings { workers, queue_length, queue_work, ..ServiceSettings::default() }
     }
 
@@ -395,8 +395,13 @@ fn default_workers() -> NonZeroUsize {
     NonZeroUsize::new(cores().get() - 1).unwrap_or(NonZeroUsize::MIN)
 }
 
+/// As many threads as are asked for, or else as cores may be used.
+pub(crate) fn thread_count(given: Option<Threads>) -> NonZeroUsize {
+    given.map_or_else(cores, |Threads(count)| count)
+}
+
 /// The cores that this process may use.
-pub(crate) fn cores() -> NonZeroUsize {
+fn cores() -> NonZeroUsize {
     available_parallelism().unwrap_or(NonZeroUsize::MIN)
 }
 

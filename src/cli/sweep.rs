@@ -16,7 +16,7 @@ use slipdrive::sweep::{self, Ended, Index, MapError, Progress, Results, ResultsE
 
 use super::progress_of_rows::ProgressOfRows;
 use super::refused;
-use crate::config::{SweepArguments, cores};
+use crate::config::{SweepArguments, thread_count};
 use crate::shutdown::Signals;
 use crate::{EXIT_BAD_INPUT, tell};
 
@@ -151,7 +151,7 @@ fn code_of(progress: &Progress) -> ExitCode {
 }
 
 pub(super) fn workers(arguments: &SweepArguments) -> NonZeroUsize {
-    arguments.threads.unwrap_or_else(cores)
+    thread_count(arguments.threads)
 }
 
 pub(super) fn to_be_continued(why: &str) -> ExitCode {

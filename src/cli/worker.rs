@@ -11,7 +11,7 @@ use slipdrive::sweep::nats::{Access, Broker, NatsError, StreamLimits, Worker, Wo
 use tokio::time::sleep;
 
 use super::refused;
-use crate::config::{WorkerArguments, cores};
+use crate::config::{WorkerArguments, thread_count};
 use crate::shutdown::{Signals, serve_probes};
 
 /// How long to wait until the servers are asked again.
@@ -25,7 +25,7 @@ pub(crate) fn worker(arguments: &WorkerArguments) -> anyhow::Result<ExitCode> {
     let Some(access) = arguments.nats.access() else {
         return Ok(refused("there is no URL of NATS, must be `--nats` or the variable SLIPDRIVE_NATS_URL"));
     };
-    let threads = arguments.threads.unwrap_or_else(cores);
+    let threads = thread_count(arguments.threads);
     let service = Arc::new(Service::start(sweep::service_settings(threads))?);
     let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), service.metrics());
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;

@@ -7,6 +7,8 @@ use std::path::PathBuf;
 use clap::Args;
 use slipdrive::sweep::nats::{Access, StreamLimits};
 
+use super::value::Threads;
+
 /// How the servers are reached.
 #[derive(Debug, Args)]
 pub(crate) struct NatsArguments {
@@ -75,7 +77,7 @@ pub(crate) struct WorkerArguments {
     pub(crate) nats: NatsArguments,
     /// Threads that work, and chunks that are taken at once [default: cores].
     #[arg(long, env = "SLIPDRIVE_THREADS")]
-    pub(crate) threads: Option<NonZeroUsize>,
+    pub(crate) threads: Option<Threads>,
     /// Address of probes and metrics: /livez, /readyz and /metrics [default: none].
     #[arg(long, env = "SLIPDRIVE_ADMIN", value_name = "ADDRESS")]
     pub(crate) admin: Option<SocketAddr>,

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::sources::{Reader, Setting, Settings};
-use super::value::{LogFormat, Origins, Value};
+use super::value::{LogFormat, Origins, Threads, Value};
 
 /// A struct of settings with its table. The default is written as an operator would write it; empty: none.
 macro_rules! settings {
@@ -65,7 +65,7 @@ settings! {
         /// Address of `/livez`, `/readyz` and `/metrics`, in place of the REST server's.
         admin: Option<SocketAddr> = "",
         /// Threads that solve, one request each; idle ones help the others; empty: cores - 1, at least 1.
-        workers: Option<NonZeroUsize> = "",
+        workers: Option<Threads> = "",
         /// Requests that may wait for a worker; more are refused with 429.
         queue_length: usize = "64",
         /// Seconds of expected work per worker that may be in flight; more is refused with 429.

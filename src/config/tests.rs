@@ -70,7 +70,7 @@ fn flag_goes_before_file_and_file_before_default() {
     );
     let config = config(&["--config", file.path(), "--workers", "5"]).unwrap();
     let settings = &config.settings;
-    assert_eq!((settings.queue_length, settings.workers.unwrap().get()), (7, 5));
+    assert_eq!((settings.queue_length, settings.workers.unwrap().0.get()), (7, 5));
     assert_eq!((settings.drain_delay_s, settings.one_port), (Duration::from_millis(1500), true));
     assert_eq!((config.log.log.as_str(), settings.max_streams), ("warn", 128));
 }
@@ -86,13 +86,13 @@ fn empty_values_are_the_defaults() {
 fn all_faults_are_found_at_once() {
     let file =
         TemporaryFile::new("faults", "queue_size = 7\nmax_streams = 0\nlog_format = [\"json\"]\ngrpc = \"here\"");
-    let found = faults(&["--config", file.path(), "--workers", "0", "--drain-delay-s=-1", "--log", "=="]);
+    let found = faults(&["--config", file.path(), "--workers", "1000000", "--drain-delay-s=-1", "--log", "=="]);
     for expected in [
         "`queue_size` in the file is no setting",
         "`max_streams` is \"0\" (from the file), must be a whole number, at least 1",
         "`log_format` in the file must be a string",
         "`grpc` is \"here\" (from the file), must be an IP address with a port",
-        "`workers` is \"0\" (from --workers), must be a whole number, at least 1",
+        "`workers` is \"1000000\" (from --workers), must be a whole number, at least 1, at most 4096",
         "`drain_delay_s` is \"-1\" (from --drain-delay-s), must be a number of seconds",
         "`log` is \"==\" (from --log), must be a log filter",
     ] {

@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::time::Duration;
 
 use axum::http::HeaderValue;
@@ -100,6 +101,30 @@ impl Value for NonZeroUsize {
 
     fn parse(text: &str) -> Option<Self> {
         text.parse().ok()
+    }
+}
+
+/// Threads that work. A process cannot have many thousands: the system ends it where no memory is left for the next one's stack.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Threads(pub(crate) NonZeroUsize);
+
+/// More than any machine has cores.
+const MAX_THREADS: usize = 4096;
+
+impl Value for Threads {
+    const RULE: &'static str = "a whole number, at least 1, at most 4096";
+
+    fn parse(text: &str) -> Option<Self> {
+        text.parse().ok().filter(|threads: &NonZeroUsize| threads.get() <= MAX_THREADS).map(Self)
+    }
+}
+
+/// For flags that are no settings.
+impl FromStr for Threads {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::parse(text).ok_or_else(|| format!("must be {}", Self::RULE))
     }
 }
 

@@ -62,6 +62,14 @@ fn wrong_usage_is_bad_input_and_help_is_not() {
 }
 
 #[test]
+fn mistyped_names_of_examples_are_told_the_names() {
+    let output = run_with_input(&["solve", "forward_drive"], b"");
+    assert_eq!(output.status.code(), Some(1));
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(told.starts_with("error: forward_drive is no example (forward-drive, half-turn"), "{told}");
+}
+
+#[test]
 fn solved_torques_simulated_again_end_at_the_goal() {
     let solved = run_with_input(&["solve", "--json", "-"], b"");
     assert_eq!(solved.status.code(), Some(0), "{}", String::from_utf8_lossy(&solved.stderr));
