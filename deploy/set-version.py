@@ -19,13 +19,15 @@ PLACES = [
     ("deploy/kubernetes/base/deployment.yaml", r"image: slipdrive:", r"\n"),
     ("deploy/kubernetes/sweeps/indexed-job/job.yaml", r"image: slipdrive:", r"\n"),
     ("deploy/kubernetes/sweeps/workers/deployment.yaml", r"image: slipdrive:", r"\n"),
+    # Dots divide the parts of a subject.
+    ("deploy/kubernetes/sweeps/workers/scaler.yaml", r"consumer: workers-", r"\n", 1, VERSION.replace(".", "_")),
     ("deploy/kubernetes/overlays/site/kustomization.yaml", r"newTag: ", r"\n"),
 ]
 
 
-def set_version(path, before, after, places=1):
+def set_version(path, before, after, places=1, version=VERSION):
     file = pathlib.Path(path)
-    text, count = re.subn(f"({before})[0-9][^\\s\"]*(?={after})", lambda found: found[1] + VERSION, file.read_text())
+    text, count = re.subn(f"({before})[0-9][^\\s\"]*(?={after})", lambda found: found[1] + version, file.read_text())
     if count != places:
         sys.exit(f"{path}: {count} places name a version, want {places}")
     file.write_text(text)

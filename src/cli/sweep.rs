@@ -1,7 +1,7 @@
 //! `slipdrive sweep`: many jobs of one kind on this machine, with results in a folder.
 
-use std::fs::{self, File};
-use std::io::{self, BufWriter, Cursor, Read as _, Write as _};
+use std::fs::File;
+use std::io::{self, Cursor, Read as _, Write as _};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -12,7 +12,9 @@ use slipdrive::contract::Problem;
 use slipdrive::jobs::Jobs;
 use slipdrive::metrics::Metrics;
 use slipdrive::service::Service;
-use slipdrive::sweep::{self, Ended, Index, MapError, Progress, Results, ResultsError, RowFaults, Sweep};
+use slipdrive::sweep::{
+    self, Ended, Index, MapError, Progress, Results, ResultsError, RowFaults, Sweep, TableError, write_whole,
+};
 
 use super::progress_of_rows::ProgressOfRows;
 use super::refused;
@@ -187,11 +189,14 @@ fn shown(arguments: &SweepArguments, folders: &[PathBuf]) -> anyhow::Result<Exit
 }
 
 /// The table where columns were chosen and the map that is asked for, beside the results of the first folder; gives the
-/// exit code where there is no such map.
+/// exit code where there is no such map, or no room for it.
 fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<Option<ExitCode>> {
     if !index.header.columns.is_empty() {
-        for empty in write_beside(&folder.join(CSV_FILE), |output| Ok(sweep::write_csv(index, output)?))? {
-            tell(&empty);
+        let path = folder.join(CSV_FILE);
+        match write_whole(&path, |output| sweep::write_csv(index, output)) {
+            Ok(empty_columns) => empty_columns.iter().for_each(|empty| tell(empty)),
+            Err(TableError::Io(error)) => return Ok(Some(unwritten(&path, &error))),
+            Err(error @ TableError::Results(_)) => return Err(error.into()),
         }
     }
     let Some(of) = &arguments.figure else { return Ok(None) };
@@ -204,19 +209,12 @@ fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyh
         }
         Err(error @ MapError::Results(_)) => return Err(error.into()),
     };
-    write_beside(&folder.join(MAP_FILE), |output| Ok(output.write_all(svg.as_bytes())?))?;
-    Ok(None)
+    let path = folder.join(MAP_FILE);
+    let written = write_whole(&path, |output| output.write_all(svg.as_bytes()));
+    Ok(written.err().map(|error| unwritten(&path, &error)))
 }
 
-/// Writes a file that another one may read meanwhile: whole or not at all.
-fn write_beside<T>(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<T>) -> anyhow::Result<T> {
-    let beside = path.with_extension("new");
-    let written = || -> anyhow::Result<T> {
-        let mut output = BufWriter::new(File::create(&beside)?);
-        let told = write(&mut output)?;
-        output.flush()?;
-        fs::rename(&beside, path)?;
-        Ok(told)
-    };
-    written().with_context(|| format!("{} cannot be written", path.display()))
+/// The rows are there: once there is room, the same command writes what shows them.
+fn unwritten(path: &Path, error: &io::Error) -> ExitCode {
+    to_be_continued(&format!("{} cannot be written: {error}", path.display()))
 }

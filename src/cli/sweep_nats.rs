@@ -88,7 +88,11 @@ async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> any
         if let Some(code) = unfinished {
             return Ok(code);
         }
-        let ended = collect(sweep, &mut results, &broker).await?;
+        let ended = match collect(sweep, &mut results, &broker).await? {
+            Ok(ended) => ended,
+            Err(NatsError::Io(error)) => return Ok(to_be_continued(&error.to_string())),
+            Err(error) => return Err(error.into()),
+        };
         let progress = results.progress().clone();
         tell(&format_args!("{}: {progress}", Path::display(folder)));
         match ended {
@@ -109,12 +113,16 @@ async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> any
     }
 }
 
-async fn collect(sweep: &Sweep, results: &mut Results, broker: &Broker) -> anyhow::Result<Collected> {
+async fn collect(
+    sweep: &Sweep,
+    results: &mut Results,
+    broker: &Broker,
+) -> anyhow::Result<Result<Collected, NatsError>> {
     let mut shown = ProgressOfRows::of(results.progress());
     let mut signals = Signals::listen()?;
     let ended = nats::collect(sweep.hash(), results, broker, |progress| shown.show(progress), signals.next()).await;
     shown.finish();
-    Ok(ended?)
+    Ok(ended)
 }
 
 async fn cancel(sweep: &Sweep, arguments: &NatsArguments) -> anyhow::Result<ExitCode> {

@@ -26,6 +26,7 @@ mod runner;
 mod shard;
 mod table;
 mod warm;
+mod whole_file;
 
 use std::io::{BufRead as _, BufReader, Read as _, SeekFrom};
 use std::ops::Range;
@@ -42,6 +43,7 @@ pub use runner::{Ended, Finished, RowRunner, run, service_settings};
 use sha2::{Digest, Sha256};
 pub use shard::Shard;
 pub use table::{EmptyColumn, TableError, write_csv};
+pub use whole_file::write_whole;
 
 use crate::contract::{BodyLimit, ErrorCode, Problem, hexadecimal};
 use crate::jobs::Jobs;

@@ -1,5 +1,6 @@
 //! Runs the missing rows of a sweep on the workers of a service.
 
+use std::collections::HashMap;
 use std::io;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -78,8 +79,11 @@ pub async fn run(
 /// Rows that run in order, each after the other.
 struct Unit {
     rows: Vec<u64>,
-    before: Option<Guess>,
+    guesses: Guesses,
 }
+
+/// What rows begin with, by the number of the row.
+pub(super) type Guesses = HashMap<u64, Guess>;
 
 /// A service whose workers do nothing but rows: what waits is bounded by [`run`] itself.
 pub fn service_settings(workers: NonZeroUsize) -> ServiceSettings {
@@ -94,22 +98,16 @@ fn in_flight(service: &Service) -> usize {
     2 * service.settings().workers.get() + 2
 }
 
-/// What has no results.
+/// What has no results: the rows of a warm chunk together, all others each by itself.
 fn pending<'a>(sweep: &'a Sweep, results: &Results) -> io::Result<impl Iterator<Item = Unit> + use<'a>> {
-    let (shard, done, before) = (results.shard(), results.done().clone(), results.guesses()?);
+    let (shard, done, mut guesses) = (results.shard(), results.done().clone(), results.guesses()?);
     let chunks = shard.chunks(sweep.chunk_count());
     Ok(chunks.flat_map(move |chunk| {
         let rows: Vec<_> = sweep.chunk(chunk).filter(|&row| !done.contains(row)).collect();
-        let before = rows.first().and_then(|first| before.get(first)).cloned();
-        units_of(sweep, &rows).map(move |unit| Unit { before: before.clone(), ..unit })
+        let size = if sweep.is_warm() { rows.len().max(1) } else { 1 };
+        let mut guessed = |rows: &[u64]| rows.iter().filter_map(|row| guesses.remove_entry(row)).collect();
+        rows.chunks(size).map(|rows| Unit { rows: rows.to_vec(), guesses: guessed(rows) }).collect::<Vec<_>>()
     }))
-}
-
-/// Rows of one chunk as units.
-fn units_of(sweep: &Sweep, rows: &[u64]) -> impl Iterator<Item = Unit> + use<> {
-    let size = if sweep.is_warm() { rows.len().max(1) } else { 1 };
-    let units: Vec<_> = rows.chunks(size).map(|rows| Unit { rows: rows.to_vec(), before: None }).collect();
-    units.into_iter()
 }
 
 impl Unit {
@@ -121,7 +119,7 @@ impl Unit {
     ) -> BoxStream<'a, io::Result<Finished>> {
         // Judged before anything ran: only the file itself can have changed or gone.
         let read = |number| sweep.row(number).map_err(|problem| io::Error::other(problem.to_string()));
-        runner.in_order(self.rows.into_iter().map(read), self.before, service)
+        runner.in_order(self.rows.into_iter().map(read), self.guesses, service)
     }
 }
 
@@ -139,19 +137,19 @@ impl RowRunner {
     /// Runs rows of one chunk and gives them as they end: in order where they begin with each other's plans, else in any
     /// order.
     pub fn rows<'a>(&'a self, rows: Vec<Row>, service: &'a Service) -> BoxStream<'a, Finished> {
-        self.rows_after(None, rows, service)
+        self.rows_with(Guesses::new(), rows, service)
     }
 
-    /// The same, where the plan of the row before the first is known.
-    pub(super) fn rows_after<'a>(
+    /// The same, where rows before some of them are done.
+    pub(super) fn rows_with<'a>(
         &'a self,
-        before: Option<Guess>,
+        guesses: Guesses,
         rows: Vec<Row>,
         service: &'a Service,
     ) -> BoxStream<'a, Finished> {
         if self.is_warm {
             let rows = rows.into_iter().map(Ok);
-            return self.in_order(rows, before, service).filter_map(|finished| async { finished.ok() }).boxed();
+            return self.in_order(rows, guesses, service).filter_map(|finished| async { finished.ok() }).boxed();
         }
         stream::iter(rows).map(|row| self.run(row, None, service)).buffer_unordered(in_flight(service)).boxed()
     }
@@ -160,29 +158,32 @@ impl RowRunner {
     fn in_order<'a>(
         &'a self,
         rows: impl Iterator<Item = io::Result<Row>> + Send + 'a,
-        before: Option<Guess>,
+        guesses: Guesses,
         service: &'a Service,
     ) -> BoxStream<'a, io::Result<Finished>> {
-        stream::unfold((rows, before), move |(mut rows, before)| async move {
-            let row = rows.next()?;
-            let finished = match row {
-                Ok(row) => Ok(self.run(row, before, service).await),
+        stream::unfold((rows, guesses), move |(mut rows, mut guesses)| async move {
+            let finished = match rows.next()? {
+                Ok(row) => Ok(self.next(row, &mut guesses, service).await),
                 Err(error) => Err(error),
             };
-            let next = finished.as_ref().ok().and_then(|finished| self.guess_after(finished));
-            Some((finished, (rows, next)))
+            Some((finished, (rows, guesses)))
         })
         .boxed()
     }
 
-    /// What the next row may begin with.
-    pub(super) fn guess_after(&self, finished: &Finished) -> Option<Guess> {
-        let answer = finished.answer.as_ref().ok().filter(|_| self.is_warm)?;
-        Guess::of(super::key(&self.sweep, finished.row.number), answer)
+    /// Runs a row with what it begins with, and adds what the next one does.
+    pub(super) async fn next(&self, row: Row, guesses: &mut Guesses, service: &Service) -> Finished {
+        let before = guesses.remove(&row.number);
+        let finished = self.run(row, before, service).await;
+        let plan = finished.answer.as_ref().ok().filter(|_| self.is_warm);
+        let number = finished.row.number;
+        let guess = plan.and_then(|answer| Guess::of(super::key(&self.sweep, number), answer));
+        guesses.extend(guess.map(|guess| (number + 1, guess)));
+        finished
     }
 
     /// Runs one row; from the plan of the row before, where that leads to an answer, else as it is.
-    pub(super) async fn run(&self, row: Row, before: Option<Guess>, service: &Service) -> Finished {
+    async fn run(&self, row: Row, before: Option<Guess>, service: &Service) -> Finished {
         if let Some(before) = before
             && let Some(descent) = before.descent(&row.request)
             && let Ok(answer) = self.job.run(&descent, service).await

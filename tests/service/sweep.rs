@@ -113,9 +113,9 @@ fn nobody_to_be_told_is_no_reason_to_end() {
 fn warm_chains_do_not_depend_on_threads_or_on_where_they_were_cut() {
     let folder = Folder::new("sweep-warm");
     let file = written(&folder, "warm.json", &drives(18, &json!({"warm_start": true, "chunk_rows": 6})));
-    let [one, two] = ["one", "two"].map(|name| folder.file(name));
-    done(&[&file, "--out", &two, "--threads", "2"]);
-    let expected = rows(&[&two]);
+    let whole = folder.file("whole");
+    done(&[&file, "--out", &whole, "--threads", "2"]);
+    let expected = rows(&[&whole]);
     for (number, row) in &expected {
         let (hash, of_key) = row["key"].as_str().unwrap().rsplit_once('-').unwrap();
         assert_eq!(of_key, number.to_string());
@@ -127,15 +127,19 @@ fn warm_chains_do_not_depend_on_threads_or_on_where_they_were_cut() {
         }
     }
     assert!(expected.values().any(|row| row.get("warm_start_from").is_some()));
-    let mut child = started(&file, &one, 3);
-    child.kill().unwrap();
-    child.wait().unwrap();
-    // In the middle of a chunk, wherever the kill came.
-    let part = folder.0.join("one/rows-0000.jsonl");
-    let kept: Vec<_> = fs::read_to_string(&part).unwrap().lines().take(3).map(|line| format!("{line}\n")).collect();
-    fs::write(&part, kept.concat()).unwrap();
-    done(&[&file, "--out", &one, "--threads", "1"]);
-    assert_eq!(rows(&[&one]), expected);
+    // Cut within a chunk, between two chunks, and with rows missing before others that are done.
+    let done_rows: [&[u64]; 3] = [&[0, 1, 2], &[0, 1, 2, 3, 4, 5], &[0, 1, 3, 4, 5, 7, 8, 10]];
+    for (index, kept) in done_rows.into_iter().enumerate() {
+        let part = folder.file(&format!("cut-{index}"));
+        fs::create_dir(&part).unwrap();
+        fs::copy(folder.0.join("whole/sweep.json"), format!("{part}/sweep.json")).unwrap();
+        let is_kept =
+            |line: &&String| kept.contains(&serde_json::from_str::<Value>(line).unwrap()["row"].as_u64().unwrap());
+        let text: Vec<_> = lines(&whole).iter().filter(is_kept).map(|line| format!("{line}\n")).collect();
+        fs::write(format!("{part}/rows-0000.jsonl"), text.concat()).unwrap();
+        done(&[&file, "--out", &part, "--threads", "1"]);
+        assert_eq!(rows(&[&part]), expected, "{kept:?}");
+    }
 }
 
 #[test]

@@ -153,6 +153,25 @@ async fn killed_worker_and_chunks_that_come_twice_leave_one_result_a_row() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn lost_row_of_a_warm_chunk_comes_back_as_it_was() {
+    let Some(nats) = Nats::start("nats-lost-row").await else { return };
+    let file = nats.file("warm.json", &drives(8, &json!({"warm_start": true})));
+    let _worker = nats.worker(&[]);
+    let [before, after] = ["before", "after"].map(|name| nats.folder.file(name));
+    assert_eq!(nats.sweeping(&[&file, "--out", &before]).code().await, Some(0));
+    let expected = rows(&[&before]);
+    let is_warm = |row: &u64| expected[row].get("warm_start_from").is_some();
+    // Neither the first nor the last of its chunk of four.
+    let lost = [1, 2, 5, 6].into_iter().find(is_warm).expect("a warm row");
+    let (sweep, _) = expected[&lost]["key"].as_str().unwrap().rsplit_once('-').unwrap();
+    let results = async_nats::jetstream::new(nats.client.clone()).get_stream("slipdrive-results").await.unwrap();
+    let message = results.get_last_raw_message_by_subject(&format!("slipdrive.result.{sweep}.{lost}")).await.unwrap();
+    assert!(results.delete_message(message.sequence).await.unwrap());
+    assert_eq!(nats.sweeping(&[&file, "--out", &after]).code().await, Some(0));
+    assert_eq!(rows(&[&after]), expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn row_that_kills_its_workers_is_named_and_the_others_are_answered() {
     let Some(nats) = Nats::start("nats-poison").await else { return };
     // The middle one runs for many seconds: a busy machine, too, kills its worker before it ends.

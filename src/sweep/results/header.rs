@@ -1,15 +1,15 @@
 //! What a folder says of its results.
 
 use std::fs;
-use std::io;
+use std::io::{self, Write as _};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{ResultsError, parts, write_whole};
+use super::{ResultsError, parts};
 use crate::contract::indented;
-use crate::sweep::Shard;
+use crate::sweep::{Shard, write_whole};
 
 /// The file that says what the results are of.
 pub(super) const HEADER_FILE: &str = "sweep.json";
@@ -58,7 +58,7 @@ impl Header {
     }
 
     pub(super) fn write(&self, folder: &Path) -> io::Result<()> {
-        write_whole(&folder.join(HEADER_FILE), indented(self).as_bytes())
+        write_whole(&folder.join(HEADER_FILE), |output| output.write_all(indented(self).as_bytes()))
     }
 
     /// Whether more results of `given` belong beside those that are there. Columns may differ: they change no row.

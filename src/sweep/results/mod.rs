@@ -15,7 +15,7 @@ mod stored;
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, Write as _};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -30,6 +30,7 @@ pub use stored::StoredRow;
 #[cfg(feature = "nats")]
 pub(super) use stored::{failed_line, line};
 
+use super::runner::Guesses;
 use super::warm::Guess;
 use super::{Finished, Shard, Sweep};
 
@@ -46,8 +47,8 @@ pub struct Results {
     header: Header,
     done: RowSet,
     progress: Progress,
-    /// Of each chunk the last row that was done before: what its next row may begin with. Empty for cold sweeps.
-    last_rows: HashMap<u64, (u64, Place)>,
+    /// Rows that were done before while the next one of their chunk was not, which begins with their plan. Empty for cold sweeps.
+    open_ends: HashMap<u64, Place>,
     part: Part,
     _lock: File,
 }
@@ -73,9 +74,9 @@ impl Results {
         }
         let mut found = Found::new(&header);
         let last = parts::repaired(folder, |place, line| found.take(&header, place, line))?;
-        let Found { done, progress, last_rows } = found;
+        let Found { done, progress, open_ends } = found;
         let part = Part::open(folder, last).map_err(failed)?;
-        Ok(Self { folder: folder.to_owned(), header, done, progress, last_rows, part, _lock: lock })
+        Ok(Self { folder: folder.to_owned(), header, done, progress, open_ends, part, _lock: lock })
     }
 
     /// What is known of a folder before it is opened; none where there is none yet.
@@ -144,11 +145,10 @@ impl Results {
         self.part.sync()
     }
 
-    /// The plans that rows may begin with whose predecessor was done before, by the number of the row.
-    pub(super) fn guesses(&self) -> io::Result<HashMap<u64, Guess>> {
-        let unfinished = self.last_rows.values().filter(|(row, _)| !self.done.contains(row + 1));
-        let mut guesses = HashMap::new();
-        for (row, place) in unfinished {
+    /// The plans that rows begin with whose predecessor was done before, by the number of the row.
+    pub(super) fn guesses(&self) -> io::Result<Guesses> {
+        let mut guesses = Guesses::new();
+        for (row, place) in &self.open_ends {
             let line = parts::line_at(&self.folder, *place)?;
             let guess = StoredRow::read(&line).and_then(|stored| Guess::of_value(stored.key, &stored.answer?));
             guesses.extend(guess.map(|guess| (row + 1, guess)));
@@ -161,12 +161,12 @@ impl Results {
 struct Found {
     done: RowSet,
     progress: Progress,
-    last_rows: HashMap<u64, (u64, Place)>,
+    open_ends: HashMap<u64, Place>,
 }
 
 impl Found {
     fn new(header: &Header) -> Self {
-        Self { done: RowSet::of(header.rows), progress: Progress::of(header), last_rows: HashMap::new() }
+        Self { done: RowSet::of(header.rows), progress: Progress::of(header), open_ends: HashMap::new() }
     }
 
     /// Takes a line; whether it is a row of the sweep.
@@ -176,9 +176,11 @@ impl Found {
             self.progress.count_stored(&head);
         }
         if header.warm_start {
-            let last = self.last_rows.entry(head.row / header.chunk_rows).or_insert((head.row, place));
-            if head.row > last.0 {
-                *last = (head.row, place);
+            self.open_ends.remove(&head.row.wrapping_sub(1));
+            let next = head.row + 1;
+            // The first row of a chunk begins with nobody's plan.
+            if next % header.chunk_rows != 0 && !self.done.contains(next) {
+                self.open_ends.insert(head.row, place);
             }
         }
         true
@@ -200,22 +202,4 @@ fn locked(folder: &Path) -> Result<File, ResultsError> {
             Err(TryLockError::WouldBlock) => return Err(ResultsError::Locked { folder: folder.to_owned() }),
         }
     }
-}
-
-/// Writes a file whole or not at all.
-///
-/// # Errors
-/// When it cannot be written.
-fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
-    let beside = path.with_extension("new");
-    let mut file = File::create(&beside)?;
-    file.write_all(content)?;
-    file.sync_all()?;
-    fs::rename(&beside, path)?;
-    sync_folder(path.parent().unwrap_or(Path::new(".")))
-}
-
-/// Brings the names in a folder to the disk, where the system can.
-fn sync_folder(folder: &Path) -> io::Result<()> {
-    if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }

@@ -16,6 +16,7 @@ use crate::sweep::nats::marks::{self, FIRST_SUSPECT_DELIVERY, MOST_BEGINNINGS, M
 use crate::sweep::nats::publish::RETRY_PAUSE;
 use crate::sweep::nats::result::{self, RowResult};
 use crate::sweep::row_job;
+use crate::sweep::runner::Guesses;
 use crate::sweep::warm::Guess;
 use crate::sweep::{Finished, Row, RowRunner};
 
@@ -38,8 +39,7 @@ pub(super) enum Outcome {
 /// What is left of a chunk.
 struct Rest {
     rows: Vec<Row>,
-    /// What the first of them may begin with.
-    before: Option<Guess>,
+    guesses: Guesses,
 }
 
 impl Worker {
@@ -95,25 +95,25 @@ impl Worker {
         let looked_up = stream::iter(chunk.row_numbers().collect::<Vec<_>>())
             .map(|row| async move { result::stored(sweep, row, broker).await.map(|stored| (row, stored)) })
             .buffered(LOOKUPS_AHEAD);
-        let (mut missing, mut last, mut looked_up) = (BTreeMap::new(), None, std::pin::pin!(looked_up));
+        let (mut missing, mut guesses, mut before) = (BTreeMap::new(), Guesses::new(), None);
+        let mut looked_up = std::pin::pin!(looked_up);
         while let Some(found) = looked_up.next().await {
             let (row, stored) = found?;
             missing.insert(row, stored.is_none());
             match stored {
-                None => {}
+                None => guesses.extend(before.take().map(|guess| (row, guess))),
                 Some(stored) => {
                     self.metrics.row("skipped");
-                    last = stored.filter(|_| missing.values().all(|missing| !missing));
+                    let stored = stored.filter(|_| chunk.warm_start);
+                    before = stored.and_then(|stored| Guess::of_value(stored.key, &stored.answer?));
                 }
             }
         }
-        let before = last.filter(|_| chunk.warm_start);
-        let before = before.and_then(|stored| Guess::of_value(stored.key, &stored.answer?));
-        Ok(Some(Rest { rows: chunk.into_rows(&missing), before }))
+        Ok(Some(Rest { rows: chunk.into_rows(&missing), guesses }))
     }
 
     fn results<'a>(&'a self, runner: &'a RowRunner, rest: Rest) -> LocalBoxStream<'a, RowResult> {
-        let finished: BoxStream<'a, Finished> = runner.rows_after(rest.before, rest.rows, &self.service);
+        let finished: BoxStream<'a, Finished> = runner.rows_with(rest.guesses, rest.rows, &self.service);
         finished.filter_map(move |finished| ready(self.result_of(runner, &finished))).boxed_local()
     }
 
@@ -128,20 +128,20 @@ impl Worker {
         rest: Rest,
         mark: &'a RefCell<Option<Mark>>,
     ) -> LocalBoxStream<'a, RowResult> {
-        stream::unfold((rest.rows.into_iter(), rest.before), move |(mut rows, before)| async move {
+        stream::unfold((rest.rows.into_iter(), rest.guesses), move |(mut rows, mut guesses)| async move {
             let row = rows.next()?;
             let _alone = self.suspect.lock().await;
             match self.marked(&runner.sweep, &row).await {
                 Some(set) => {
                     mark.replace(Some(set));
-                    let finished = runner.run(row, before, &self.service).await;
+                    let finished = runner.next(row, &mut guesses, &self.service).await;
                     let result = self.result_of(runner, &finished);
                     if result.is_some() {
                         mark.replace(None);
                     }
-                    Some((result, (rows, runner.guess_after(&finished))))
+                    Some((result, (rows, guesses)))
                 }
-                None => Some((Some(self.lost(&runner.sweep, &row).await), (rows, None))),
+                None => Some((Some(self.lost(&runner.sweep, &row).await), (rows, guesses))),
             }
         })
         .filter_map(ready)
