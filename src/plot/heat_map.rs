@@ -1,12 +1,15 @@
 //! A map: a value over two others, as colours with lines of equal value; where there is none, the cell is hatched.
 
 use super::contours::Field;
-use super::panel::ticks;
+use super::panel::{Ticks, ticks, ticks_across};
 use super::sheet::{LINE, WIDTH, wrapped};
 use super::svg::{Anchor, Paint, Svg};
 
+/// Left and upper edge of the map, where its numbers and its caption need no more, px.
 const LEFT: f64 = 58.0;
 const TOP: f64 = 82.0;
+/// Lines of the caption that fit above it.
+const CAPTION_LINES: usize = 2;
 const HEIGHT: f64 = 380.0;
 const RIGHT: f64 = 558.0;
 /// Left and right edge of the scale of colours, px.
@@ -82,11 +85,13 @@ impl HeatMap {
         assert_eq!(self.cells.len(), self.across.values.len() * self.up.values.len(), "a cell per pair");
         let mut svg = Svg::default();
         svg.text([LEFT, 24.0], Anchor::Start, 15.0, &self.title);
-        for (line, words) in wrapped(&self.caption, 98).iter().enumerate() {
+        let caption = wrapped(&self.caption, 98);
+        for (line, words) in caption.iter().enumerate() {
             svg.text([LEFT, 44.0 + LINE * line as f64], Anchor::Start, 12.0, words);
         }
-        let grid = Grid::of(self);
-        svg.text([LEFT, TOP - 8.0], Anchor::Start, 12.0, &self.up.label);
+        let grid = Grid::of(self, TOP + LINE * caption.len().saturating_sub(CAPTION_LINES) as f64);
+        let [left, top] = [grid.left, grid.top];
+        svg.text([LEFT, top - 8.0], Anchor::Start, 12.0, &self.up.label);
         grid.draw_axes(self, &mut svg);
         if let Some([low, high]) = self.range() {
             let levels = ticks([low, high], 7.0);
@@ -96,11 +101,16 @@ impl HeatMap {
             for level in &inner {
                 grid.draw_contour(self, (*level, &levels.label(*level)), &mut labelled, &mut svg);
             }
-            draw_scale(&self.value, [low, high], inner.iter().map(|level| (*level, levels.label(*level))), &mut svg);
+            draw_scale(
+                (&self.value, top),
+                [low, high],
+                inner.iter().map(|level| (*level, levels.label(*level))),
+                &mut svg,
+            );
         }
         grid.draw_hatches(self, &mut svg);
-        svg.rectangle([LEFT, TOP], [RIGHT, TOP + HEIGHT], &AXIS);
-        let below = self.draw_keys(&mut svg);
+        svg.rectangle([left, top], [RIGHT, top + HEIGHT], &AXIS);
+        let below = self.draw_keys(top + HEIGHT, &mut svg);
         svg.document(WIDTH, below, &format!("{}. {}", self.title, self.caption))
     }
 
@@ -114,9 +124,9 @@ impl HeatMap {
         Some(if high - low > least { [low, high] } else { [low - least.max(0.5), high + least.max(0.5)] })
     }
 
-    /// Says what the hatches mean that are there; gives the height of the document.
-    fn draw_keys(&self, svg: &mut Svg) -> f64 {
-        let (mut x, y) = (LEFT, TOP + HEIGHT + 54.0);
+    /// Says below the map what the hatches mean that are there; gives the height of the document.
+    fn draw_keys(&self, lower: f64, svg: &mut Svg) -> f64 {
+        let (mut x, y) = (LEFT, lower + 54.0);
         let keys = [(MapCell::None, "no plan"), (MapCell::Failed, "failed"), (MapCell::Missing, self.missing)];
         let present = keys.into_iter().filter(|(cell, _)| self.cells.contains(cell));
         for (cell, words) in present {
@@ -126,7 +136,7 @@ impl HeatMap {
             svg.text([x + 29.0, y], Anchor::Start, 12.0, words);
             x += 50.0 + 6.5 * words.len() as f64;
         }
-        if x > LEFT { y + 14.0 } else { TOP + HEIGHT + 42.0 }
+        if x > LEFT { y + 14.0 } else { lower + 42.0 }
     }
 }
 
@@ -141,6 +151,9 @@ impl MapCell {
 
 /// Where the cells are, px.
 struct Grid {
+    /// Left and upper edge of all.
+    left: f64,
+    top: f64,
     /// Edges of the columns from left to right, and of the rows from below.
     edges: [Vec<f64>; 2],
     /// Their middles: where the values are.
@@ -150,20 +163,23 @@ struct Grid {
 }
 
 impl Grid {
-    fn of(map: &HeatMap) -> Self {
-        let place = [[LEFT, RIGHT], [TOP + HEIGHT, TOP]];
+    fn of(map: &HeatMap, top: f64) -> Self {
         let values = [&map.across.values, &map.up.values];
         let edges = values.map(|values| edges_of(values));
         let ranges = [0, 1].map(|axis: usize| {
             let edges = &edges[axis];
             [edges[0], edges[edges.len() - 1]]
         });
+        let left = LEFT.max(12.0 + ticks_up(ranges[1]).label_width());
+        let place = [[left, RIGHT], [top + HEIGHT, top]];
         let px = |axis: usize, value: f64| {
             let ([from, to], [low, high]) = (place[axis], ranges[axis]);
             from + (to - from) * (value - low) / (high - low)
         };
         let all_px = |axis: usize, values: &[f64]| values.iter().map(|value| px(axis, *value)).collect::<Vec<_>>();
         Self {
+            left,
+            top,
             middles: [0, 1].map(|axis| all_px(axis, values[axis])),
             edges: [0, 1].map(|axis| all_px(axis, &edges[axis])),
             ranges,
@@ -179,21 +195,20 @@ impl Grid {
     }
 
     fn draw_axes(&self, map: &HeatMap, svg: &mut Svg) {
-        let [across, up] = self.ranges;
-        let of_across = ticks(across, 9.0);
+        let ([across, up], left, lower) = (self.ranges, self.left, self.top + HEIGHT);
+        let of_across = ticks_across(across, RIGHT - left);
         for tick in &of_across.values {
-            let x = LEFT + (RIGHT - LEFT) * (tick - across[0]) / (across[1] - across[0]);
-            svg.lines([&[[x, TOP + HEIGHT], [x, TOP + HEIGHT + 4.0]][..]].into_iter(), false, &AXIS);
-            svg.text([x, TOP + HEIGHT + 16.0], Anchor::Middle, 11.0, &of_across.label(*tick));
+            let x = left + (RIGHT - left) * (tick - across[0]) / (across[1] - across[0]);
+            svg.lines([&[[x, lower], [x, lower + 4.0]][..]].into_iter(), false, &AXIS);
+            svg.text([x, lower + 16.0], Anchor::Middle, 11.0, &of_across.label(*tick));
         }
-        let of_up = ticks(up, 9.0);
+        let of_up = ticks_up(up);
         for tick in &of_up.values {
-            let y = TOP + HEIGHT - HEIGHT * (tick - up[0]) / (up[1] - up[0]);
-            svg.lines([&[[LEFT - 4.0, y], [LEFT, y]][..]].into_iter(), false, &AXIS);
-            svg.text([LEFT - 7.0, y + 4.0], Anchor::End, 11.0, &of_up.label(*tick));
+            let y = lower - HEIGHT * (tick - up[0]) / (up[1] - up[0]);
+            svg.lines([&[[left - 4.0, y], [left, y]][..]].into_iter(), false, &AXIS);
+            svg.text([left - 7.0, y + 4.0], Anchor::End, 11.0, &of_up.label(*tick));
         }
-        let middle = f64::midpoint(LEFT, RIGHT);
-        svg.text([middle, TOP + HEIGHT + 32.0], Anchor::Middle, 12.0, &map.across.label);
+        svg.text([f64::midpoint(left, RIGHT), lower + 32.0], Anchor::Middle, 12.0, &map.across.label);
     }
 
     /// One element per colour.
@@ -249,6 +264,10 @@ impl Grid {
     }
 }
 
+fn ticks_up(range: [f64; 2]) -> Ticks {
+    ticks(range, 9.0)
+}
+
 /// Edges half way between the values, and as far beyond the outer ones.
 fn edges_of(values: &[f64]) -> Vec<f64> {
     let (first, last) = (values[0], values[values.len() - 1]);
@@ -289,23 +308,28 @@ fn hatch(kind: MapCell, cells: &[[[f64; 2]; 2]], svg: &mut Svg) {
     svg.lines(lines.iter().map(|line| &line[..]), false, paint);
 }
 
-/// The scale of colours with the levels of the lines.
-fn draw_scale(label: &str, [low, high]: [f64; 2], levels: impl Iterator<Item = (f64, String)>, svg: &mut Svg) {
+/// The scale of colours beside the map, with the levels of the lines.
+fn draw_scale(
+    (label, top): (&str, f64),
+    [low, high]: [f64; 2],
+    levels: impl Iterator<Item = (f64, String)>,
+    svg: &mut Svg,
+) {
     let [left, right] = SCALE;
     let step = HEIGHT / COLOURS.len() as f64;
     for (place, fill) in COLOURS.into_iter().enumerate() {
-        let lower = TOP + HEIGHT - step * place as f64;
+        let lower = top + HEIGHT - step * place as f64;
         // Over the edge to the next colour, which hides it.
-        let upper = (lower - step - 0.5).max(TOP);
+        let upper = (lower - step - 0.5).max(top);
         svg.rectangle([left, lower], [right, upper], &Paint::area("sd-cell", fill, 1.0));
     }
-    svg.rectangle([left, TOP], [right, TOP + HEIGHT], &AXIS);
+    svg.rectangle([left, top], [right, top + HEIGHT], &AXIS);
     for (level, words) in levels {
-        let y = TOP + HEIGHT - HEIGHT * (level - low) / (high - low);
+        let y = top + HEIGHT - HEIGHT * (level - low) / (high - low);
         svg.lines([&[[left, y], [right, y]][..]].into_iter(), false, &CONTOUR);
         svg.text([right + 6.0, y + 4.0], Anchor::Start, 11.0, &words);
     }
-    svg.text([WIDTH - 12.0, TOP - 8.0], Anchor::End, 12.0, label);
+    svg.text([WIDTH - 12.0, top - 8.0], Anchor::End, 12.0, label);
 }
 
 fn length(line: &[[f64; 2]]) -> f64 {
@@ -359,6 +383,22 @@ mod tests {
             let svg = map(cells, 1, 1).svg();
             assert!(svg.starts_with("<svg") && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         }
+    }
+
+    #[test]
+    fn long_captions_and_long_numbers_have_room() {
+        let plain = map(vec![MapCell::Value(1.0)], 1, 1);
+        let left_and_top = |map: &HeatMap| {
+            let grid = Grid::of(map, 0.0);
+            let lines = wrapped(&map.caption, 98).len();
+            (grid.left, map.svg().contains(&format!("y=\"{}\"", TOP + LINE * lines.saturating_sub(2) as f64 - 8.0)))
+        };
+        assert_eq!(left_and_top(&plain), (LEFT, true));
+        let caption = "chosen ".repeat(50);
+        assert_eq!(left_and_top(&HeatMap { caption, ..plain.clone() }), (LEFT, true));
+        let up = MapAxis { values: vec![5.5e-4, 5.5001e-4], ..axis(2) };
+        let (left, _) = left_and_top(&HeatMap { up, cells: vec![MapCell::Missing; 2], ..plain });
+        assert!(left > LEFT + 7.0, "{left}");
     }
 
     #[test]

@@ -133,21 +133,18 @@ impl Frame {
     fn up_ticks(&self, panel: &Panel) -> Ticks {
         let ([lower, upper], [first, last]) = (self.px[1], self.data[1]);
         // Squares where both have one scale.
-        let spacing = if panel.equal { 55.0 } else { 27.0 };
+        let spacing = if panel.equal { TICK_SPACING } else { 27.0 };
         ticks([first.min(last), first.max(last)], (lower - upper) / spacing)
     }
 
     /// The room left of the panel that its numbers need, px.
     pub(super) fn room_of_labels(&self, panel: &Panel) -> f64 {
-        let ticks = self.up_ticks(panel);
-        let longest = ticks.values.iter().map(|tick| ticks.label(*tick).chars().count()).max();
-        // Digits of the widest usual font, and the distance of the numbers.
-        8.0 + 7.0 * longest.unwrap_or_default() as f64
+        8.0 + self.up_ticks(panel).label_width()
     }
 
     fn draw_ticks(&self, panel: &Panel, svg: &mut Svg) {
         let [[left, right], [lower, upper]] = self.px;
-        let (across, up) = (ticks(self.data[0], (right - left) / 55.0), self.up_ticks(panel));
+        let (across, up) = (ticks_across(self.data[0], right - left), self.up_ticks(panel));
         for tick in &across.values {
             let [x, _] = self.place([*tick, self.data[1][0]]);
             svg.lines([&[[x, lower], [x, upper]][..]].into_iter(), false, &GRID);
@@ -197,6 +194,9 @@ impl Frame {
     }
 }
 
+/// Distance of the ticks across, px.
+const TICK_SPACING: f64 = 55.0;
+
 /// The range that an axis shows for values in `range`: a little more, and never nothing.
 pub(super) fn padded(range: Range, with_zero: bool) -> [f64; 2] {
     let Some([low, high]) = range else { return [0.0, 1.0] };
@@ -225,7 +225,20 @@ pub(super) fn ticks([low, high]: [f64; 2], count: f64) -> Ticks {
     Ticks { values: (first..=last.min(first + 50)).map(|index| index as f64 * step).collect(), step }
 }
 
+/// As many on an axis across as have room for their numbers; px.
+pub(super) fn ticks_across(range: [f64; 2], width: f64) -> Ticks {
+    let usual = ticks(range, width / TICK_SPACING);
+    let spacing = usual.label_width() + 13.0;
+    if spacing <= TICK_SPACING { usual } else { ticks(range, width / spacing) }
+}
+
 impl Ticks {
+    /// The width of the longest number in the widest usual font, px.
+    pub(super) fn label_width(&self) -> f64 {
+        let longest = self.values.iter().map(|tick| self.label(*tick).chars().count()).max();
+        7.0 * longest.unwrap_or_default() as f64
+    }
+
     /// What stands beside a tick.
     pub(super) fn label(&self, value: f64) -> String {
         let magnitude = |value: f64| value.abs().log10().floor();

@@ -211,7 +211,9 @@ fn cells(entries: &[Entry], [across, up]: &[Vec<f64>; 2]) -> Result<Vec<MapCell>
 /// A path as words with its unit: `maneuver.goal.y_m` as `goal y (m)`.
 fn label(path: &str) -> String {
     let words = path.split_once('.').map_or(path, |(_, rest)| rest);
-    let unit = UNITS.iter().find_map(|(end, unit)| Some((words.strip_suffix(end)?, unit)));
+    let unit = UNITS.iter().find_map(|(end, unit)| Some((words.strip_suffix(end)?, *unit)));
+    // Its name ends as that of a torque rate.
+    let unit = unit.map(|(name, unit)| (name, if name.ends_with("viscous_friction") { "N m s/rad" } else { unit }));
     let spaced = |words: &str| words.replace(['.', '_'], " ");
     match unit {
         Some((words, unit)) => format!("{} ({unit})", spaced(words)),
@@ -239,6 +241,7 @@ mod tests {
         let expected = ["goal y (m)", "wheel friction coefficient", "final time (s)", "rollouts"];
         assert_eq!(labels.map(label), expected);
         assert_eq!(label("maneuver.limits.torque_rate_n_m_s"), "limits torque rate (N m/s)");
+        assert_eq!(label("robot.wheel_viscous_friction_n_m_s"), "wheel viscous friction (N m s/rad)");
         assert_eq!(label("robot.gravity_m_s2"), "gravity (m/s\u{b2})");
     }
 

@@ -80,7 +80,9 @@ async fn answers_of_hardly_any_time_are_taken_back() {
         assert!(shown.status == 200 && !shown.text().contains("does not belong"), "{}", shown.text());
         let export = json!({"solve": plan, "format": "csv", "rate_hz": 100});
         let exported = server.post("/export", export.to_string()).await;
-        assert_eq!(exported.status, 200, "{}", exported.text());
+        // Times in files are whole nanoseconds.
+        let has_room = answer["torque_schedule"]["interval_s"].as_f64().unwrap() >= 1e-9;
+        assert_eq!(exported.status, if has_room { 200 } else { 422 }, "{}", exported.text());
         let motion = json!({
             "torque_schedule": answer["torque_schedule"],
             "start": request["maneuver"].get("start").unwrap_or(&json!({})),

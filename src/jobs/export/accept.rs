@@ -92,6 +92,10 @@ pub(super) fn accept(request: ExportRequest, limits: &Limits) -> Result<Accepted
     Ok(AcceptedExport { plan, format, rate, labels, time_limit: limits.light_time_limit() })
 }
 
+/// Times in files are whole nanoseconds, s.
+const LEAST_INTERVAL_S: f64 = 1e-9;
+const INTERVAL_RULE: &str = ">= 1e-9: times in files are whole nanoseconds";
+
 /// That there is a plan, of not too many points.
 fn check_plan(plan: &AcceptedPlan, rate: f64, checks: &mut Checks) {
     let final_time = plan.motion.schedule.final_time;
@@ -106,11 +110,26 @@ fn check_plan(plan: &AcceptedPlan, rate: f64, checks: &mut Checks) {
             None,
         );
     }
+    check_interval(plan, checks);
     let largest = (MAX_POINTS - 1.0) / final_time;
     if RATE_RULE.admits(rate) && final_time * rate > MAX_POINTS - 1.0 {
         let rule =
             format!("at most {} Hz for a plan of {} s: {MAX_POINTS} points", Number(largest), Number(final_time));
         checks.require("rate_hz", Number(rate), false, &rule, Some(largest));
+    }
+}
+
+/// That no two torques begin at one time.
+fn check_interval(plan: &AcceptedPlan, checks: &mut Checks) {
+    let schedule = &plan.motion.schedule;
+    let field = match plan.said {
+        Said::Solve(..) => "solve.answer.torque_schedule.interval_s",
+        Said::Simulate(_) => "simulate.request.torque_schedule.interval_s",
+    };
+    if !schedule.left.is_empty() {
+        let interval = schedule.final_time / schedule.left.len() as f64;
+        let holds = interval >= LEAST_INTERVAL_S;
+        checks.require(field, Number(interval), holds, INTERVAL_RULE, Some(LEAST_INTERVAL_S));
     }
 }
 

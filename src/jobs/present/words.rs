@@ -222,7 +222,9 @@ fn loads(report: &Report) -> String {
 
 fn separations(separations: &[Separation]) -> Option<String> {
     let first = separations.first()?;
-    let (count, contact) = (separations.len(), named(first.contact()));
+    // One for each contact, in the order of the steps.
+    let count = separations.chunk_by(|one, other| one.time_s == other.time_s).count();
+    let contact = named(first.contact());
     Some(format!(
         "Loads: in {count} steps a contact would have to pull, first the {contact} at {:.3} s: the motion is outside the model.",
         first.time_s
