@@ -11,12 +11,13 @@ use std::time::{Duration, Instant};
 
 use futures_util::future::BoxFuture;
 use futures_util::stream::{BoxStream, FuturesUnordered, StreamExt as _};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{sleep, sleep_until};
 use tracing::{Instrument as _, Span};
 
 use super::ApiState;
 use super::server::Lease;
-use super::submit::{Caller, unavailable};
+use super::submit::{Caller, Entry, unavailable};
 use crate::contract::{ErrorCode, Problem};
 use crate::rules::{Checks, Rule};
 use crate::service::ServiceError;
@@ -77,7 +78,7 @@ pub(super) trait Format: Clone + Send + Sync + 'static {
         state: &'a ApiState,
         request_id: &'a str,
         request: Self::Request,
-        caller: &'a Caller,
+        caller: (&'a Caller, Entry<'a>),
     ) -> BoxFuture<'a, ItemResult<Self::Answer>>;
 
     /// What is sent in place of an answer.
@@ -96,6 +97,8 @@ pub(super) struct Batch<F: Format> {
     span: Span,
     inbound: Inbound<F::Request>,
     is_reading: bool,
+    /// The item that is read and waits for memory has its one permit.
+    entry: Arc<Semaphore>,
     running: FuturesUnordered<BoxFuture<'static, Ended<F::Answer>>>,
     /// Of the answer that was given last, until the next is asked for.
     lease: Option<Arc<Lease>>,
@@ -114,8 +117,9 @@ impl<F: Format> Batch<F> {
     /// A batch of these items.
     pub(super) fn new(state: ApiState, caller: Caller, inbound: Inbound<F::Request>, format: F) -> Self {
         let (running, unanswered) = (FuturesUnordered::new(), HashSet::new());
-        let (span, is_reading) = (Span::current(), true);
-        Self { state, caller, format, span, inbound, is_reading, running, lease: None, unanswered, end: None }
+        let (span, entry) = (Span::current(), Arc::new(Semaphore::new(1)));
+        let (is_reading, lease, end) = (true, None, None);
+        Self { state, caller, format, span, inbound, is_reading, entry, running, lease, unanswered, end }
     }
 
     /// The next answer; none when nothing more is read and all items are answered.
@@ -135,9 +139,9 @@ impl<F: Format> Batch<F> {
                     self.unanswered.remove(&request_id);
                     return Some(answer);
                 }
-                message = self.inbound.next(), if may_read && self.is_reading => match message {
+                (message, entry) = next_message(&mut self.inbound, &self.entry), if may_read && self.is_reading => match message {
                     Some(Ok(message)) => {
-                        if let Some(refused) = self.take(message) {
+                        if let Some(refused) = self.take(message, entry) {
                             return Some(refused);
                         }
                     }
@@ -182,7 +186,7 @@ impl<F: Format> Batch<F> {
     }
 
     /// Starts an item, or answers it at once.
-    fn take(&mut self, message: Message<F::Request>) -> Option<F::Answer> {
+    fn take(&mut self, message: Message<F::Request>, entry: OwnedSemaphorePermit) -> Option<F::Answer> {
         let number = message.number;
         let Item { request_id, timeout_ms, request } = match message.item {
             Ok(item) => item,
@@ -205,7 +209,11 @@ impl<F: Format> Batch<F> {
             timeout_ms.and_then(|timeout| Instant::now().checked_add(Duration::from_millis(timeout.into())));
         caller.deadline = item_deadline.into_iter().chain(caller.deadline).min();
         let answered = async move {
-            match format.answer(&state, &request_id, request, &caller).await {
+            let answered = match Entry::of(&caller, entry).await {
+                Ok(entry) => format.answer(&state, &request_id, request, (&caller, entry)).await,
+                Err(problem) => Err(problem),
+            };
+            match answered {
                 Ok((answer, lease)) => Ended { request_id, answer, lease: Some(lease) },
                 Err(problem) => {
                     let answer = refused(&state, &format, Subject::Item(&request_id), &problem);
@@ -229,6 +237,16 @@ impl<F: Format> Batch<F> {
         }
         Ok(checks.finish()?)
     }
+}
+
+/// The next message, once the one before has the memory that it needs.
+async fn next_message<R>(
+    inbound: &mut Inbound<R>,
+    entry: &Arc<Semaphore>,
+) -> (Option<Result<Message<R>, Problem>>, OwnedSemaphorePermit) {
+    // It is never closed.
+    let Ok(entry) = Arc::clone(entry).acquire_owned().await else { pending().await };
+    (inbound.next().await, entry)
 }
 
 async fn passed(deadline: Option<Instant>) {

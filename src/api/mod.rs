@@ -4,7 +4,7 @@ mod access;
 pub mod auth;
 mod batch;
 pub mod grpc;
-mod observed_body;
+mod open_line;
 mod panic;
 mod read_ahead;
 mod receive;

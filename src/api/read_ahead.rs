@@ -26,11 +26,14 @@ use crate::contract::Problem;
 /// share of memory.
 const PASSED_BYTES: usize = 16 * 1024;
 
+/// Room for the beginning of a message that stays, bytes.
+const LEAST_ROOM_BYTES: usize = 1024;
+
 /// Where messages end.
 pub(super) trait Framing: Send + Sync + 'static {
     /// Passes on whole messages from the front of `partial`, and leaves the beginning of the next one; breaks where nothing
-    /// can be read any more.
-    fn cut(&mut self, partial: &mut Vec<u8>, pass: impl FnMut(&[u8])) -> ControlFlow<()>;
+    /// can be read any more, with the reason where what is left is not to show it.
+    fn cut(&mut self, partial: &mut Vec<u8>, pass: impl FnMut(&[u8])) -> ControlFlow<Option<Problem>>;
 }
 
 /// How a body is read.
@@ -38,6 +41,8 @@ pub(super) trait Framing: Send + Sync + 'static {
 pub(super) struct Pace {
     /// Whole messages not yet asked for, bytes, at which nothing more is read until some are; none: never.
     pub(super) pause_bytes: Option<usize>,
+    /// Whether who takes the messages keeps room for the longest of them as long as it reads, as tonic does.
+    pub(super) keeps_room: bool,
     /// How long the rest of a message may take once it has begun; pauses do not count.
     pub(super) message_timeout: Duration,
 }
@@ -57,6 +62,9 @@ pub(super) struct ReadAhead {
     lease: Arc<Lease>,
     /// Length of the messages that were passed on last.
     passed_bytes: usize,
+    /// What their reader keeps for the longest so far.
+    kept_bytes: usize,
+    keeps_room: bool,
     reader: JoinHandle<()>,
 }
 
@@ -85,14 +93,17 @@ impl ReadAhead {
         let shared = Arc::<Shared>::default();
         let lease = Arc::new(Lease::empty(connection, Purpose::ReadAhead));
         let reader = Reader { framing, pace, shared: Arc::clone(&shared), lease: Arc::clone(&lease) };
-        Self { shared, lease, passed_bytes: 0, reader: tokio::spawn(reader.read_all(body)) }
+        let keeps_room = pace.keeps_room;
+        Self { shared, lease, passed_bytes: 0, kept_bytes: 0, keeps_room, reader: tokio::spawn(reader.read_all(body)) }
     }
 
     /// The next messages, one or some together. After a fault the next call waits until the peer has most likely seen
     /// why.
     pub(super) fn poll_next(&mut self, context: &mut Context<'_>) -> Poll<Option<Result<Vec<u8>, Fault>>> {
         let passed = mem::take(&mut self.passed_bytes);
-        self.lease.shrink(passed);
+        let kept = if self.keeps_room { self.kept_bytes.max(passed) } else { 0 };
+        self.lease.shrink(self.kept_bytes + passed - kept);
+        self.kept_bytes = kept;
         self.shared.arrived.register(context.waker());
         let mut unread = self.shared.unread();
         if let Some(messages) = unread.messages.pop_front() {
@@ -168,8 +179,8 @@ impl<F: Framing> Reader<F> {
             let taken = self.take(&chunk);
             let starts_anew = taken.has_ended_one || !is_begun;
             left = if starts_anew { self.pace.message_timeout } else { left.saturating_sub(begin.elapsed()) };
-            if taken.flow.is_break() {
-                return Ok(());
+            if let ControlFlow::Break(reason) = taken.flow {
+                return reason.map_or(Ok(()), |problem| Err(Fault::Ended(problem)));
             }
         }
     }
@@ -202,6 +213,10 @@ impl<F: Framing> Reader<F> {
             has_ended_one = true;
             unread.push(message);
         });
+        // A long message leaves its room behind, which the lease does not count.
+        if partial.capacity() > 4 * partial.len().max(LEAST_ROOM_BYTES) {
+            partial.shrink_to(partial.len());
+        }
         unread.partial = partial;
         let after = unread.bytes + unread.partial.len();
         drop(unread);
@@ -212,7 +227,7 @@ impl<F: Framing> Reader<F> {
 }
 
 struct Taken {
-    flow: ControlFlow<()>,
+    flow: ControlFlow<Option<Problem>>,
     has_ended_one: bool,
 }
 
@@ -244,7 +259,7 @@ mod tests {
     struct Fours;
 
     impl Framing for Fours {
-        fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<()> {
+        fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<Option<Problem>> {
             let rest = partial.split_off(partial.len() / 4 * 4);
             std::mem::replace(partial, rest).chunks(4).for_each(&mut pass);
             ControlFlow::Continue(())
@@ -257,7 +272,7 @@ mod tests {
             tokio::time::sleep(Duration::from_secs(wait_s)).await;
             Ok::<_, std::io::Error>(Bytes::from_static(text.as_bytes()))
         });
-        let pace = Pace { pause_bytes: Some(8), message_timeout: TIMEOUT };
+        let pace = Pace { pause_bytes: Some(8), keeps_room: false, message_timeout: TIMEOUT };
         let body = Body::from_stream(later.chain(stream::pending()));
         ReadAhead::of(body, Fours, pace, &connection_of(&axum::http::Extensions::new()))
     }

@@ -28,7 +28,7 @@ mod requests;
 pub mod tls;
 
 use crate::metrics::ConnectionEnd;
-pub(super) use connection::{Connection, Use};
+pub(super) use connection::{Connection, REQUEST_BYTES, Use};
 use connections::Place;
 pub use connections::{Connections, PROBE_PLACES};
 pub(super) use memory::{Lease, Purpose, Shared};

@@ -91,6 +91,14 @@ pub trait Kind: Job {
     /// `invalid_field`, or all violated rules and limits at once.
     fn validate(request: Self::Request, limits: &Limits) -> Result<Self::Input, Problem>;
 
+    /// Judges a request before it is read: what would then hold far more than its own length is refused.
+    ///
+    /// # Errors
+    /// The rule that it breaks, or why so little of it cannot be read.
+    fn survey(_request: AsWritten<'_>) -> Result<(), Problem> {
+        Ok(())
+    }
+
     /// Takes a request as any transport has read it.
     ///
     /// # Errors
@@ -155,8 +163,18 @@ pub trait Kind: Job {
         if body.len() > largest.bytes {
             return Err(Problem::body_too_large(largest));
         }
+        Self::survey(AsWritten::Json(body))?;
         Self::accept(json::read_object(body)?, limits)
     }
+}
+
+/// A request as it came.
+#[derive(Debug, Clone, Copy)]
+pub enum AsWritten<'a> {
+    /// A body of REST, a line of a batch, a file.
+    Json(&'a [u8]),
+    /// A message of gRPC.
+    Protobuf(&'a [u8]),
 }
 
 impl From<ServiceError> for Problem {

@@ -17,7 +17,7 @@ mod table;
 
 use std::sync::Arc;
 
-pub use kind::{Example, File, Flag, Kind, ProgressLine};
+pub use kind::{AsWritten, Example, File, Flag, Kind, ProgressLine};
 pub use limits::{Clock, DEFAULT_TIME_LIMIT_S, Limits, limits_message};
 pub use solver::{InProcessSolver, ManeuverSolver};
 

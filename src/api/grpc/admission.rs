@@ -10,7 +10,8 @@ use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderMap, Method, header};
 
-use super::framed_body::{FramedBody, HeadsAndMessages};
+use super::batch::survey_item;
+use super::framed_body::{FRAME_HEAD_BYTES, FramedBody, HeadsAndMessages, first_message};
 use crate::api::access::RequestContext;
 use crate::api::read_ahead::{Pace, ReadAhead};
 use crate::api::receive::{connection_of, only_probes, receive};
@@ -18,14 +19,12 @@ use crate::api::server::Use;
 use crate::api::submit::Caller;
 use crate::api::{ApiState, CAUSE_IS_LOGGED};
 use crate::contract::{BodyLimit, ErrorCode, Problem};
-use crate::jobs::{Jobs, Kind, Limits, Visitor};
+use crate::jobs::{AsWritten, Jobs, Kind, Limits, Visitor};
 use crate::service::{Class, Permit};
 
 const MANEUVER_SERVICE: &str = "/slipdrive.v1.ManeuverService/";
 const HEALTH_SERVICE: &str = "/grpc.health.v1.Health/";
 const REFLECTION_SERVICE: &str = "/grpc.reflection.";
-/// Compression flag and length before each message.
-pub(super) const FRAME_HEAD_BYTES: usize = 5;
 /// Longest message of a health check, bytes: the name of a service.
 const HEALTH_MESSAGE_BYTES: usize = 1024;
 
@@ -63,8 +62,18 @@ pub(super) enum Needs {
     Stream,
 }
 
-/// A method, what it needs, and its longest message.
-type CallNeeds = (&'static str, Needs, BodyLimit);
+/// What is judged of a message before it is read.
+pub(super) type Survey = fn(&[u8]) -> Result<(), Problem>;
+
+/// A method.
+#[derive(Clone, Copy)]
+struct CallNeeds {
+    name: &'static str,
+    needs: Needs,
+    /// Its longest message.
+    limit: BodyLimit,
+    survey: Survey,
+}
 
 /// What each method needs: those of jobs, and those that wait for no worker.
 pub(super) struct Methods {
@@ -75,7 +84,9 @@ pub(super) struct Methods {
 impl Visitor for Methods {
     fn visit<K: Kind>(&mut self, _kind: &Arc<K>) {
         let limit = K::body_limit(&self.limits);
-        self.known.extend(K::METHODS.iter().map(|method| (*method, Needs::MessageAndPermit(K::CLASS), limit)));
+        let (needs, survey): (_, Survey) =
+            (Needs::MessageAndPermit(K::CLASS), |message| K::survey(AsWritten::Protobuf(message)));
+        self.known.extend(K::METHODS.iter().map(|name| CallNeeds { name, needs, limit, survey }));
     }
 }
 
@@ -84,29 +95,30 @@ impl Methods {
         let mut methods = Self { limits: *jobs.limits(), known: Vec::new() };
         jobs.each(&mut methods);
         let (largest, usual) = (methods.longest_message(), jobs.limits().body());
-        methods.known.extend([
-            ("Validate", Needs::Message, usual),
-            ("GetLimits", Needs::MessageAtAnyTime, usual),
+        let others: [(_, _, _, Survey); 4] = [
+            ("Validate", Needs::Message, usual, |_| Ok(())),
+            ("GetLimits", Needs::MessageAtAnyTime, usual, |_| Ok(())),
             // The framework that reads their messages knows one limit for all.
-            ("SolveBatch", Needs::Stream, largest),
-            ("Batch", Needs::Stream, largest),
-        ]);
+            ("SolveBatch", Needs::Stream, largest, |_| Ok(())),
+            ("Batch", Needs::Stream, largest, survey_item),
+        ];
+        methods.known.extend(others.map(|(name, needs, limit, survey)| CallNeeds { name, needs, limit, survey }));
         methods
     }
 
     /// The longest message of any method.
     pub(super) fn longest_message(&self) -> BodyLimit {
-        self.known.iter().map(|(.., limit)| *limit).max().unwrap_or(self.limits.body())
+        self.known.iter().map(|method| method.limit).max().unwrap_or(self.limits.body())
     }
 
     fn find(&self, path: &str) -> Option<CallNeeds> {
         let method = path.strip_prefix(MANEUVER_SERVICE)?;
-        self.known.iter().find(|(known, ..)| *known == method).copied()
+        self.known.iter().find(|known| known.name == method).copied()
     }
 
     /// The longest message of a method.
     pub(super) fn limit_of(&self, path: &str) -> BodyLimit {
-        self.find(path).map_or(self.limits.body(), |(.., limit)| limit)
+        self.find(path).map_or(self.limits.body(), |method| method.limit)
     }
 
     /// Whether the path is a method of the service.
@@ -117,7 +129,7 @@ impl Methods {
     /// The method for the counts: a word of this server, whatever the caller asks.
     pub(super) fn label(&self, path: &str) -> &'static str {
         match self.find(path) {
-            Some((known, ..)) => known,
+            Some(method) => method.name,
             None if path.starts_with(HEALTH_SERVICE) => "health",
             None if path.starts_with(REFLECTION_SERVICE) => "reflection",
             None => "other",
@@ -161,7 +173,7 @@ pub(super) async fn admit(
         return Err(Problem::new(ErrorCode::Unauthenticated, detail));
     };
     credential.enter(&context.notes, &connection, state.service.metrics())?;
-    let Some((_, needs, limit)) = methods.find(path) else { return Ok(request) };
+    let Some(CallNeeds { needs, limit, survey, .. }) = methods.find(path) else { return Ok(request) };
     if request.method() != Method::POST {
         let detail = format!("`{path}` does not take {}, allowed: POST", request.method());
         return Err(Problem::new(ErrorCode::MethodNotAllowed, detail));
@@ -175,13 +187,14 @@ pub(super) async fn admit(
     let body = match needs {
         Needs::Stream => {
             // Calls share their connection: what is not read of one holds up the others.
-            let pace = Pace { pause_bytes: None, message_timeout: state.settings.body_timeout };
-            let messages = ReadAhead::of(body, HeadsAndMessages { limit: limit.bytes }, pace, &connection);
+            let pace = Pace { pause_bytes: None, keeps_room: true, message_timeout: state.settings.body_timeout };
+            let messages = ReadAhead::of(body, HeadsAndMessages { limit: limit.bytes, survey }, pace, &connection);
             Body::new(FramedBody { messages, request_id: context.request_id.clone() })
         }
         Needs::MessageAndPermit(_) | Needs::Message | Needs::MessageAtAnyTime => {
             let limit = (limit, FRAME_HEAD_BYTES);
             let (message, lease) = receive(&mut body, limit, state.settings.body_timeout, &connection).await?;
+            first_message(&message).map_or(Ok(()), survey)?;
             Body::from(Arc::new(lease).holding(message.into()))
         }
     };

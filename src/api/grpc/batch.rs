@@ -13,12 +13,14 @@ use super::{middleware, pb, status};
 use crate::api::ApiState;
 use crate::api::batch::{Batch, Format, Item, ItemResult, Message, Subject};
 use crate::api::receive::memory_full;
-use crate::api::submit::Caller;
+use crate::api::submit::{Caller, Entry};
 use crate::contract::convert::required;
 use crate::contract::{BodyLimit, ErrorCode, Problem};
+use crate::jobs::present::count::PlansOfMessage;
 
 /// Gives the answer to one item, by its kind.
-pub(super) type Dispatch = for<'a> fn(&'a ApiState, Request, &'a Caller) -> BoxFuture<'a, ItemResult<Answer>>;
+pub(super) type Dispatch =
+    for<'a> fn(&'a ApiState, Request, (&'a Caller, Entry<'a>)) -> BoxFuture<'a, ItemResult<Answer>>;
 
 /// Answers by the kind of the item.
 #[derive(Clone)]
@@ -37,7 +39,7 @@ impl Format for ByKind {
         state: &'a ApiState,
         request_id: &'a str,
         request: Request,
-        caller: &'a Caller,
+        caller: (&'a Caller, Entry<'a>),
     ) -> BoxFuture<'a, ItemResult<pb::BatchResponse>> {
         Box::pin(async move {
             let (answer, lease) = (self.dispatch)(state, request, caller).await?;
@@ -52,7 +54,7 @@ impl Format for ByKind {
             Subject::Item(request_id) | Subject::Message { request_id, is_own: true, .. } => Some(request_id),
             Subject::Message { is_own: false, .. } => None,
         };
-        let error = status::as_message(&status::of_problem(problem, item.unwrap_or(&self.call_id)));
+        let error = status::message_of(problem, item.unwrap_or(&self.call_id));
         pb::BatchResponse { request_id: item.unwrap_or_default().to_owned(), answer: Some(Answer::Error(error)) }
     }
 }
@@ -92,6 +94,23 @@ pub(super) fn answers(
     })
 }
 
+/// What of an item is looked at before it is read.
+#[derive(Clone, PartialEq, prost::Message)]
+struct ItemAsWritten {
+    #[prost(message, optional, tag = "5")]
+    present: Option<PlansOfMessage>,
+}
+
+/// Judges an item before it is read, by its kind.
+///
+/// # Errors
+/// As [`crate::jobs::Kind::survey`].
+pub(super) fn survey_item(message: &[u8]) -> Result<(), Problem> {
+    let item: Result<ItemAsWritten, _> = prost::Message::decode(message);
+    let item = item.map_err(|error| Problem::new(ErrorCode::MalformedBody, error.to_string()))?;
+    item.present.map_or(Ok(()), |plans| plans.check())
+}
+
 fn item_of(message: pb::BatchRequest) -> Item<Request> {
     let pb::BatchRequest { request_id, timeout_ms, request } = message;
     Item { request_id, timeout_ms, request: required(request, "request") }
@@ -125,5 +144,25 @@ impl From<pb::BatchResponse> for pb::SolveBatchResponse {
             Some(_) | None => None,
         };
         Self { request_id, answer }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use prost::Message as _;
+
+    use super::*;
+
+    #[test]
+    fn items_with_far_too_many_plans_are_not_read() {
+        let item = |count| {
+            let request = pb::PresentRequest { plans: vec![pb::PresentedPlan::default(); count], report: false };
+            let request = Some(Request::Present(request));
+            pb::BatchRequest { request_id: "one".to_owned(), timeout_ms: None, request }.encode_to_vec()
+        };
+        assert_eq!(survey_item(&item(5)), Ok(()));
+        // Two halves of a message are one.
+        let problem = survey_item(&[item(40), item(40)].concat()).unwrap_err();
+        assert!(problem.detail().contains("80"), "{problem}");
     }
 }

@@ -9,9 +9,10 @@ use axum::body::{Bytes, HttpBody};
 use futures_util::ready;
 use hyper::body::Frame;
 
-use super::admission::FRAME_HEAD_BYTES;
+use super::admission::Survey;
 use super::status;
 use crate::api::read_ahead::{Fault, Framing, ReadAhead};
+use crate::contract::Problem;
 
 /// Whole messages with their heads.
 pub(super) struct FramedBody {
@@ -33,27 +34,42 @@ impl HttpBody for FramedBody {
     }
 }
 
+/// Compression flag and length before each message.
+pub(super) const FRAME_HEAD_BYTES: usize = 5;
+
 /// Messages after heads that say how long they are.
 pub(super) struct HeadsAndMessages {
     /// Longest message, bytes; a longer one is passed on as far as it has come, to be refused.
     pub(super) limit: usize,
+    pub(super) survey: Survey,
+}
+
+/// The first message after its head; none where its end is missing.
+pub(super) fn first_message(bytes: &[u8]) -> Option<&[u8]> {
+    bytes.get(FRAME_HEAD_BYTES..FRAME_HEAD_BYTES + length_of_first(bytes)?)
+}
+
+fn length_of_first(bytes: &[u8]) -> Option<usize> {
+    let &[_, first, second, third, fourth] = bytes.first_chunk::<FRAME_HEAD_BYTES>()?;
+    Some(u32::from_be_bytes([first, second, third, fourth]) as usize)
 }
 
 impl Framing for HeadsAndMessages {
-    fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<()> {
+    fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<Option<Problem>> {
         let mut whole = 0;
         let flow = loop {
-            let Some(&[_, first, second, third, fourth]) = partial[whole..].first_chunk::<FRAME_HEAD_BYTES>() else {
-                break ControlFlow::Continue(());
-            };
-            let length = u32::from_be_bytes([first, second, third, fourth]) as usize;
-            if length > self.limit {
-                break ControlFlow::Break(());
+            let rest = &partial[whole..];
+            if length_of_first(rest).is_some_and(|length| length > self.limit) {
+                break ControlFlow::Break(None);
             }
-            let end = whole + FRAME_HEAD_BYTES + length;
-            let Some(message) = partial.get(whole..end) else { break ControlFlow::Continue(()) };
-            pass(message);
-            whole = end;
+            let Some(message) = first_message(rest) else { break ControlFlow::Continue(()) };
+            if let Err(problem) = (self.survey)(message) {
+                whole = partial.len();
+                break ControlFlow::Break(Some(problem));
+            }
+            let end = FRAME_HEAD_BYTES + message.len();
+            pass(&rest[..end]);
+            whole += end;
         };
         partial.drain(..whole);
         flow
@@ -82,8 +98,13 @@ mod tests {
     fn read_ahead(chunks: Vec<Vec<u8>>) -> FramedBody {
         let chunks = stream::iter(chunks).map(Ok::<_, std::io::Error>).chain(stream::pending());
         let connection = connection_of(&axum::http::Extensions::new());
-        let pace = Pace { pause_bytes: None, message_timeout: Duration::MAX };
-        let messages = ReadAhead::of(Body::from_stream(chunks), HeadsAndMessages { limit: 1000 }, pace, &connection);
+        let pace = Pace { pause_bytes: None, keeps_room: false, message_timeout: Duration::MAX };
+        let messages = ReadAhead::of(
+            Body::from_stream(chunks),
+            HeadsAndMessages { limit: 1000, survey: |_| Ok(()) },
+            pace,
+            &connection,
+        );
         FramedBody { messages, request_id: "id".to_owned() }
     }
 

@@ -18,7 +18,7 @@ use super::{pb, status};
 use crate::api::batch::ItemResult;
 use crate::api::receive::memory_full;
 use crate::api::server::Lease;
-use crate::api::submit::{Caller, Written, answer_of_item, start};
+use crate::api::submit::{Caller, Entry, Written, answer_of_item, start};
 use crate::api::{ApiState, CAUSE_IS_LOGGED};
 use crate::contract::convert::count;
 use crate::contract::{ErrorCode, Problem};
@@ -114,26 +114,31 @@ impl ManeuverService for Handlers {
 }
 
 /// The answer to one item of a batch, by its kind.
-fn answer_to<'a>(state: &'a ApiState, item: Item, caller: &'a Caller) -> BoxFuture<'a, ItemResult<ItemAnswer>> {
+fn answer_to<'a>(
+    state: &'a ApiState,
+    item: Item,
+    caller: (&'a Caller, Entry<'a>),
+) -> BoxFuture<'a, ItemResult<ItemAnswer>> {
+    let bytes = item.encoded_len();
     match item {
-        Item::Solve(request) => of_kind(&state.jobs.solve, state, request, caller, ItemAnswer::Solve),
-        Item::Simulate(request) => of_kind(&state.jobs.simulate, state, request, caller, ItemAnswer::Simulate),
-        Item::Present(request) => of_kind(&state.jobs.present, state, request, caller, ItemAnswer::Present),
-        Item::Export(request) => of_kind(&state.jobs.export, state, request, caller, ItemAnswer::Export),
-        Item::Assess(request) => of_kind(&state.jobs.assess, state, request, caller, ItemAnswer::Assess),
+        Item::Solve(request) => of_kind(&state.jobs.solve, state, (request, bytes), caller, ItemAnswer::Solve),
+        Item::Simulate(request) => of_kind(&state.jobs.simulate, state, (request, bytes), caller, ItemAnswer::Simulate),
+        Item::Present(request) => of_kind(&state.jobs.present, state, (request, bytes), caller, ItemAnswer::Present),
+        Item::Export(request) => of_kind(&state.jobs.export, state, (request, bytes), caller, ItemAnswer::Export),
+        Item::Assess(request) => of_kind(&state.jobs.assess, state, (request, bytes), caller, ItemAnswer::Assess),
     }
 }
 
 fn of_kind<'a, K: Kind>(
     kind: &'a Arc<K>,
     state: &'a ApiState,
-    request: K::Request,
-    caller: &'a Caller,
+    (request, bytes): (K::Request, usize),
+    (caller, entry): (&'a Caller, Entry<'a>),
     wrap: fn(K::Answer) -> ItemAnswer,
 ) -> BoxFuture<'a, ItemResult<ItemAnswer>> {
     Box::pin(async move {
-        let input = K::accept(request, state.jobs.limits())?;
-        let (answer, lease) = answer_of_item(kind, state, input, (caller, NUMBER_BYTES), measured).await?;
+        let input = (K::accept(request, state.jobs.limits())?, bytes);
+        let (answer, lease) = answer_of_item(kind, state, input, (caller, entry, NUMBER_BYTES), measured).await?;
         Ok((wrap(answer), lease))
     })
 }

@@ -14,7 +14,7 @@ use super::admission::{self, Methods};
 use super::status;
 use crate::api::access::{self, AccessLine, Endpoint, RequestContext};
 use crate::api::receive::peer_of;
-use crate::api::{ApiState, observed_body};
+use crate::api::{ApiState, open_line};
 use crate::contract::{BodyLimit, ErrorCode, Problem};
 
 /// What the middleware needs.
@@ -41,7 +41,7 @@ pub(super) async fn pass(State(Passage { state, methods }): State<Passage>, requ
     context.sign(response.headers_mut());
     line.status = Some(access::status_number(Code::Ok));
     read_status(response.headers(), &mut line);
-    observed_body::follow(response, line, read_status)
+    open_line::hand_over(response, line, read_status)
 }
 
 /// Takes the status, and the code in its details, into the line; answers without a stream have them in their head.

@@ -14,22 +14,37 @@ const DOMAIN: &str = "slipdrive";
 /// Says to retrying clients when to come back; -1: not at all.
 const PUSHBACK: &str = "grpc-retry-pushback-ms";
 
+/// What the violations in trailers may hold, bytes: clients refuse trailers of more than 8 KiB as they like, with a status that is worth
+/// retrying, and some of that is for what else there is and for base64.
+const VIOLATION_BYTES: usize = 3 * 1024;
+/// Where it is said how many there are beyond.
+const LEFT_OUT: &str = "violations_left_out";
+
 /// The status that the caller of this request gets.
 pub(super) fn of_problem(problem: &Problem, request_id: &str) -> Status {
+    status(problem, request_id, VIOLATION_BYTES)
+}
+
+/// The same as a message with all violations, for answers that carry one.
+pub(super) fn message_of(problem: &Problem, request_id: &str) -> tonic_types::Status {
+    // Written just before: it can be read.
+    tonic_types::Status::decode(status(problem, request_id, usize::MAX).details()).unwrap_or_default()
+}
+
+fn status(problem: &Problem, request_id: &str, violation_bytes: usize) -> Status {
     let entry = problem.code().entry();
     let mut details = ErrorDetails::new();
-    let metadata = HashMap::from([("retryable".to_owned(), entry.retryable.to_string())]);
+    let mut metadata = HashMap::from([("retryable".to_owned(), entry.retryable.to_string())]);
+    if !problem.errors().is_empty() {
+        let violations = violations(problem, violation_bytes);
+        let left_out = problem.errors().len() - violations.len();
+        if left_out > 0 {
+            metadata.insert(LEFT_OUT.to_owned(), left_out.to_string());
+        }
+        details.set_bad_request(violations);
+    }
     details.set_error_info(entry.code.to_uppercase(), DOMAIN, metadata);
     details.set_request_info(request_id, "");
-    if !problem.errors().is_empty() {
-        let violations = problem.errors().iter().map(|error| FieldViolation {
-            field: field_of_pointer(&error.pointer),
-            description: error.message.clone(),
-            reason: error.code.to_uppercase(),
-            localized_message: None,
-        });
-        details.set_bad_request(violations.collect::<Vec<_>>());
-    }
     if let Some(wait) = problem.retry_after() {
         details.set_retry_info(Some(wait));
     }
@@ -47,10 +62,21 @@ pub(super) fn code_of(status: &Status) -> Option<ErrorCode> {
     ErrorCode::ALL.into_iter().find(|code| code.entry().code == reason)
 }
 
-/// The same status as a message, for answers that carry one.
-pub(super) fn as_message(status: &Status) -> tonic_types::Status {
-    // Written by `of_problem`: it can be read.
-    tonic_types::Status::decode(status.details()).unwrap_or_default()
+/// The first of them, as many as take so many bytes.
+fn violations(problem: &Problem, bytes: usize) -> Vec<FieldViolation> {
+    let all = problem.errors().iter().map(|error| FieldViolation {
+        field: field_of_pointer(&error.pointer),
+        description: error.message.clone(),
+        reason: error.code.to_uppercase(),
+        localized_message: None,
+    });
+    let length = |of: &FieldViolation| of.field.len() + of.description.len() + of.reason.len();
+    let mut taken = 0_usize;
+    all.take_while(|violation| {
+        taken += length(violation);
+        taken <= bytes
+    })
+    .collect()
 }
 
 fn trailers(problem: &Problem) -> MetadataMap {
@@ -92,6 +118,7 @@ mod tests {
     use tonic::Code;
 
     use super::*;
+    use crate::rules::{Checks, Rule};
     use crate::service::ServiceError;
 
     #[test]
@@ -110,6 +137,23 @@ mod tests {
         assert_eq!(details.retry_info().unwrap().retry_delay, Some(Duration::from_millis(1500)));
         assert_eq!(details.request_info().unwrap().request_id, "id-1");
         assert_eq!(status.metadata().get(PUSHBACK).unwrap(), "1500");
+    }
+
+    #[test]
+    fn violations_in_trailers_are_few_and_the_rest_is_counted() {
+        let mut checks = Checks::new();
+        for index in 0..100 {
+            checks.bounds(&format!("torque_left_n_m[{index}]"), 9e9, &Rule::between(-1.0, 1.0, "N m"));
+        }
+        let problem = Problem::from(checks.finish().unwrap_err());
+        let status = of_problem(&problem, "id-1");
+        let details = status.get_error_details();
+        let listed = details.bad_request().unwrap().field_violations.len();
+        let left_out: usize = details.error_info().unwrap().metadata[LEFT_OUT].parse().unwrap();
+        assert!(listed > 10 && listed + left_out == problem.errors().len(), "{listed} {left_out}");
+        let trailers = status.clone().into_http::<()>().headers().iter().map(|(_, value)| value.len()).sum::<usize>();
+        assert!(trailers < 6 * 1024, "{trailers}");
+        assert!(message_of(&problem, "id-1").encoded_len() > 6 * 1024, "answers carry them all");
     }
 
     #[test]

@@ -4,11 +4,11 @@ use std::time::{Duration, Instant};
 
 use axum::body::Body;
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, HeaderName, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 
 use super::batch;
 use crate::api::ApiState;
-use crate::api::receive::{connection_of, discard, receive};
+use crate::api::receive::{connection_of, receive};
 use crate::api::server::Lease;
 use crate::contract::{BodyLimit, ErrorCode, Problem};
 
@@ -42,43 +42,18 @@ pub(super) async fn json_body(
     mut body: Body,
     limit: BodyLimit,
 ) -> Result<(Vec<u8>, Lease), Problem> {
-    let body_timeout = state.settings.body_timeout;
-    let received = match admit(state, &head.headers, limit) {
-        Ok(()) => receive(&mut body, (limit, 0), body_timeout, &connection_of(&head.extensions)).await,
-        Err(problem) => Err(problem),
-    };
-    if received.is_err() {
-        discard_unsolicited(head, body).await;
-    }
-    received
+    admit(state, &head.headers, limit)?;
+    receive(&mut body, (limit, 0), state.settings.body_timeout, &connection_of(&head.extensions)).await
 }
 
-/// The body of a request of many lines, not yet read, and when the caller needs all answers.
+/// When the caller of a request of many lines needs all answers.
 ///
 /// # Errors
 /// `unavailable`, `unsupported_media` and `invalid_value`, in the order of the contract.
-pub(super) async fn admit_lines(
-    state: &ApiState,
-    head: &Parts,
-    body: Body,
-    arrival: Instant,
-) -> Result<(Body, Option<Instant>), Problem> {
-    let admitted = state.service.check_open().map_err(Problem::from);
-    let admitted = admitted.and_then(|()| check_media_type(&head.headers, batch::MEDIA_TYPE));
-    match admitted.and_then(|()| deadline(&head.headers, arrival)) {
-        Ok(deadline) => Ok((body, deadline)),
-        Err(problem) => {
-            discard_unsolicited(head, body).await;
-            Err(problem)
-        }
-    }
-}
-
-async fn discard_unsolicited(head: &Parts, mut body: Body) {
-    // A caller who waits for `100 Continue` has sent nothing that could be left unread.
-    if !head.headers.contains_key(header::EXPECT) {
-        discard(&mut body).await;
-    }
+pub(super) fn admit_lines(state: &ApiState, headers: &HeaderMap, arrival: Instant) -> Result<Option<Instant>, Problem> {
+    state.service.check_open()?;
+    check_media_type(headers, batch::MEDIA_TYPE)?;
+    deadline(headers, arrival)
 }
 
 fn admit(state: &ApiState, headers: &HeaderMap, limit: BodyLimit) -> Result<(), Problem> {
@@ -96,6 +71,10 @@ fn check_media_type(headers: &HeaderMap, expected: &str) -> Result<(), Problem> 
         && !encoding.as_bytes().eq_ignore_ascii_case(b"identity")
     {
         return unsupported(format!("`content-encoding` is {encoding:?}, must be identity"));
+    }
+    let is_undone = |coding: &HeaderValue| coding.as_bytes().eq_ignore_ascii_case(b"chunked");
+    if let Some(coding) = headers.get_all(header::TRANSFER_ENCODING).iter().find(|coding| !is_undone(coding)) {
+        return unsupported(format!("`transfer-encoding` is {coding:?}, must be chunked"));
     }
     let Some(given) = headers.get(header::CONTENT_TYPE) else {
         return unsupported(format!("`content-type` is missing, must be {expected}"));
@@ -118,8 +97,6 @@ fn check_media_type(headers: &HeaderMap, expected: &str) -> Result<(), Problem> 
 
 #[cfg(test)]
 mod tests {
-    use axum::http::HeaderValue;
-
     use super::*;
 
     fn is_supported(content_type: &'static str) -> bool {
@@ -139,10 +116,14 @@ mod tests {
 
     #[test]
     fn compressed_bodies_are_not_supported() {
-        let headers = HeaderMap::from_iter([
-            (header::CONTENT_TYPE, HeaderValue::from_static("application/json")),
-            (header::CONTENT_ENCODING, HeaderValue::from_static("gzip")),
-        ]);
-        assert_eq!(check_media_type(&headers, JSON).unwrap_err().code(), ErrorCode::UnsupportedMedia);
+        let with = |name, value| {
+            let json = (header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
+            check_media_type(&HeaderMap::from_iter([json, (name, HeaderValue::from_static(value))]), JSON)
+        };
+        for name in [header::CONTENT_ENCODING, header::TRANSFER_ENCODING] {
+            assert_eq!(with(name, "gzip").unwrap_err().code(), ErrorCode::UnsupportedMedia);
+        }
+        assert!(with(header::TRANSFER_ENCODING, "gzip, chunked").is_err());
+        assert!(with(header::TRANSFER_ENCODING, "Chunked").is_ok());
     }
 }

@@ -11,13 +11,14 @@ use axum::response::{IntoResponse as _, Response};
 use tracing::Instrument as _;
 
 use super::endpoints::endpoints;
+use super::lent_body::lend;
 use super::operation::Access;
 use super::problem_json;
 use crate::api::access::{AccessLine, Endpoint, RequestContext};
 use crate::api::auth::Credential;
 use crate::api::receive::{connection_of, only_probes, peer_of};
 use crate::api::server::{PAGE_FOLDER, Use};
-use crate::api::{ApiSettings, ApiState, CAUSE_IS_LOGGED, observed_body};
+use crate::api::{ApiSettings, ApiState, CAUSE_IS_LOGGED, open_line};
 use crate::contract::{ErrorCode, Problem};
 use crate::metrics::Metrics;
 
@@ -66,7 +67,7 @@ impl Passage {
 
 /// Gives the request an id and a trace, asks for its key, logs and counts it once it is answered or abandoned, and
 /// writes problems out.
-pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, next: Next) -> Response {
+pub(super) async fn pass(State(passage): State<Passage>, request: Request, next: Next) -> Response {
     let (context, span) = RequestContext::open(request.uri().path(), request.headers(), peer_of(request.extensions()));
     let (route, access) = passage.route(request.uri().path());
     let is_probe = access == Access::Probe;
@@ -76,6 +77,7 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
         passage.admit(&request, access, &context)
     };
     let method = request.method().clone();
+    let (mut request, lender) = lend(request);
     let mut line =
         AccessLine::open(method.clone(), context.clone(), span.clone(), Endpoint::Http(route), passage.metrics);
     line.is_probe = is_probe;
@@ -85,8 +87,12 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
             request.extensions_mut().insert(credential);
             next.run(request).instrument(span).await
         }
-        Err(problem) => refusal(problem),
+        Err(problem) => {
+            drop(request);
+            refusal(problem)
+        }
     };
+    lender.discard_rest().await;
     if let Some(problem) = problem_of(&mut response, &method, &context.path) {
         line.code = Some(problem.code().entry().code);
         write_problem(&problem, &context, &mut response);
@@ -94,7 +100,7 @@ pub(super) async fn pass(State(passage): State<Passage>, mut request: Request, n
     context.sign(response.headers_mut());
     protect(response.headers_mut());
     line.status = Some(response.status().as_u16());
-    observed_body::follow(response, line, observed_body::no_trailers)
+    open_line::hand_over(response, line, open_line::no_trailers)
 }
 
 /// Answers mean what their type says, and nobody keeps them but their caller; documents say themselves how they are kept.

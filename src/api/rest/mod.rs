@@ -8,6 +8,7 @@ mod endpoints;
 mod events;
 mod extract;
 mod handlers;
+mod lent_body;
 mod middleware;
 mod openapi;
 mod operation;

@@ -24,7 +24,7 @@ const MAX_GUESTS: usize = 4;
 /// The same where they read the page: a browser asks for all of its files together.
 const MAX_READERS: usize = 64;
 /// What a request holds beside its body and its answer, bytes: its stream, its head, and the future of its handler.
-pub(super) const REQUEST_BYTES: usize = 8 * 1024;
+pub(in crate::api) const REQUEST_BYTES: usize = 8 * 1024;
 
 /// Who asks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,8 +53,8 @@ pub(in crate::api) struct Connection {
     pub(in crate::api) may: Use,
     pub(super) connections: Arc<Connections>,
     pub(super) held: Held,
-    /// Of the items of batches that wait for memory.
-    pub(super) turn: tokio::sync::Mutex<()>,
+    /// Of the items of batches that are read and wait for memory.
+    pub(in crate::api) turn: tokio::sync::Mutex<()>,
     bytes_read: AtomicU64,
     /// Whether a request came over HTTP/2.
     speaks_http2: AtomicBool,
@@ -197,13 +197,13 @@ impl Connection {
         self.state().callers > 0
     }
 
-    /// What the connection is worth; none while a caller's request is under way.
+    /// What the connection is worth; none while a caller's request is under way, which those for probes refuse.
     pub(super) fn worth(&self) -> Option<Worth> {
         let state = self.state();
         let State { served, has_arrived, last_used, .. } = *state;
         let has_spoken = self.bytes_read.load(Ordering::Relaxed) > 0;
         let is_new = served == Served::Nobody && (!has_arrived || last_used.elapsed() < TENURE);
-        (state.callers == 0).then_some(Worth { served, is_new, has_spoken, last_used })
+        (state.callers == 0 || self.may == Use::Probes).then_some(Worth { served, is_new, has_spoken, last_used })
     }
 
     /// Prepares a wait for the peer, who has `full` time for it in all.
@@ -248,10 +248,15 @@ impl Connection {
         lease.grow_soon(bytes).await.then_some(lease)
     }
 
-    /// Reserves memory for an item of a batch, after as long a wait as it takes; none where that is for ever.
-    pub(in crate::api) async fn lease_at_last(self: &Arc<Self>, bytes: usize) -> Option<Lease> {
+    /// Reserves memory for the answer to an item of a batch and for the item, after as long a wait as it takes; none where that is for
+    /// ever.
+    pub(in crate::api) async fn lease_at_last(
+        self: &Arc<Self>,
+        answer_bytes: usize,
+        item_bytes: usize,
+    ) -> Option<Lease> {
         let lease = Lease::empty(self, Purpose::Requests);
-        lease.grow_at_last(bytes).await.then_some(lease)
+        lease.grow_at_last(answer_bytes, item_bytes).await.then_some(lease)
     }
 }
 

@@ -97,14 +97,15 @@ impl Lease {
         true
     }
 
-    /// Reserves for an item of a batch, after as long a wait as it takes; false where one connection never has so much.
-    pub(super) async fn grow_at_last(&self, bytes: usize) -> bool {
+    /// Reserves for an item of a batch, after as long a wait as it takes; false where one connection never has so much as the answer
+    /// needs. What the item holds beside it counts as far as that fits.
+    pub(super) async fn grow_at_last(&self, answer_bytes: usize, item_bytes: usize) -> bool {
         let connections = &self.connection.connections;
-        if bytes > connections.share(self.purpose) / 4 {
+        let most = connections.share(self.purpose) / 4;
+        if answer_bytes > most {
             return false;
         }
-        // One after the other: each release would wake all items of the connection otherwise.
-        let _turn = self.connection.turn.lock().await;
+        let bytes = answer_bytes.saturating_add(item_bytes).min(most);
         loop {
             let released = connections.released.notified();
             tokio::pin!(released);

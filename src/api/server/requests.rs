@@ -16,9 +16,10 @@ use hyper::body::Incoming;
 use hyper::service::service_fn;
 use tower::ServiceExt as _;
 
-use super::answer_body::AnswerBody;
+use super::answer_body::{AnswerBody, Answered};
 use super::connection::{Connection, REQUEST_BYTES, Standing, UnderWay};
 use super::memory::{Ceiling, Lease, Purpose, Shared};
+use crate::api::open_line::OpenLine;
 
 /// What everybody may ask: services for other purposes than work, and probes.
 const FOR_GUESTS: [&str; 4] = ["/grpc.", "/livez", "/readyz", "/metrics"];
@@ -63,7 +64,7 @@ async fn answer(
     mut request: Request<Incoming>,
     under_way: UnderWay,
 ) -> Result<Response, Box<dyn Error + Send + Sync>> {
-    let version = request.version();
+    let (version, method) = (request.version(), request.method().clone());
     let held = Lease::empty(&connection, Purpose::Requests);
     let bytes = REQUEST_BYTES + head_bytes(request.headers());
     match (under_way.standing, version) {
@@ -83,7 +84,9 @@ async fn answer(
     }
     let lease = response.extensions_mut().remove().unwrap_or_else(|| lease_of(&connection, &response));
     let wait = connection.wait(connection.connections.settings.write_timeout);
-    Ok(response.map(|body| Body::new(AnswerBody::new(body, wait, lease, (under_way, held)))))
+    let line = OpenLine::of(&mut response);
+    let request = Answered { method, line, _under_way: under_way, _held: held };
+    Ok(response.map(|body| Body::new(AnswerBody::new(body, wait, lease, request))))
 }
 
 /// Who asks: probes and requests without a key are those of guests, or of readers.

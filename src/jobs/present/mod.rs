@@ -1,5 +1,6 @@
 //! Figures of plans, and the plans in words: what report, page and command line show.
 
+pub(crate) mod count;
 mod csv;
 mod draw;
 mod replay_words;
@@ -14,7 +15,7 @@ use serde_json::{Map, Value, json};
 use super::limits::BODY_WITH_ANSWERS;
 use super::plan::{AcceptedPlan, forget_motion};
 use super::table::line;
-use super::{Kind, Limits, ManeuverSolver};
+use super::{AsWritten, Kind, Limits, ManeuverSolver};
 use crate::contract::message::{Figure, PlanInWords, PresentRequest, PresentResponse, PresentedPlan};
 use crate::contract::{BodyLimit, Problem, json};
 use crate::metrics::Metrics;
@@ -110,6 +111,10 @@ impl Kind for Present {
     fn rules(_limits: &Limits) -> RuleSet {
         RuleSet::of([("plans", PLANS_RULE)])
             .across(&["plans"], "each plan has either `solve` or `simulate`, whose request keeps the rules of its kind")
+    }
+
+    fn survey(request: AsWritten<'_>) -> Result<(), Problem> {
+        count::check(request)
     }
 
     fn validate(request: PresentRequest, limits: &Limits) -> Result<AcceptedPlans, Problem> {

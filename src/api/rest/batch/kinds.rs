@@ -7,7 +7,7 @@ use futures_util::future::BoxFuture;
 use crate::api::ApiState;
 use crate::api::batch::ItemResult;
 use crate::api::rest::handlers::NUMBER_BYTES;
-use crate::api::submit::{Caller, Written, answer_of_item};
+use crate::api::submit::{Caller, Entry, Written, answer_of_item};
 use crate::contract::{BodyLimit, json};
 use crate::jobs::{Jobs, Kind, Limits, Visitor};
 
@@ -35,7 +35,7 @@ pub(super) trait AnyKind: Send + Sync {
         state: &'a ApiState,
         request_id: &'a str,
         body: Vec<u8>,
-        caller: &'a Caller,
+        caller: (&'a Caller, Entry<'a>),
     ) -> BoxFuture<'a, ItemResult<Line>>;
 }
 
@@ -83,10 +83,10 @@ impl<K: Kind> AnyKind for OfKind<K> {
         state: &'a ApiState,
         request_id: &'a str,
         body: Vec<u8>,
-        caller: &'a Caller,
+        (caller, entry): (&'a Caller, Entry<'a>),
     ) -> BoxFuture<'a, ItemResult<Line>> {
         Box::pin(async move {
-            let input = K::read(&body, state.jobs.limits())?;
+            let input = (K::read(&body, state.jobs.limits())?, body.len());
             drop(body);
             let begin =
                 format!("{{\"request_id\":{},\"{}\":", String::from_utf8_lossy(&json::write(&request_id)), K::NAME);
@@ -94,7 +94,7 @@ impl<K: Kind> AnyKind for OfKind<K> {
                 let bytes = [begin.as_bytes(), &json::write(&answer), b"}\n"].concat();
                 Written { bytes: bytes.len(), answer: Line { bytes, is_problem: false } }
             };
-            answer_of_item(&self.0, state, input, (caller, NUMBER_BYTES), write).await
+            answer_of_item(&self.0, state, input, (caller, entry, NUMBER_BYTES), write).await
         })
     }
 }

@@ -27,13 +27,14 @@ use crate::api::auth::Credential;
 use crate::api::batch::{Batch, Format, ItemResult, Subject};
 use crate::api::read_ahead::{Pace, ReadAhead};
 use crate::api::receive::{DISCARD_TIMEOUT, connection_of};
-use crate::api::submit::Caller;
+use crate::api::submit::{Caller, Entry};
 use crate::contract::{ErrorCode, Problem, json};
 
 /// A line of JSON after the other.
 pub(super) const MEDIA_TYPE: &str = "application/x-ndjson";
 
 /// `POST /batch`. When the caller leaves, the server drops the body of the answer, which stops all jobs.
+#[expect(clippy::unused_async, reason = "it is a handler")]
 pub(super) async fn run(
     kinds: Arc<Kinds>,
     State(state): State<ApiState>,
@@ -41,11 +42,11 @@ pub(super) async fn run(
     request: Request,
 ) -> Result<Response, Problem> {
     let (head, body) = request.into_parts();
-    let (body, deadline) = admit_lines(&state, &head, body, context.arrival).await?;
+    let deadline = admit_lines(&state, &head.headers, context.arrival)?;
     let connection = connection_of(&head.extensions);
     let limit = kinds.longest_line().bytes;
     // One who sends all before reading anything is read to the end, as other bodies are.
-    let pace = Pace { pause_bytes: Some(limit), message_timeout: state.settings.body_timeout };
+    let pace = Pace { pause_bytes: Some(limit), keeps_room: false, message_timeout: state.settings.body_timeout };
     let read_ahead = ReadAhead::of(body, Lines::up_to(limit), pace, &connection);
     let inbound = lines::messages(read_ahead, kinds);
     let caller = Caller { notes: context.notes.clone(), deadline, connection, credential };
@@ -70,7 +71,7 @@ impl Format for AsLines {
         state: &'a ApiState,
         request_id: &'a str,
         asked: Asked,
-        caller: &'a Caller,
+        caller: (&'a Caller, Entry<'a>),
     ) -> BoxFuture<'a, ItemResult<Line>> {
         let Asked { kind, body } = asked;
         Box::pin(async move { kind.answer(state, request_id, body, caller).await })
