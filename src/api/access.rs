@@ -144,9 +144,11 @@ impl AccessLine {
         Self { method, context, _span: span, endpoint, metrics, status: None, code: None, is_probe: false }
     }
 
-    /// The caller left before the end of the answer.
+    /// The caller left before the end of the answer; a refusal stays one.
     pub(super) fn abandon(&mut self) {
-        self.status = None;
+        if self.code.is_none() {
+            self.status = None;
+        }
     }
 
     /// Status and code: without an answer, those of a caller who left.
