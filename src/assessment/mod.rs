@@ -143,7 +143,7 @@ pub struct WorstSample {
     pub relative_error: f64,
     /// Whether a contact lifts.
     pub separates: bool,
-    /// Its motion.
+    /// Its motion, as a simulation can be asked for it.
     pub motion: Disturbed,
 }
 
@@ -306,7 +306,7 @@ fn worst(input: &AssessInput, driven: &Undisturbed, outcomes: &[Outcome]) -> Opt
     }
     let (index, (separates, relative_error)) = worst?;
     let changes = input.changes(index);
-    let motion = driven.under(&changes).ok()?;
+    let motion = driven.under_as_asked(&changes).ok()?;
     let error = outcomes[index].as_ref()?.error;
     Some(WorstSample { index, changes, error, relative_error, separates, motion })
 }

@@ -7,7 +7,7 @@ use nalgebra::{SVector, Vector3};
 
 use super::delassus::DelassusOperator;
 use super::directions::{AXLE, ROWS, contact_count};
-use super::natural_map::{friction_radius, prox_argument, residual};
+use super::natural_map::{contact_impulses, friction_radius, prox_argument, residual};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_disc;
@@ -29,6 +29,10 @@ impl Default for FixedPointSettings {
         Self { tolerance: 1e-15, sweep_limit: 200_000 }
     }
 }
+
+/// A slip that shifts the argument of the prox map by less than this share of the friction radius is none: the sweeps leave sticking wheels
+/// on the rim of their discs.
+const NO_SLIP: f64 = 1e-9;
 
 /// The prox iteration, warm-started from the last step's impulses.
 #[derive(Debug, Clone)]
@@ -97,7 +101,7 @@ impl FixedPointSolver {
         largest_change
     }
 
-    /// The current iterate as a solution; its pattern is the branch of each contact's prox map (inside the disc: stick).
+    /// The current iterate as a solution; its pattern is the branch of each contact's prox map (inside the disc, or on its rim: stick).
     #[inline]
     fn solution<const N: usize>(
         &self,
@@ -107,13 +111,11 @@ impl FixedPointSolver {
         let impulse = sum_by_direction::<N>(&self.impulse);
         let impact_slip = operator.impact_slip(problem, &impulse);
         let normal_impulse = operator.normal_impulse(problem, &impulse);
-        ContactSolution {
-            impulse,
-            impact_slip,
-            normal_impulse,
-            pattern: self.pattern(operator, &impact_slip, &normal_impulse),
-            residual: residual(operator, problem, &self.impulse, &impact_slip, &normal_impulse),
-        }
+        let pattern = self.pattern(operator, &impact_slip, &normal_impulse);
+        let solution = ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual: 0.0 };
+        // Of the shares of the lateral impulse that are reported, which the sweeps do not determine while both wheels stick.
+        let parts = contact_impulses(operator, &solution);
+        ContactSolution { residual: residual(operator, problem, &parts, &impact_slip, &normal_impulse), ..solution }
     }
 
     fn pattern<const N: usize>(
@@ -125,7 +127,7 @@ impl FixedPointSolver {
         let sticks = |contact: usize| {
             let [a, b] = prox_argument(operator, contact, self.impulse[contact], impact_slip);
             let radius = friction_radius(operator, contact, normal_impulse);
-            radius > 0.0 && a * a + b * b <= radius * radius
+            radius > 0.0 && a.hypot(b) <= radius * (1.0 + NO_SLIP)
         };
         let sign = |wheel: usize| SlipSign::of(impact_slip[wheel], normal_impulse[wheel]);
         let wheels = WheelPattern::of_sticking([sticks(0), sticks(1)], sign);

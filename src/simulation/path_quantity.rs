@@ -5,6 +5,7 @@ use nalgebra::{RowSVector, RowVector3, Vector2};
 use super::moreau_step::Step;
 use super::motor_load::MotorLoad;
 use super::tape::TapeEntry;
+use super::turn::sine_and_cosine;
 use crate::contact::{UtilizationGradient, WheelFriction};
 use crate::robot::{BodyVector, PerWheel};
 
@@ -409,6 +410,8 @@ fn unit(vector: Vector2<f64>) -> Vector2<f64> {
 struct PointChange {
     start: Vector2<f64>,
     end: Vector2<f64>,
+    /// Whether the speed is not less than at the end of the step before.
+    grows: bool,
 }
 
 impl PointChange {
@@ -416,14 +419,17 @@ impl PointChange {
     /// behind where it is at the end.
     fn new(point: Vector2<f64>, entry: &TapeEntry, sample: &PathSample) -> Self {
         let (start, end) = (&entry.start_velocity, &entry.end_velocity);
-        let turn = start[2] * start[2] * sample.step_length * point;
-        Self { start: velocity_at(point, start) + turn, end: velocity_at(point, end) }
+        let angle = start[2] * sample.step_length;
+        let behind = turned(point, sine_and_cosine(-angle));
+        let (before, end) = (velocity_at(behind, start), velocity_at(point, end));
+        let start = velocity_at(point, start) + start[2] * angle * point;
+        Self { start, end, grows: end.norm_squared() >= before.norm_squared() }
     }
 
     /// The magnitude of the change; negative where the speed falls.
     fn signed(&self) -> f64 {
         let change = (self.end - self.start).norm();
-        if self.end.norm_squared() >= self.start.norm_squared() { change } else { -change }
+        if self.grows { change } else { -change }
     }
 
     fn direction(&self) -> Vector2<f64> {

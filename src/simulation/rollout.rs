@@ -128,7 +128,7 @@ impl Simulator {
         Ok(trajectory)
     }
 
-    /// In how many steps of a rollout the friction problem has several solutions; none where uniqueness is proved. Where it is not, a
+    /// In how many steps of a rollout a second solution of the friction problem is found; none where uniqueness is proved. Where it is not, a
     /// step takes twenty times as long as in another rollout.
     ///
     /// # Errors

@@ -209,10 +209,11 @@ impl Motion {
     fn missed(&self, input: &SolveInput, stop_reason: StopReason) -> Option<Reason> {
         // What is not a number is missed.
         let misses = |value: f64, tolerance: f64| value > tolerance || value.is_nan();
+        let exceeded = most_exceeded(&self.limits).filter(|used| misses(used.excess, LIMIT_TOLERANCE));
         if misses(largest_magnitude(self.goal_error.iter().copied()), input.settings.goal_tolerance) {
-            return Some(goal_missed(input, &self.schedule, &self.goal_error, stop_reason));
+            return Some(goal_missed(input, &self.schedule, &self.goal_error, (exceeded, stop_reason)));
         }
-        most_exceeded(&self.limits).filter(|used| misses(used.excess, LIMIT_TOLERANCE)).map(limit_missed)
+        exceeded.map(|used| limit_missed(used, stop_reason))
     }
 
     /// The answer; its certificate may have been cut off.

@@ -14,8 +14,17 @@ use crate::shooting::{PathLimits, ReferencePoint, check_state};
 use crate::simulation::{Rollout, Simulator, TorqueSchedule, control_interval};
 use crate::stop::{Stop, Stopped};
 
-/// Most intervals of a schedule that a delay leaves.
-const MOST_INTERVALS: usize = 1_000;
+/// Most intervals and steps of a motion after a delay.
+#[derive(Debug, Clone, Copy)]
+struct Most {
+    intervals: usize,
+    steps: usize,
+}
+
+/// Of one that a simulation can be asked for.
+const AS_ASKED: Most = Most { intervals: 1_000, steps: SolverSettings::STEP_LIMIT };
+/// Of one that is rolled out: as many as a delay of the longest plan's own time takes.
+const ROLLED_OUT: Most = Most { intervals: 2 * SolverSettings::STEP_LIMIT, steps: 2 * SolverSettings::STEP_LIMIT };
 const DELAY_RULE: Rule = Rule::at_least(0.0, "s");
 
 /// What may differ from what a plan was made for.
@@ -147,11 +156,23 @@ impl Undisturbed {
         self.under(&[]).expect("robot and payload were checked")
     }
 
-    /// The motion with all these changes.
+    /// The motion with all these changes. After a delay the torques of each step are its own.
     ///
     /// # Errors
     /// The rules that they break, by the fields of a solve; those of a delay by its name.
     pub fn under(&self, changes: &[(ChangedParameter, f64)]) -> Result<Disturbed, Violations> {
+        self.changed(changes, ROLLED_OUT)
+    }
+
+    /// The same with so few intervals that a simulation can be asked for it: where the plan has more steps, some share a mean torque.
+    ///
+    /// # Errors
+    /// As [`Undisturbed::under`].
+    pub fn under_as_asked(&self, changes: &[(ChangedParameter, f64)]) -> Result<Disturbed, Violations> {
+        self.changed(changes, AS_ASKED)
+    }
+
+    fn changed(&self, changes: &[(ChangedParameter, f64)], most: Most) -> Result<Disturbed, Violations> {
         let Self { mut bare_robot, mut payload, mut start, mut schedule, mut step_count, .. } = self.clone();
         let mut delay = PerWheel::new(0.0, 0.0);
         for &(parameter, change) in changes {
@@ -195,7 +216,7 @@ impl Undisturbed {
         checks.finish()?;
         let commanded = schedule.clone();
         if delay != PerWheel::default() {
-            (schedule, step_count) = delayed(&schedule, step_count, &delay);
+            (schedule, step_count) = delayed(&schedule, step_count, (&delay, most));
         }
         let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
         Ok(Disturbed { bare_robot, payload, robot, start, schedule, step_count, commanded })
@@ -211,7 +232,7 @@ impl Undisturbed {
     pub fn steps_under_delay(&self, delay: f64) -> f64 {
         let intervals = self.schedule.control_count() as f64;
         let steps = self.step_count as f64 * (1.0 + (delay / self.schedule.interval()).ceil() / intervals);
-        steps.min(SolverSettings::STEP_LIMIT.max(self.step_count) as f64)
+        steps.min(ROLLED_OUT.steps as f64)
     }
 }
 
@@ -259,24 +280,28 @@ fn check_delay(delay: &PerWheel<f64>, schedule: &TorqueSchedule, checks: &mut Ch
     }
     let (name, longest) = if left.1 > right.1 { left } else { right };
     let with_delay = schedule.control_count() as f64 + (longest / schedule.interval()).ceil();
-    let fits = with_delay <= MOST_INTERVALS as f64;
+    let fits = with_delay <= AS_ASKED.intervals as f64;
     checks.require(name, Number(longest), fits, "a delay of at most 1000 intervals in all", None);
 }
 
 /// The torques that each wheel begins after its delay, in equal parts: the steps, or several of them where these are too many. A part
 /// within which a torque changes holds the mean of it; the end of the slower wheel is rounded up to that of a part.
-fn delayed(schedule: &TorqueSchedule, step_count: usize, delay: &PerWheel<f64>) -> (TorqueSchedule, usize) {
+fn delayed(
+    schedule: &TorqueSchedule,
+    step_count: usize,
+    (delay, most): (&PerWheel<f64>, Most),
+) -> (TorqueSchedule, usize) {
     let (count, final_time) = (schedule.control_count(), schedule.final_time);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked: 0 to 1,000")]
     let whole = |parts: f64| parts as usize;
     let longest = delay.left.max(delay.right);
     let intervals = count + whole((longest / schedule.interval()).ceil());
-    let part_count = if step_count * intervals <= count * MOST_INTERVALS {
+    let part_count = if step_count * intervals <= count * most.intervals {
         step_count
     } else {
         // Equal parts of each interval, each of as few whole steps as leave few enough of them.
         let per_interval = step_count.div_ceil(count);
-        count * per_interval.div_ceil(per_interval.div_ceil(MOST_INTERVALS / intervals))
+        count * per_interval.div_ceil(per_interval.div_ceil(most.intervals / intervals))
     };
     let part = final_time / part_count as f64;
     let shift = |delay: f64| {
@@ -297,7 +322,7 @@ fn delayed(schedule: &TorqueSchedule, step_count: usize, delay: &PerWheel<f64>) 
         (0..with_delay).map(|part| (1.0 - rest) * held(part, parts) + rest * held(part, parts + 1)).collect()
     };
     let (left, right) = (of_wheel(&schedule.left, delay.left), of_wheel(&schedule.right, delay.right));
-    let steps_per_part = step_count.div_ceil(part_count).min(SolverSettings::STEP_LIMIT / with_delay);
+    let steps_per_part = step_count.div_ceil(part_count).min(most.steps / with_delay);
     let final_time = part * with_delay as f64;
     (as_read(TorqueSchedule { final_time, left, right }), steps_per_part * with_delay)
 }
@@ -349,20 +374,35 @@ mod tests {
             [(4, 1e-4), (5, 0.05), (7, 0.33), (674, 1e-6), (1001, 0.01), (10_000, 0.02), (1999, 0.7)]
         {
             let (planned, change) = (planned(step_count), [(ChangedParameter::DelayLeft, delay)]);
-            let Disturbed { schedule, step_count: steps, .. } = planned.under(&change).unwrap();
-            assert!(schedule.control_count() <= MOST_INTERVALS && steps <= SolverSettings::STEP_LIMIT);
-            assert!(steps.is_multiple_of(schedule.control_count()));
-            // Of whole steps there may be half of the parts that there might be.
-            assert!(schedule.control_count() >= step_count.min(MOST_INTERVALS) / 2, "{step_count}: {schedule:?}");
             let step = 0.4 / step_count as f64;
-            assert!(schedule.final_time / steps as f64 <= 1.1 * step, "{step_count} become {steps}");
-            let with_part = 0.4 + delay + schedule.interval();
-            assert!(schedule.final_time >= 0.4 + delay - 1e-12 && schedule.final_time <= with_part);
-            let impulse = |torques: &[f64]| schedule.interval() * torques.iter().sum::<f64>();
-            // Where steps cross the ends of intervals, the midpoints of a plan favour some.
-            let slack = if step_count.is_multiple_of(2) { 1e-12 } else { step };
-            assert!((impulse(&schedule.left) - 0.6).abs() < slack && (impulse(&schedule.right) - 1.4).abs() < slack);
+            for (delayed, most) in [(planned.under(&change), ROLLED_OUT), (planned.under_as_asked(&change), AS_ASKED)] {
+                let Disturbed { schedule, step_count: steps, .. } = delayed.unwrap();
+                assert!(schedule.control_count() <= most.intervals && steps <= most.steps);
+                assert!(steps.is_multiple_of(schedule.control_count()));
+                // Of whole steps there may be half of the parts that there might be.
+                assert!(schedule.control_count() >= step_count.min(most.intervals) / 2, "{step_count}: {schedule:?}");
+                assert!(schedule.final_time / steps as f64 <= 1.1 * step, "{step_count} become {steps}");
+                let with_part = 0.4 + delay + schedule.interval();
+                assert!(schedule.final_time >= 0.4 + delay - 1e-12 && schedule.final_time <= with_part);
+                let impulse = |torques: &[f64]| schedule.interval() * torques.iter().sum::<f64>();
+                // Where steps cross the ends of intervals, the midpoints of a plan favour some.
+                let slack = if step_count.is_multiple_of(2) { 1e-12 } else { step };
+                assert!((impulse(&schedule.left) - 0.6).abs() < slack);
+                assert!((impulse(&schedule.right) - 1.4).abs() < slack);
+            }
         }
+    }
+
+    #[test]
+    fn delay_within_a_step_is_that_of_the_step_however_many_there_are() {
+        // A quarter of a step later: its torque is the mean of both.
+        let (planned, change) = (planned(4_000), [(ChangedParameter::DelayLeft, 2.5e-5)]);
+        let schedule = planned.under(&change).unwrap().schedule;
+        assert_eq!(schedule.control_count(), 4_001);
+        for (step, torque) in [(0, 0.75), (1, 1.0), (1_999, 1.0), (2_000, 1.75), (2_001, 2.0), (4_000, 0.5)] {
+            assert!((schedule.left[step] - torque).abs() < 1e-9, "{step}: {}", schedule.left[step]);
+        }
+        assert!(planned.under_as_asked(&change).unwrap().schedule.control_count() <= 1_000);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::largest_normal_force::{Rates, largest_normal_forces};
 use super::settings::{ROUNDING, SolveInput};
 use super::solution::Reason;
 use crate::contact::ContactName;
-use crate::robot::{BodyVector, State};
+use crate::robot::{BodyVector, PerWheel, State};
 use crate::shooting::{LIMIT_TOLERANCE, StateComponent};
 
 /// An end of the maneuver: its state at the reference point, as far as it is given.
@@ -32,6 +32,11 @@ pub(super) fn excluded_end(input: &SolveInput) -> Option<Reason> {
 /// The slip speed of a wheel that other wheel rates at the goal would take away, m/s; none where no wheel slips there so.
 pub(super) fn slip_by_wheel_rates(input: &SolveInput) -> Option<f64> {
     End::goal(input).slip(input).filter(|slip| !slip.is_across).map(|slip| slip.speed)
+}
+
+/// Whether wheels roll at every end of a step. With restitution one that sticks may slip at both ends.
+fn may_not_slip(input: &SolveInput) -> bool {
+    input.maneuver.forbids_slip() && input.robot.parameters().tangential_restitution == 0.0
 }
 
 /// A slip that an end asks for.
@@ -91,10 +96,11 @@ impl End {
 
     fn exceeds_rates(&self, input: &SolveInput) -> Option<Reason> {
         let (limits, velocity) = (&input.maneuver.limits, &self.state.velocity);
-        let wheel_rate = velocity.wheel_rate.left.abs().max(velocity.wheel_rate.right.abs());
         let (speed, play) = self.speed_of_payload(input);
+        let wheels = self.wheel_rate(input);
+        let (wheel_rate, play_of_wheel) = wheels.unwrap_or_default();
         [
-            ("wheel_rate_rad_s", wheel_rate, limits.wheel_rate, self.has(&WHEEL_RATES), 1.0),
+            ("wheel_rate_rad_s", wheel_rate, limits.wheel_rate, wheels.is_some(), play_of_wheel),
             ("yaw_rate_rad_s", velocity.yaw_rate.abs(), limits.yaw_rate, self.has(&VELOCITY[2..]), 1.0),
             ("speed_m_s", speed, limits.speed, self.has(&VELOCITY) && !self.is_turned(input), play),
         ]
@@ -111,6 +117,20 @@ impl End {
                 self.reason(["start_exceeds_limit", "goal_exceeds_limit"], (&field, message), (value, limit))
             })
         })
+    }
+
+    /// The larger of both wheel rates, rad/s, and how many tolerances it may be of it: those that are given, or else those of wheels that
+    /// roll because they may not slip.
+    fn wheel_rate(&self, input: &SolveInput) -> Option<(f64, f64)> {
+        let larger = |[left, right]: [f64; 2]| left.abs().max(right.abs());
+        if self.has(&WHEEL_RATES) {
+            let PerWheel { left, right } = self.state.velocity.wheel_rate;
+            return Some((larger([left, right]), 1.0));
+        }
+        let ([left, right, _], play) = self.wheel_slip(input).filter(|_| may_not_slip(input))?;
+        let radius = input.robot.parameters().wheel_radius;
+        // Without rates of their own the wheels slip by the way that they would roll. They may slip by as much as tolerances are of that.
+        Some((larger([left, right]) / radius, 2.0 * play / radius))
     }
 
     /// Whether the velocity is another one than that of the last node, of which limits speak: that of a goal with restitution, unless
@@ -153,10 +173,9 @@ impl End {
         BodyVector::from([planar.x, planar.y, velocity.yaw_rate, wheels.left, wheels.right])
     }
 
-    /// A wheel that slips where none may. With restitution one that sticks may slip at both ends of a step.
+    /// A wheel that slips where none may.
     fn slips(&self, input: &SolveInput) -> Option<Reason> {
-        let may_not = input.maneuver.forbids_slip() && input.robot.parameters().tangential_restitution == 0.0;
-        let Slip { speed, slack, is_across } = self.slip(input).filter(|_| may_not)?;
+        let Slip { speed, slack, is_across } = self.slip(input).filter(|_| may_not_slip(input))?;
         let (how, help) = if is_across {
             ("the wheels slip sideways", "a heading along the velocity helps, or a free one at the goal")
         } else {
@@ -171,6 +190,17 @@ impl End {
 
     /// None where tolerances allow it, or where it is left open.
     fn slip(&self, input: &SolveInput) -> Option<Slip> {
+        let (slip, play) = self.wheel_slip(input)?;
+        let [left, right, across] = slip.map(f64::abs);
+        let along = if self.has(&WHEEL_RATES) { left.max(right) } else { 0.0 };
+        let slack = input.settings.goal_tolerance * play;
+        let slip = Slip { speed: along.max(across), slack, is_across: across > slack };
+        (slip.speed > slack).then_some(slip)
+    }
+
+    /// The slip of the wheels (left and right along, both across), m/s, with rates of 0 where none are given, and how many tolerances may be
+    /// of it; none where the velocity is left open.
+    fn wheel_slip(&self, input: &SolveInput) -> Option<([f64; 3], f64)> {
         if !(self.has(&POSE[2..]) && self.has(&VELOCITY)) {
             return None;
         }
@@ -183,11 +213,7 @@ impl End {
         let play = SQRT_2 + speed + left_wheel.max(right_wheel) + parameters.wheel_radius;
         velocity[0] += offset.y * velocity[2];
         velocity[1] -= offset.x * velocity[2];
-        let [left, right, across] = input.robot.tangent_jacobian().wheel_slip(&velocity).map(f64::abs);
-        let along = if self.has(&WHEEL_RATES) { left.max(right) } else { 0.0 };
-        let slack = input.settings.goal_tolerance * play;
-        let slip = Slip { speed: along.max(across), slack, is_across: across > slack };
-        (slip.speed > slack).then_some(slip)
+        Some((input.robot.tangent_jacobian().wheel_slip(&velocity), play))
     }
 
     /// The contact whose normal force stays furthest below what it must be, whatever the torques: it separates, or misses its least load.
@@ -236,7 +262,7 @@ mod tests {
     use rand_xoshiro::Xoshiro256PlusPlus;
 
     use super::*;
-    use crate::robot::{Configuration, Payload, PerWheel, Velocity};
+    use crate::robot::{Configuration, Payload, Velocity};
     use crate::shooting::{AisleCorners, ReferencePoint, SlipPolicy};
     use crate::solver::settings::SolveParameters;
 
@@ -287,6 +313,26 @@ mod tests {
     }
 
     #[test]
+    fn wheels_that_may_not_slip_turn_as_fast_as_the_goal_asks() {
+        for (slip, least_rate, is_excluded) in [
+            (SlipPolicy::Forbidden, 16.66, true),
+            (SlipPolicy::Forbidden, 16.67, false),
+            (SlipPolicy::Allowed, 10.0, false),
+        ] {
+            let mut parameters = SolveParameters::forward_drive();
+            parameters.maneuver.slip = slip;
+            parameters.maneuver.limits.wheel_rate = Some(least_rate);
+            let goal = &mut parameters.maneuver.goal;
+            goal.set(StateComponent::VelocityY, Some(1.0));
+            for rate in WHEEL_RATES {
+                goal.set(rate, None);
+            }
+            let excluded = excluded_end(&SolveInput::new(parameters).unwrap());
+            assert_eq!(excluded.map(|reason| reason.code), is_excluded.then_some("goal_exceeds_limit"), "{least_rate}");
+        }
+    }
+
+    #[test]
     fn an_end_that_some_state_within_the_tolerances_keeps_to_is_not_excluded() {
         for seed in 0..2000 {
             let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
@@ -299,7 +345,9 @@ mod tests {
             parameters.settings.goal_tolerance = tolerance;
             let goal = &mut parameters.maneuver.goal;
             for (component, value) in StateComponent::ALL.into_iter().zip(state.to_vector().iter()) {
-                let is_free = component == StateComponent::Heading && seed.is_multiple_of(2);
+                let is_wheel_rate = WHEEL_RATES.contains(&component);
+                let is_free = component == StateComponent::Heading && seed.is_multiple_of(2)
+                    || is_wheel_rate && seed.is_multiple_of(3);
                 if goal.constrained().any(|(constrained, _)| constrained == component) {
                     goal.set(component, (!is_free).then(|| value + tolerance * [-1.0, 1.0][rng.random_range(0..2)]));
                 }

@@ -10,15 +10,16 @@ use crate::robot::State;
 use crate::shooting::{SHORTEST_FINAL_TIME, StateComponent, decision_len};
 use crate::simulation::TorqueSchedule;
 
-/// A miss of so many tolerances may be rounding or a kink of the friction law; a larger one is not near the goal.
-const NEAR_MISS: f64 = 1e3;
+/// A miss up to this (m, rad, m/s, rad/s), whatever the tolerance, may be rounding or a kink of the friction law; a larger one is not near
+/// the goal.
+const NEAR_MISS: f64 = 1e-3;
 
-/// The goal component that a plan misses most, and what would help.
+/// The goal component that a plan misses most, the limit that it exceeds beside, and what would help.
 pub(super) fn goal_missed(
     input: &SolveInput,
     plan: &TorqueSchedule,
     goal_error: &SVector<f64, { State::LEN }>,
-    stop_reason: StopReason,
+    (exceeded, stop_reason): (Option<&LimitUse>, StopReason),
 ) -> Reason {
     let error = |component: StateComponent| goal_error[component.index()];
     let (component, goal) = input
@@ -38,21 +39,38 @@ pub(super) fn goal_missed(
     } else {
         ("goal_missed", "the best plan", help(input, miss, stop_reason))
     };
-    let message =
-        format!("`{field}` is {goal}, {subject} misses it by {miss}, must be within {tolerance}; {help} would help");
+    let beside = exceeded.map(|used| format!(", where it {}", excess(used))).unwrap_or_default();
+    let message = format!(
+        "`{field}` is {goal}, {subject} misses it by {miss}, must be within {tolerance}{beside}; {help} would help"
+    );
     let time = (!diverges).then_some(plan.final_time);
     Reason { code, message, field, time, value: miss.abs(), limit: tolerance }
 }
 
 /// The limit that a plan exceeds most, and what would help.
-pub(super) fn limit_missed(&LimitUse { limit, value, largest, time, .. }: &LimitUse) -> Reason {
-    let message = format!(
-        "`{limit}` allows {value}, the best plan that meets the goal takes {largest}; more `solver.starts`, more \
-         `grid.control_intervals` or a wider limit would help"
-    );
+pub(super) fn limit_missed(used: &LimitUse, stop_reason: StopReason) -> Reason {
+    let help = match stop_reason {
+        StopReason::Stopped => MORE_TIME,
+        StopReason::RolloutLimit => MORE_ROLLOUTS,
+        StopReason::Finished => "more `solver.starts`, more `grid.control_intervals` or a wider limit",
+    };
+    let message = format!("the best plan that meets the goal {}; {help} would help", excess(used));
+    let LimitUse { limit, value, largest, time, .. } = *used;
     let (code, field) = (Reason::LIMIT_EXCEEDED, limit.to_owned());
     Reason { code, message, field, time: Some(time), value: largest, limit: value }
 }
+
+/// What a plan does that a limit does not allow.
+fn excess(&LimitUse { limit, value, largest, .. }: &LimitUse) -> String {
+    if limit == AISLE {
+        return format!("has a corner of `robot.footprint` {largest} m outside `{limit}`");
+    }
+    format!("takes {largest} where `{limit}` allows {value}")
+}
+
+const AISLE: &str = "maneuver.keep_in";
+const MORE_TIME: &str = "more time (`solver.time_limit_s` or the deadline)";
+const MORE_ROLLOUTS: &str = "a larger `solver.rollout_limit`";
 
 /// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
 fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> String {
@@ -78,11 +96,9 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> St
         {
             "the method `sequential_linear`"
         }
-        StopReason::Stopped => "more time (`solver.time_limit_s` or the deadline)",
-        StopReason::RolloutLimit => "a larger `solver.rollout_limit`",
-        StopReason::Finished if miss.abs() <= NEAR_MISS * settings.goal_tolerance => {
-            "a larger `solver.goal_tolerance` or more `grid.steps`"
-        }
+        StopReason::Stopped => MORE_TIME,
+        StopReason::RolloutLimit => MORE_ROLLOUTS,
+        StopReason::Finished if miss.abs() <= NEAR_MISS => "a larger `solver.goal_tolerance` or more `grid.steps`",
         // Automatic steps begin on that many, if they may.
         StopReason::Finished if settings.finest_step_count() < on_course => {
             return format!(

@@ -157,7 +157,7 @@ pub struct Simulation {
     pub separations: Vec<Separation>,
     /// Slip reversals.
     pub slip_reversals: usize,
-    /// Steps whose friction problem has several solutions, in the motion by the exact contact solver.
+    /// Steps for whose friction problem a second solution was found, in the motion by the exact contact solver.
     pub indeterminate_steps: usize,
     /// How far each limit that was given is used.
     pub limits: Vec<LimitUse>,

@@ -211,7 +211,7 @@ pub struct Report {
     pub separations: Vec<Separation>,
     /// The smallest normal force on the way; none without motion.
     pub least_normal_load: Option<NormalLoad>,
-    /// Steps whose friction problem has several solutions; all where the certificate was cut off.
+    /// Steps for whose friction problem a second solution was found; all where the certificate was cut off.
     pub indeterminate_steps: usize,
     /// Slip reversals, where derivatives are wrong.
     pub slip_reversals: usize,

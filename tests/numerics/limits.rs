@@ -455,6 +455,32 @@ fn accelerations_are_those_of_the_point() {
     }
 }
 
+#[test]
+fn speed_that_rises_is_no_deceleration_however_coarse_the_grid() {
+    // A left turn of a point far out on the right, which gets faster by less than its grid turns it.
+    let point = Payload { mass: 1e-6, right: 0.3, forward: 0.02, height: 0.1, yaw_inertia: 0.0 };
+    let robot =
+        RobotParameters { center_of_mass_right: 0.0, center_of_mass_forward: 0.02, ..RobotParameters::default() };
+    for step_count in [30, 60, 600] {
+        let mut parameters =
+            SimulateParameters { robot, payload: Some(point), step_count, ..SimulateParameters::default() };
+        let (yaw_rate, speed) = (3.0, 1.0);
+        // Turned back by half a step, as the nodes of a plan are.
+        let back = 0.5 * yaw_rate * 0.6 / step_count as f64;
+        let velocity = &mut parameters.start.velocity;
+        (velocity.x, velocity.y, velocity.yaw_rate) = (-0.02 * yaw_rate, speed, yaw_rate);
+        (velocity.x, velocity.y) =
+            (velocity.x * back.cos() + velocity.y * back.sin(), velocity.y * back.cos() - velocity.x * back.sin());
+        let rate = |side: f64| (speed + side * yaw_rate * 0.5 * robot.track_width) / robot.wheel_radius;
+        velocity.wheel_rate = PerWheel::new(rate(-1.0), rate(1.0));
+        parameters.schedule = TorqueSchedule { final_time: 0.6, left: vec![-0.119_742], right: vec![0.128_178] };
+        (parameters.limits.acceleration, parameters.limits.deceleration) = (Some(1.0), Some(1.0));
+        let simulation = simulate(&SimulateInput::new(parameters).unwrap(), Stop::never()).unwrap();
+        let [up, down] = [0, 1].map(|limit| simulation.limits[limit].largest);
+        assert!((5.0..7.0).contains(&up) && down <= 0.0, "{step_count} steps: {up} and {down} m/s2");
+    }
+}
+
 /// Velocity in the world of a point (right, forward) of the robot from the point that a state speaks of.
 fn velocity_of(point: Vector2<f64>, state: &State) -> Vector2<f64> {
     let (sin, cos) = state.configuration.heading.sin_cos();

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::robot::unlucky::short_track;
-use crate::robot::{Configuration, RobotParameters};
+use crate::robot::{Configuration, PerWheel, RobotParameters};
 use crate::simulation::{EndSensitivity, FrictionLaw};
 use crate::stop::probe;
 
@@ -161,4 +161,28 @@ fn only_unproved_uniqueness_is_looked_for_step_by_step() {
         probe::stopped_at(0, |stop| simulator.indeterminate_steps(rollout, stop))
     });
     assert_eq!((end.is_ok(), asked), (true, STEPS as u64));
+}
+
+#[test]
+fn fixed_point_reports_forces_within_friction_and_the_modes_of_the_exact_solver() {
+    for turn in 0..20 {
+        // Rolling on a curve: the sweeps leave the lateral force where they please, and a wheel on the rim of its disc.
+        let mut start = State::default();
+        let velocity = &mut start.velocity;
+        (velocity.x, velocity.y, velocity.yaw_rate) = (-0.14, 1.5 + 0.02 * f64::from(turn), 2.0);
+        velocity.wheel_rate = PerWheel::new(25.0, 35.0);
+        with_rollout(RobotParameters::default(), |simulator, _| {
+            let schedule = TorqueSchedule { final_time: 0.5, left: vec![0.0], right: vec![0.0] };
+            let rollout = Rollout { start: &start, schedule: &schedule, step_count: 50 };
+            let [exact, reference] = [ContactMethod::Exact, ContactMethod::FixedPoint]
+                .map(|method| simulator.trajectory(&rollout, method, Stop::never()).unwrap());
+            assert!(reference.worst_contact_residual <= 1e-12, "{}", reference.worst_contact_residual);
+            assert_eq!(exact.degrees_of_freedom, reference.degrees_of_freedom, "{turn}");
+            for contact in reference.contact.iter().flat_map(|contact| [contact.left, contact.right]) {
+                let friction = contact.longitudinal_force.hypot(contact.lateral_force);
+                let most = RobotParameters::default().wheel_friction_coefficient * contact.normal_force;
+                assert!(friction <= most * (1.0 + 1e-9), "{turn}: {friction} of {most} N");
+            }
+        });
+    }
 }

@@ -145,8 +145,8 @@ class AssessResponse:
     steps: int
     """Steps of a sample without delay: on the first grid of 1, 2, 4, 8 and 16 times the plan's on which the motion
     without changes is a success. Where there is none, and where finer ones would take more than 10,000 steps a
-    sample or 20,000,000 in all: the finest. A delay adds steps as long. Where they would be more than 1,000 they may
-    be a little shorter, where more than 10,000 they are a little longer.
+    sample or 20,000,000 in all: the finest. A delay adds steps as long; where they would be more than 20,000 they
+    are longer.
     """
     success_rate: float
     """Their share."""
@@ -731,7 +731,7 @@ class Report:
     distinct_optima: list[DistinctOptimum]
     """Local optima seen, fastest first."""
     indeterminate_steps: int
-    """Steps whose friction problem has several solutions; all where the certificate was cut off."""
+    """Steps for whose friction problem a second solution was found; all where the certificate was cut off."""
     iterations: int
     """Iterations over all starts."""
     least_normal_load: NormalLoad | None
@@ -912,7 +912,7 @@ class SimulateResponse:
     end_state: EndState
     """The end state as a goal judges it."""
     indeterminate_steps: int
-    """Steps whose friction problem has several solutions."""
+    """Steps for whose friction problem a second solution was found."""
     limits: list[LimitUse] | None = None
     """How far the motion uses each limit that was given; left out where none was."""
     separations: list[Separation]
@@ -1081,4 +1081,7 @@ class WorstSample:
     separates: bool
     """Whether a contact lifts."""
     simulate: SimulateRequest
-    """Its motion as a request, with the footprint where there is one, so that limits of the plan may be added."""
+    """Its motion as a request, with the footprint where there is one, so that limits of the plan may be added. After
+    a delay, where it would have more than 1,000 intervals, steps share mean torques, and its end is a little another
+    one.
+    """
