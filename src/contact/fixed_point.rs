@@ -7,7 +7,7 @@ use nalgebra::{SVector, Vector3};
 
 use super::delassus::DelassusOperator;
 use super::directions::{AXLE, ROWS, contact_count};
-use super::natural_map::{contact_impulses, friction_radius, prox_argument, residual};
+use super::natural_map::{friction_radius, prox_argument, residual};
 use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 use super::prox::project_onto_disc;
@@ -32,7 +32,7 @@ impl Default for FixedPointSettings {
 
 /// A slip that shifts the argument of the prox map by less than this share of the friction radius is none: the sweeps leave sticking wheels
 /// on the rim of their discs.
-const NO_SLIP: f64 = 1e-9;
+const NO_SLIP: f64 = 1e-12;
 
 /// The prox iteration, warm-started from the last step's impulses.
 #[derive(Debug, Clone)]
@@ -112,10 +112,8 @@ impl FixedPointSolver {
         let impact_slip = operator.impact_slip(problem, &impulse);
         let normal_impulse = operator.normal_impulse(problem, &impulse);
         let pattern = self.pattern(operator, &impact_slip, &normal_impulse);
-        let solution = ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual: 0.0 };
-        // Of the shares of the lateral impulse that are reported, which the sweeps do not determine while both wheels stick.
-        let parts = contact_impulses(operator, &solution);
-        ContactSolution { residual: residual(operator, problem, &parts, &impact_slip, &normal_impulse), ..solution }
+        let residual = residual(operator, problem, &self.impulse, &impact_slip, &normal_impulse);
+        ContactSolution { impulse, impact_slip, normal_impulse, pattern, residual }
     }
 
     fn pattern<const N: usize>(

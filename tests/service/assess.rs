@@ -103,25 +103,30 @@ async fn worst_sample_is_a_simulation_that_ends_as_told() {
         normal("start_y", 0.01), normal("start_heading", 0.01), {"parameter": "delay_left", "low": 0, "high": 0.03},
         {"parameter": "delay_right", "low": 0, "high": 0.03},
     ]);
-    let further = json!({"uncertain": uncertain, "tolerances": {"distance_m": 0.3, "heading_rad": 0.5}, "samples": 200,
-                         "payload": {"mass_kg": 1, "forward_m": 0.1, "height_m": 0.1}, "seed": 5});
-    let answer = assessed(&server, &body(&drifting(), &further)).await;
-    let worst = &answer["worst"];
-    assert_eq!(worst["changes"].as_array().unwrap().len(), 15);
-    assert_eq!(answer["quantiles"][5]["share"], 1.0);
     let mut plan = drifting()["simulate"]["request"].clone();
     let end = |simulated: &Value, field: &str| number(&simulated["end_state"][field]);
     // The plan's own end at the axle midpoint, which the robot without load starts 7 cm behind its centre of mass.
     plan["reference_point"] = json!("axle_midpoint");
     plan["start"] = json!({"x_m": 0.02, "y_m": -0.07});
     let planned = server.post("/simulate", plan.to_string()).await.json();
-    let simulated = server.post("/simulate", worst["simulate"].to_string()).await.json();
-    let away = (end(&simulated, "x_m") - end(&planned, "x_m")).hypot(end(&simulated, "y_m") - end(&planned, "y_m"));
-    // Both starts at the axle midpoint are the same to rounding, which a drift makes some thousand times larger.
-    assert!((away - number(&worst["errors"]["distance_m"])).abs() < 1e-9, "{away} {worst}");
-    let turned = number(&worst["errors"]["heading_rad"]);
-    let relative = (number(&worst["errors"]["distance_m"]) / 0.3).max(turned.abs() / 0.5);
-    assert_eq!(number(&worst["relative_error"]), relative);
+    // On the plan's own grid to rounding, which a drift makes some thousand times larger; on one of more steps than a request may have
+    // intervals some of them share a mean torque.
+    for (tolerance, apart, is_fine) in [(10.0, 1e-9, false), (0.3, 1e-4, true)] {
+        let further = json!({"uncertain": uncertain, "tolerances": {"distance_m": tolerance, "heading_rad": 0.5},
+                             "samples": 200, "payload": {"mass_kg": 1, "forward_m": 0.1, "height_m": 0.1}, "seed": 5});
+        let answer = assessed(&server, &body(&drifting(), &further)).await;
+        assert_eq!(answer["steps"].as_u64().unwrap() > 1000, is_fine, "{}", answer["steps"]);
+        let worst = &answer["worst"];
+        assert_eq!(worst["changes"].as_array().unwrap().len(), 15);
+        assert_eq!(answer["quantiles"][5]["share"], 1.0);
+        let simulated = server.post("/simulate", worst["simulate"].to_string()).await.json();
+        let away = (end(&simulated, "x_m") - end(&planned, "x_m")).hypot(end(&simulated, "y_m") - end(&planned, "y_m"));
+        let errors = &worst["errors"];
+        assert!((away - number(&errors["distance_m"])).abs() < apart, "{away} {errors}");
+        let turned = number(&errors["heading_rad"]);
+        let relative = (number(&errors["distance_m"]) / tolerance).max(turned.abs() / 0.5);
+        assert_eq!(number(&worst["relative_error"]), relative);
+    }
 }
 
 #[tokio::test]
