@@ -11,7 +11,7 @@ pub use draw::Distribution;
 
 use std::iter::successors;
 
-use samples::{Outcome, Samples};
+use samples::Outcome;
 
 use crate::robot::State;
 use crate::shooting::{Aisle, Goal, Maneuver, ManeuverLimits, PathLimits, ReferencePoint, wrapped_angle};
@@ -222,7 +222,7 @@ pub fn assess(input: &AssessInput, control: &RunControl) -> Result<Assessment, S
     let driven = Undisturbed { step_count: grid.step_count, ..input.driven.clone() };
     let unchanged = driven.unchanged();
     let (_, _, limits) = unchanged.end_with_limits(&input.limits(&unchanged), control.stop())?;
-    let outcomes = Samples::new(input, (&driven, &target), control).outcomes()?;
+    let outcomes = samples::outcomes(input, (&driven, &target), control)?;
     let ended: Vec<_> = outcomes.iter().flatten().collect();
     let success_count = ended.iter().filter(|sample| input.is_success(&sample.error, sample.separates)).count();
     let errors = |which: usize| ended.iter().map(move |sample| sample.error[which]);

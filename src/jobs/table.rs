@@ -2,11 +2,17 @@
 
 use std::fmt::Write as _;
 
+use crate::contract::json::Named;
 use crate::simulation::{ContactModeSpan, Separation};
 use crate::solver::LimitUse;
 
 /// Width of the first column.
 const LABEL_WIDTH: usize = 16;
+
+/// A value that has a name in the contract, as answers write it.
+pub(super) fn word<M: Named + Into<i32>>(value: impl Into<M>) -> &'static str {
+    M::name_of(value.into().into()).unwrap_or("unspecified")
+}
 
 /// How many, and the first.
 pub(super) fn separations(separations: &[Separation]) -> String {

@@ -70,14 +70,10 @@ impl PathConstraints {
         }
     }
 
-    /// Whether there are others than least loads.
-    pub(super) fn has_limits(&self) -> bool {
-        self.path.len() > CONTACT_COUNT || !self.torque_rate.is_empty()
-    }
-
     /// The smallest tolerance of a limit, or that of normal forces where there is none.
     pub(super) fn tolerance(&self) -> f64 {
-        if self.has_limits() { LIMIT_TOLERANCE / LIMIT_UNIT } else { LIMIT_TOLERANCE }
+        let has_limits = self.path.len() > CONTACT_COUNT || !self.torque_rate.is_empty();
+        if has_limits { LIMIT_TOLERANCE / LIMIT_UNIT } else { LIMIT_TOLERANCE }
     }
 
     /// Number of values for a schedule.

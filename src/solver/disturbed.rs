@@ -63,39 +63,20 @@ pub enum ChangedParameter {
 }
 
 impl ChangedParameter {
-    /// The name in the public contract.
-    pub const fn as_str(self) -> &'static str {
-        self.name_and_unit().0
-    }
-
     /// The unit of a change: a share multiplies the value by 1 + change, anything else is added.
     pub const fn unit(self) -> &'static str {
-        self.name_and_unit().1
-    }
-
-    const fn name_and_unit(self) -> (&'static str, &'static str) {
         match self {
-            Self::Friction => ("friction", "share"),
-            Self::Mass => ("mass", "share"),
-            Self::CenterOfMassRight => ("center_of_mass_right", "m"),
-            Self::CenterOfMassForward => ("center_of_mass_forward", "m"),
-            Self::Torque => ("torque", "share"),
-            Self::TorqueLeft => ("torque_left", "share"),
-            Self::StartHeading => ("start_heading", "rad"),
-            Self::TorqueRight => ("torque_right", "share"),
-            Self::PayloadMass => ("payload_mass", "kg"),
-            Self::PayloadRight => ("payload_right", "m"),
-            Self::PayloadForward => ("payload_forward", "m"),
-            Self::StartX => ("start_x", "m"),
-            Self::StartY => ("start_y", "m"),
-            Self::DelayLeft => ("delay_left", "s"),
-            Self::DelayRight => ("delay_right", "s"),
+            Self::Friction | Self::Mass | Self::Torque | Self::TorqueLeft | Self::TorqueRight => "share",
+            Self::StartHeading => "rad",
+            Self::PayloadMass => "kg",
+            Self::CenterOfMassRight
+            | Self::CenterOfMassForward
+            | Self::PayloadRight
+            | Self::PayloadForward
+            | Self::StartX
+            | Self::StartY => "m",
+            Self::DelayLeft | Self::DelayRight => "s",
         }
-    }
-
-    /// Whether it is of the payload.
-    pub const fn is_of_payload(self) -> bool {
-        matches!(self, Self::PayloadMass | Self::PayloadRight | Self::PayloadForward)
     }
 }
 
@@ -270,8 +251,7 @@ fn as_read(mut schedule: TorqueSchedule) -> TorqueSchedule {
 
 fn check_delay(delay: &PerWheel<f64>, schedule: &TorqueSchedule, checks: &mut Checks) {
     let before = checks.count();
-    let left = (ChangedParameter::DelayLeft.as_str(), delay.left);
-    let right = (ChangedParameter::DelayRight.as_str(), delay.right);
+    let (left, right) = (("delay_left", delay.left), ("delay_right", delay.right));
     for (name, delay) in [left, right] {
         checks.bounds(name, delay, &DELAY_RULE);
     }

@@ -1,6 +1,10 @@
 //! Threads that share the work of a solve. The solver starts none: its caller may lend some.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use super::run_control::RunControl;
+use crate::stop::Stop;
 
 /// Work in independent parts that several threads may do at once.
 pub trait SharedWork: Sync {
@@ -35,20 +39,76 @@ impl Helpers for Alone {
     }
 }
 
-/// Cancels the other parts of shared work when one panics.
-pub(crate) struct CancelOnPanic<'a>(&'a AtomicBool);
+/// Runs parts by their numbers on the calling thread and on the helpers of the control, in any order; what each came to, none where the
+/// control ended it. A part that comes to nothing before, since its helper was recalled, is run again.
+///
+/// # Panics
+/// When a part panics, on any thread.
+pub(crate) fn in_parts<T: Send>(
+    control: &RunControl,
+    count: usize,
+    run: &(dyn Fn(usize, Stop) -> Option<T> + Sync),
+) -> Vec<Option<T>> {
+    let slots = Mutex::new((0..count).map(|_| Slot::Open).collect());
+    let parts = Parts { control, run, slots, is_cancelled: AtomicBool::new(false) };
+    control.share(&parts);
+    let outcome_of = |slot| if let Slot::Done(outcome) = slot { Some(outcome) } else { None };
+    parts.slots.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter().map(outcome_of).collect()
+}
 
-impl<'a> CancelOnPanic<'a> {
-    /// Sets the flag where it is dropped before [`Self::disarm`].
-    pub(crate) fn new(is_cancelled: &'a AtomicBool) -> Self {
-        Self(is_cancelled)
+struct Parts<'a, T> {
+    control: &'a RunControl<'a>,
+    run: &'a (dyn Fn(usize, Stop) -> Option<T> + Sync),
+    slots: Mutex<Vec<Slot<T>>>,
+    /// Set when a part panics: the others are no longer needed.
+    is_cancelled: AtomicBool,
+}
+
+/// What a part has come to.
+enum Slot<T> {
+    Open,
+    UnderWay,
+    Done(T),
+}
+
+impl<T> Parts<'_, T> {
+    fn slots(&self) -> MutexGuard<'_, Vec<Slot<T>>> {
+        self.slots.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The part has ended by itself.
-    pub(crate) fn disarm(self) {
-        std::mem::forget(self);
+    fn is_over(&self) -> bool {
+        self.is_cancelled.load(Ordering::Relaxed) || self.control.is_stopped()
+    }
+
+    fn begin(&self) -> Option<usize> {
+        let mut slots = self.slots();
+        let index = slots.iter().position(|slot| matches!(slot, Slot::Open))?;
+        slots[index] = Slot::UnderWay;
+        Some(index)
     }
 }
+
+impl<T: Send> SharedWork for Parts<'_, T> {
+    fn open_parts(&self) -> usize {
+        if self.is_over() { 0 } else { self.slots().iter().filter(|slot| matches!(slot, Slot::Open)).count() }
+    }
+
+    fn take_part(&self, recalled: &AtomicBool) -> bool {
+        if self.is_over() || recalled.load(Ordering::Relaxed) {
+            return false;
+        }
+        let Some(index) = self.begin() else { return false };
+        let alarm = CancelOnPanic(&self.is_cancelled);
+        let outcome = (self.run)(index, self.control.stop().interrupted_by([&self.is_cancelled, recalled]));
+        // The part has ended by itself.
+        std::mem::forget(alarm);
+        self.slots()[index] = outcome.map_or(Slot::Open, Slot::Done);
+        true
+    }
+}
+
+/// Cancels the other parts where it is dropped, which it is by a panic alone.
+struct CancelOnPanic<'a>(&'a AtomicBool);
 
 impl Drop for CancelOnPanic<'_> {
     fn drop(&mut self) {

@@ -49,28 +49,21 @@ pub(super) fn motion_with_limits(
             maximum.value = larger(1.0, maximum.value);
         }
     }
-    let mut uses: Vec<LimitUse> = Vec::new();
-    if rollout.schedule.control_count() == 0 {
-        return Ok((motion, uses));
-    }
     let step_length = rollout.schedule.final_time / rollout.step_count as f64;
-    for (limit, &PathMaximum { value: reached, node }) in judged.into_iter().zip(&motion.maxima) {
+    let use_of = |(limit, &PathMaximum { value: reached, node }): (&PathLimit, &PathMaximum)| {
         let counted = limit.counted(reached);
-        let next = LimitUse {
+        LimitUse {
             limit: limit.field,
             value: limit.allowed(),
             largest: limit.used(counted),
             time: node as f64 * step_length,
             excess: limit.excess(counted),
             replay_excess: None,
-        };
-        // The largest use of each field is kept.
-        match uses.iter_mut().find(|known| known.limit == next.limit) {
-            Some(known) if exceeds_more(&next, known) => *known = next,
-            Some(_) => {}
-            None => uses.push(next),
         }
-    }
+    };
+    let all: Vec<LimitUse> = judged.into_iter().zip(&motion.maxima).map(use_of).collect();
+    // Limits of one field stand together.
+    let mut uses: Vec<_> = all.chunk_by(|a, b| a.limit == b.limit).filter_map(most_exceeded).copied().collect();
     uses.extend(limits.torque_rate.map(|rate| torque_rate_use(rate, commanded)));
     Ok((motion, uses))
 }

@@ -44,7 +44,7 @@ pub use solution::{
 };
 
 pub(crate) use certificate::{REPLAY_EXCESS, REPLAY_REFINEMENT};
-pub(crate) use helpers::CancelOnPanic;
+pub(crate) use helpers::in_parts;
 
 use std::iter;
 

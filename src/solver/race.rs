@@ -3,7 +3,7 @@
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, distinct, is_distinct};
 use super::hops::PATIENCE;
 use super::local_search::LocalSearch;
-use super::parts::{PartOutcome, Parts, RunPart};
+use super::parts::{PartOutcome, RunPart};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::search::SearchResult;
@@ -216,7 +216,7 @@ impl<'a> Race<'a> {
             PartOutcome { local, best: search.best, iterations: search.iterations, rollouts: search.budget.spent() }
         };
         let left = self.rollout_limit - self.found.rollouts;
-        let locals = Parts::new(&self.progress, left, entrants.len(), run_part).run_into(&mut self.found);
+        let locals = self.found.add_parts((entrants.len(), left), &self.progress, run_part);
         locals.into_iter().map(|(index, local)| (&entrants[index], local)).collect()
     }
 }

@@ -124,20 +124,6 @@ pub enum RefinementOutcome {
     NoPlan,
 }
 
-impl RefinementOutcome {
-    /// The name in the public contract.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Fixed => "fixed",
-            Self::WithinTolerance => "within_tolerance",
-            Self::StepLimit => "step_limit",
-            Self::GoalLost => "goal_lost",
-            Self::Interrupted => "interrupted",
-            Self::NoPlan => "no_plan",
-        }
-    }
-}
-
 /// The plan's torques on a finer grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Replay {

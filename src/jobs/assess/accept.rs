@@ -11,6 +11,7 @@ use crate::contract::json::Named;
 use crate::contract::message::{self, AssessRequest, Tolerances, Uncertainty};
 use crate::jobs::Limits;
 use crate::jobs::plan::{AcceptedPlan, Said};
+use crate::jobs::table::word;
 use crate::robot::{Payload, RobotParameters};
 use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::shooting::AisleCorners;
@@ -152,7 +153,13 @@ fn checked_uncertain(
         let named: message::ChangedParameter = named(parameter, &field)?;
         let parameter: ChangedParameter = required(named.into(), &field)?;
         let is_first = !uncertain.iter().any(|(known, _)| *known == parameter);
-        checks.require(&field, parameter.as_str(), is_first, "a parameter that is not given before", None);
+        checks.require(
+            &field,
+            word::<message::ChangedParameter>(parameter),
+            is_first,
+            "a parameter that is not given before",
+            None,
+        );
         let distribution = checks.within(&format!("uncertain[{index}]"), |checks| {
             let rule = rule_of(parameter);
             match (low, high, mean, standard_deviation) {
@@ -244,9 +251,19 @@ fn assessed(
 /// That what is uncertain is there, that delays fit, and that it is not too much.
 fn check_together(input: &AssessInput, checks: &mut Checks) {
     for (index, (parameter, _)) in input.uncertain.iter().enumerate() {
-        let has_place = !parameter.is_of_payload() || input.driven.payload.is_some();
+        let is_of_payload = matches!(
+            parameter,
+            ChangedParameter::PayloadMass | ChangedParameter::PayloadRight | ChangedParameter::PayloadForward
+        );
+        let has_place = !is_of_payload || input.driven.payload.is_some();
         let field = format!("uncertain[{index}].parameter");
-        checks.require(&field, parameter.as_str(), has_place, "of a payload that is given", None);
+        checks.require(
+            &field,
+            word::<message::ChangedParameter>(*parameter),
+            has_place,
+            "of a payload that is given",
+            None,
+        );
     }
     // What follows makes no sense of a plan without motion.
     if checks.count() > 0 {

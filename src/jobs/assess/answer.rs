@@ -7,7 +7,7 @@ use crate::contract::message::{
     self, AppliedChange, AssessResponse, EndErrors, ErrorQuantile, LimitExcess, SimulateGrid, SimulateRequest,
     VarianceShares,
 };
-use crate::jobs::table::{line, row};
+use crate::jobs::table::{line, row, word};
 use crate::solver::ChangedParameter;
 
 pub(super) fn answer(accepted: &AcceptedAssess, assessment: &Assessment) -> AssessResponse {
@@ -130,7 +130,8 @@ pub(super) fn table(accepted: &AcceptedAssess, assessment: &Assessment) -> Strin
         let error = format!("{:.3} of its tolerance{lifts}", worst.relative_error);
         line(&mut table, &format!("  number {}, largest error {error}", worst.index));
         for (parameter, change) in &worst.changes {
-            line(&mut table, &format!("  {:<22} {change:>+12.6} {}", parameter.as_str(), parameter.unit()));
+            let name = word::<message::ChangedParameter>(*parameter);
+            line(&mut table, &format!("  {name:<22} {change:>+12.6} {}", parameter.unit()));
         }
     }
     table
@@ -155,7 +156,7 @@ fn write_shares(table: &mut String, shares: &[ParameterShares]) {
     table.push_str("\nshare of variance\n");
     for ParameterShares { parameter, shares } in shares {
         let numbers: Vec<String> = shares.iter().map(|share| format!(" {:>11}", rounded(*share, 2))).collect();
-        line(table, &format!("  {:<22}{}", parameter.as_str(), numbers.concat()));
+        line(table, &format!("  {:<22}{}", word::<message::ChangedParameter>(*parameter), numbers.concat()));
     }
 }
 

@@ -4,7 +4,7 @@
 //! allow for it: the stop flag is set that much earlier.
 
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::service::Finishing;
 use crate::solver::{Refinement, SolverSettings};
@@ -60,22 +60,6 @@ impl FinishingPace {
         };
         let time = TURN + Duration::from_secs_f64(pace * step_count as f64);
         Finishing { time, largest_share, least_time: LEAST_TIME }
-    }
-}
-
-/// When the search of a running solve ended, heard from its worker.
-#[derive(Debug, Default)]
-pub(super) struct SearchEnd(Mutex<Option<Instant>>);
-
-impl SearchEnd {
-    /// Takes the time.
-    pub(super) fn mark(&self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
-    }
-
-    /// The time, if it was taken.
-    pub(super) fn time(&self) -> Option<Instant> {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

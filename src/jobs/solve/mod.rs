@@ -106,7 +106,7 @@ impl Job for Solve {
         let run = RunControl::new(stop.flag(), &observer).cut_off_by(stop.cut_flag()).helped_by(&workers);
         let solution = self.solver.solve(&accepted.input, &run).map_err(|_| control.cut_off())?;
         let stop_reason = stop_reason(solution.stop_reason, stop.cause())?;
-        Ok(Solved { solution, stop_reason, search_end: observer.search_end.time() })
+        Ok(Solved { solution, stop_reason, search_end: observer.search_end.get().copied() })
     }
 
     fn answered(&self, done: &Done<Solved>) {

@@ -1,10 +1,10 @@
 //! What a running solve reports: its progress, its phases as spans, and when its search ended.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::Instant;
 
 use tracing::Span;
 
-use super::finishing::SearchEnd;
 use crate::contract::message::SearchPhase;
 use crate::service::JobControl;
 use crate::solver::{Phase, ProgressObserver, SolveProgress};
@@ -19,7 +19,7 @@ pub struct Progressed {
 /// Keeps the latest progress for whoever asks, when the search ended, and a span per running phase.
 pub(super) struct SolveObserver<'a> {
     control: &'a JobControl<'a, Progressed>,
-    pub(super) search_end: SearchEnd,
+    pub(super) search_end: OnceLock<Instant>,
     latest: Mutex<(Option<SolveProgress>, SearchPhase)>,
     phases: Mutex<Vec<(Phase, Span)>>,
 }
@@ -27,7 +27,7 @@ pub(super) struct SolveObserver<'a> {
 impl<'a> SolveObserver<'a> {
     pub(super) fn new(control: &'a JobControl<'a, Progressed>) -> Self {
         let latest = Mutex::new((None, SearchPhase::Start));
-        Self { control, search_end: SearchEnd::default(), latest, phases: Mutex::default() }
+        Self { control, search_end: OnceLock::new(), latest, phases: Mutex::default() }
     }
 
     /// Reports what is new together with what is known; nothing before there is an iterate.
@@ -65,7 +65,7 @@ impl ProgressObserver for SolveObserver<'_> {
 
     fn begins(&self, phase: Phase) {
         if phase == Phase::Certificate {
-            self.search_end.mark();
+            self.search_end.get_or_init(Instant::now);
         }
         self.report(None, search_phase(phase));
         let span = self.span_of(phase);

@@ -1,7 +1,8 @@
 //! The answer of a solve as a short table for people.
 
 use super::Solved;
-use crate::jobs::table::{line, row, separations, write_limits, write_timeline};
+use crate::contract::message;
+use crate::jobs::table::{line, row, separations, word, write_limits, write_timeline};
 use crate::service::Done;
 use crate::shooting::Goal;
 use crate::simulation::TorqueSchedule;
@@ -25,7 +26,11 @@ pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
     if *status != Status::Infeasible {
         row(&mut table, "final time", &final_time(schedule, report));
         row(&mut table, "replay confirmed", if *replay_confirmed { "yes" } else { "no" });
-        row(&mut table, "grid", &format!("{} steps ({})", report.step_count, report.refinement.as_str()));
+        row(
+            &mut table,
+            "grid",
+            &format!("{} steps ({})", report.step_count, word::<message::Refinement>(report.refinement)),
+        );
         row(&mut table, "replay miss", &report.replay.as_ref().map_or(NOT_REACHED.to_owned(), replay_miss));
         row(&mut table, "separations", &separations(&report.separations));
     }
@@ -60,11 +65,15 @@ fn write_sensitivity(table: &mut String, sensitivity: &[Sensitivity]) {
         let shift = match &worse.outcome {
             Ok(shift) => {
                 let lifts = if shift.separates { ", a contact lifts" } else { "" };
-                format!("{:.4} m, {:.4} rad{lifts}", shift.distance, shift.angle)
+                let refused =
+                    |one: &Sensitivity| Some(format!("; {} refused by {}", change(one), one.outcome.as_ref().err()?));
+                let other = both.iter().find_map(refused).unwrap_or_default();
+                format!("{:.4} m, {:.4} rad{lifts}{other}", shift.distance, shift.angle)
             }
             Err(field) => format!("refused by {field}"),
         };
-        line(table, &format!("  {:<22} {:>12}  {shift}", worse.parameter.as_str(), change(worse)));
+        let name = word::<message::ChangedParameter>(worse.parameter);
+        line(table, &format!("  {name:<22} {:>12}  {shift}", change(worse)));
     }
 }
 
@@ -122,6 +131,10 @@ mod tests {
         assert_eq!(lines[2], "friction -10 % 0.2500 m, 0.5000 rad");
         assert_eq!(lines[3], "center_of_mass_right +0.0100 m refused by robot.center_of_mass_right_m");
         assert_eq!(lines[6], "start_heading +0.0100 rad 2.0000 m, 0.5000 rad, a contact lifts");
+        let mut half = String::new();
+        write_sensitivity(&mut half, &[refused(-0.01), one(ChangedParameter::CenterOfMassRight, 0.01, 0.25)]);
+        let end = "0.2500 m, 0.5000 rad; -0.0100 m refused by robot.center_of_mass_right_m\n";
+        assert!(half.ends_with(end), "{half}");
     }
 
     #[test]
