@@ -243,6 +243,49 @@ async fn answers_that_are_larger_than_expected_make_room_for_themselves() {
 }
 
 #[tokio::test]
+async fn longest_message_of_a_batch_is_held_until_its_end() {
+    let server = server(ServerSettings::default(), instant_solver()).await;
+    let bytes = 8 * 10_000;
+    let guess = pb::InitialGuess { torque_left_n_m: vec![0.5; bytes / 8], ..pb::InitialGuess::default() };
+    let request = pb::SolveRequest { initial_guess: Some(guess), ..pb::SolveRequest::default() };
+    let item = |request_id: &str, request: &pb::SolveRequest| pb::BatchRequest {
+        request_id: request_id.to_owned(),
+        timeout_ms: None,
+        request: Some(pb::batch_request::Request::Solve(request.clone())),
+    };
+    let (sender, sent) = tokio::sync::mpsc::unbounded_channel();
+    let sent = futures_util::stream::unfold(sent, async |mut sent| sent.recv().await.map(|item| (item, sent)));
+    let mut answers = server.grpc().await.batch(sent).await.unwrap().into_inner();
+    for (id, request) in [("long", &request), ("short", &pb::SolveRequest::default())] {
+        sender.send(item(id, request)).unwrap();
+        assert_eq!(answers.message().await.unwrap().unwrap().request_id, id);
+    }
+    // Its reader keeps room for it.
+    let held = level(&server, "slipdrive_held_bytes");
+    assert!((bytes..2 * bytes).contains(&held), "{held}");
+    drop(sender);
+    assert!(answers.message().await.unwrap().is_none());
+    is_released(&server).await;
+}
+
+#[tokio::test]
+async fn far_too_many_plans_end_a_batch_before_they_are_read() {
+    let server = server(ServerSettings::default(), instant_solver()).await;
+    let request = pb::PresentRequest { plans: vec![pb::PresentedPlan::default(); 5_000], report: false };
+    let refused = server.grpc().await.present(request.clone()).await.unwrap_err();
+    let says = "`plans` is 5000 items long, must be between 1 and 4 items";
+    assert_eq!((refused.code(), refused.message()), (tonic::Code::InvalidArgument, says));
+    let request = Some(pb::batch_request::Request::Present(request));
+    let item = pb::BatchRequest { request_id: "many".to_owned(), timeout_ms: None, request };
+    let mut answers = server.grpc().await.batch(futures_util::stream::iter([item])).await.unwrap().into_inner();
+    let ended = answers.message().await.unwrap_err();
+    assert_eq!((ended.code(), ended.message()), (tonic::Code::InvalidArgument, says));
+    let in_json = format!("{{\"plans\": [{}]}}", vec!["{}"; 5_000].join(","));
+    let answer = server.post("/present", in_json).await;
+    assert!(answer.status == 422 && answer.text().contains(says), "{}", answer.text());
+}
+
+#[tokio::test]
 async fn half_sent_bodies_stay_within_the_budget() {
     let server = server(small_budget(), instant_solver()).await;
     let (spaces, message) = (vec![b' '; 16_000], vec![0; 16_000]);
