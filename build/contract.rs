@@ -85,13 +85,16 @@ const NOT_FINITE: [&str; 21] = [
     "VarianceShares",
     "WorstSample.relative_error",
 ];
-/// Messages in messages that would make those that hold them, and calls with them, too large for the stack.
-const BOXED: [&str; 5] = [
+/// Messages in messages that would make those that hold them too large: calls for the stack, plans for as many empty ones as a message
+/// can have.
+const BOXED: [&str; 7] = [
     "AssessRequest.solve",
     "AssessRequest.simulate",
     "AssessResponse.worst",
     "ExportRequest.solve",
     "ExportRequest.simulate",
+    "PresentedPlan.solve",
+    "PresentedPlan.simulate",
 ];
 /// Calls whose message has the same fields as that of another call, so that both are one type.
 const SAME: [(&str, &str); 2] = [("SolveStreamRequest", "SolveRequest"), ("ValidateRequest", "SolveRequest")];

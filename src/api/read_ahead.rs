@@ -32,8 +32,8 @@ const LEAST_ROOM_BYTES: usize = 1024;
 /// Where messages end.
 pub(super) trait Framing: Send + Sync + 'static {
     /// Passes on whole messages from the front of `partial`, and leaves the beginning of the next one; breaks where nothing
-    /// can be read any more, with the reason where what is left is not to show it.
-    fn cut(&mut self, partial: &mut Vec<u8>, pass: impl FnMut(&[u8])) -> ControlFlow<Option<Problem>>;
+    /// can be read any more.
+    fn cut(&mut self, partial: &mut Vec<u8>, pass: impl FnMut(&[u8])) -> ControlFlow<()>;
 }
 
 /// How a body is read.
@@ -62,9 +62,8 @@ pub(super) struct ReadAhead {
     lease: Arc<Lease>,
     /// Length of the messages that were passed on last.
     passed_bytes: usize,
-    /// What their reader keeps for the longest so far.
-    kept_bytes: usize,
-    keeps_room: bool,
+    /// What their reader keeps for the longest so far, where it does.
+    room: Option<(Lease, usize)>,
     reader: JoinHandle<()>,
 }
 
@@ -93,17 +92,19 @@ impl ReadAhead {
         let shared = Arc::<Shared>::default();
         let lease = Arc::new(Lease::empty(connection, Purpose::ReadAhead));
         let reader = Reader { framing, pace, shared: Arc::clone(&shared), lease: Arc::clone(&lease) };
-        let keeps_room = pace.keeps_room;
-        Self { shared, lease, passed_bytes: 0, kept_bytes: 0, keeps_room, reader: tokio::spawn(reader.read_all(body)) }
+        let room = pace.keeps_room.then(|| (Lease::empty(connection, Purpose::Requests), 0));
+        Self { shared, lease, passed_bytes: 0, room, reader: tokio::spawn(reader.read_all(body)) }
     }
 
     /// The next messages, one or some together. After a fault the next call waits until the peer has most likely seen
     /// why.
     pub(super) fn poll_next(&mut self, context: &mut Context<'_>) -> Poll<Option<Result<Vec<u8>, Fault>>> {
         let passed = mem::take(&mut self.passed_bytes);
-        let kept = if self.keeps_room { self.kept_bytes.max(passed) } else { 0 };
-        self.lease.shrink(self.kept_bytes + passed - kept);
-        self.kept_bytes = kept;
+        self.lease.shrink(passed);
+        if let Some((room, bytes)) = &mut self.room {
+            *bytes = passed.max(*bytes);
+            room.settle(*bytes);
+        }
         self.shared.arrived.register(context.waker());
         let mut unread = self.shared.unread();
         if let Some(messages) = unread.messages.pop_front() {
@@ -179,8 +180,8 @@ impl<F: Framing> Reader<F> {
             let taken = self.take(&chunk);
             let starts_anew = taken.has_ended_one || !is_begun;
             left = if starts_anew { self.pace.message_timeout } else { left.saturating_sub(begin.elapsed()) };
-            if let ControlFlow::Break(reason) = taken.flow {
-                return reason.map_or(Ok(()), |problem| Err(Fault::Ended(problem)));
+            if taken.flow.is_break() {
+                return Ok(());
             }
         }
     }
@@ -227,7 +228,7 @@ impl<F: Framing> Reader<F> {
 }
 
 struct Taken {
-    flow: ControlFlow<Option<Problem>>,
+    flow: ControlFlow<()>,
     has_ended_one: bool,
 }
 
@@ -259,7 +260,7 @@ mod tests {
     struct Fours;
 
     impl Framing for Fours {
-        fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<Option<Problem>> {
+        fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<()> {
             let rest = partial.split_off(partial.len() / 4 * 4);
             std::mem::replace(partial, rest).chunks(4).for_each(&mut pass);
             ControlFlow::Continue(())

@@ -195,7 +195,7 @@ fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyh
         let path = folder.join(CSV_FILE);
         match write_whole(&path, |output| sweep::write_csv(index, output)) {
             Ok(empty_columns) => empty_columns.iter().for_each(|empty| tell(empty)),
-            Err(TableError::Io(error)) => return Ok(Some(unwritten(&path, &error))),
+            Err(TableError::Io(error)) => return unwritten(&path, error).map(Some),
             Err(error @ TableError::Results(_)) => return Err(error.into()),
         }
     }
@@ -210,11 +210,19 @@ fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyh
         Err(error @ MapError::Results(_)) => return Err(error.into()),
     };
     let path = folder.join(MAP_FILE);
-    let written = write_whole(&path, |output| output.write_all(svg.as_bytes()));
-    Ok(written.err().map(|error| unwritten(&path, &error)))
+    match write_whole(&path, |output| output.write_all(svg.as_bytes())) {
+        Ok(()) => Ok(None),
+        Err(error) => unwritten(&path, error).map(Some),
+    }
 }
 
-/// The rows are there: once there is room, the same command writes what shows them.
-fn unwritten(path: &Path, error: &io::Error) -> ExitCode {
-    to_be_continued(&format!("{} cannot be written: {error}", path.display()))
+/// The rows are there: once there is room again, the same command writes what shows them.
+fn unwritten(path: &Path, error: io::Error) -> anyhow::Result<ExitCode> {
+    let what = format!("{} cannot be written", path.display());
+    let full = [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded, io::ErrorKind::FileTooLarge];
+    if full.contains(&error.kind()) {
+        Ok(to_be_continued(&format!("{what}: {error}")))
+    } else {
+        Err(error).context(what)
+    }
 }

@@ -44,13 +44,13 @@ impl AcceptedPlan {
     /// # Errors
     /// `invalid_field`, or all violated rules and limits of its request at once.
     pub(super) fn of(
-        solve: Option<SolvedPlan>,
-        simulate: Option<SimulatedPlan>,
+        solve: Option<Box<SolvedPlan>>,
+        simulate: Option<Box<SimulatedPlan>>,
         limits: &Limits,
     ) -> Result<Self, Problem> {
         match (solve, simulate) {
-            (Some(solved), None) => accept_solved(solved, limits).map_err(|fault| fault.below("solve")),
-            (None, Some(simulated)) => accept_simulated(simulated, limits).map_err(|fault| fault.below("simulate")),
+            (Some(solved), None) => accept_solved(*solved, limits).map_err(|fault| fault.below("solve")),
+            (None, Some(simulated)) => accept_simulated(*simulated, limits).map_err(|fault| fault.below("simulate")),
             (Some(_), Some(_)) => {
                 Err(json::faulty_field("", "there are both `solve` and `simulate`, must be one of them"))
             }

@@ -141,7 +141,10 @@ impl Kind for Simulate {
 
     fn presentation(body: &[u8], answer: SimulateResponse) -> Option<PresentRequest> {
         let simulate = SimulatedPlan { request: Some(json::read_object(body).ok()?), answer: Some(answer) };
-        Some(PresentRequest { plans: vec![PresentedPlan { solve: None, simulate: Some(simulate) }], report: false })
+        Some(PresentRequest {
+            plans: vec![PresentedPlan { solve: None, simulate: Some(simulate.into()) }],
+            report: false,
+        })
     }
 
     /// Duration, end state, use of limits and the timeline of contact modes.

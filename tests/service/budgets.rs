@@ -269,17 +269,25 @@ async fn longest_message_of_a_batch_is_held_until_its_end() {
 }
 
 #[tokio::test]
-async fn far_too_many_plans_end_a_batch_before_they_are_read() {
+async fn far_too_many_plans_are_refused_before_they_are_read() {
     let server = server(ServerSettings::default(), instant_solver()).await;
     let request = pb::PresentRequest { plans: vec![pb::PresentedPlan::default(); 5_000], report: false };
     let refused = server.grpc().await.present(request.clone()).await.unwrap_err();
     let says = "`plans` is 5000 items long, must be between 1 and 4 items";
     assert_eq!((refused.code(), refused.message()), (tonic::Code::InvalidArgument, says));
-    let request = Some(pb::batch_request::Request::Present(request));
-    let item = pb::BatchRequest { request_id: "many".to_owned(), timeout_ms: None, request };
-    let mut answers = server.grpc().await.batch(futures_util::stream::iter([item])).await.unwrap().into_inner();
-    let ended = answers.message().await.unwrap_err();
-    assert_eq!((ended.code(), ended.message()), (tonic::Code::InvalidArgument, says));
+    let item = |request_id: &str, request| pb::BatchRequest {
+        request_id: request_id.to_owned(),
+        timeout_ms: None,
+        request: Some(request),
+    };
+    let few = pb::batch_request::Request::Solve(pb::SolveRequest::default());
+    let items = [item("many", pb::batch_request::Request::Present(request)), item("few", few)];
+    let mut answers = server.grpc().await.batch(futures_util::stream::iter(items)).await.unwrap().into_inner();
+    let refused = answers.message().await.unwrap().unwrap();
+    let Some(pb::batch_response::Answer::Error(error)) = refused.answer else { panic!("{refused:?}") };
+    assert_eq!((&*refused.request_id, &*error.message), ("many", says));
+    let next = answers.message().await.unwrap().unwrap();
+    assert!(matches!(next.answer, Some(pb::batch_response::Answer::Solve(_))), "the others go on");
     let in_json = format!("{{\"plans\": [{}]}}", vec!["{}"; 5_000].join(","));
     let answer = server.post("/present", in_json).await;
     assert!(answer.status == 422 && answer.text().contains(says), "{}", answer.text());

@@ -10,7 +10,7 @@ use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderMap, Method, header};
 
-use super::batch::survey_item;
+use super::batch::instead_of_item;
 use super::framed_body::{FRAME_HEAD_BYTES, FramedBody, HeadsAndMessages, first_message};
 use crate::api::access::RequestContext;
 use crate::api::read_ahead::{Pace, ReadAhead};
@@ -23,6 +23,8 @@ use crate::jobs::{AsWritten, Jobs, Kind, Limits, Visitor};
 use crate::service::{Class, Permit};
 
 const MANEUVER_SERVICE: &str = "/slipdrive.v1.ManeuverService/";
+/// The call whose items are of any kind.
+const BATCH: &str = "Batch";
 const HEALTH_SERVICE: &str = "/grpc.health.v1.Health/";
 const REFLECTION_SERVICE: &str = "/grpc.reflection.";
 /// Longest message of a health check, bytes: the name of a service.
@@ -63,7 +65,7 @@ pub(super) enum Needs {
 }
 
 /// What is judged of a message before it is read.
-pub(super) type Survey = fn(&[u8]) -> Result<(), Problem>;
+type Survey = fn(&[u8]) -> Result<(), Problem>;
 
 /// A method.
 #[derive(Clone, Copy)]
@@ -72,6 +74,7 @@ struct CallNeeds {
     needs: Needs,
     /// Its longest message.
     limit: BodyLimit,
+    /// Of its message, where there is one.
     survey: Survey,
 }
 
@@ -100,7 +103,7 @@ impl Methods {
             ("GetLimits", Needs::MessageAtAnyTime, usual, |_| Ok(())),
             // The framework that reads their messages knows one limit for all.
             ("SolveBatch", Needs::Stream, largest, |_| Ok(())),
-            ("Batch", Needs::Stream, largest, survey_item),
+            (BATCH, Needs::Stream, largest, |_| Ok(())),
         ];
         methods.known.extend(others.map(|(name, needs, limit, survey)| CallNeeds { name, needs, limit, survey }));
         methods
@@ -173,7 +176,7 @@ pub(super) async fn admit(
         return Err(Problem::new(ErrorCode::Unauthenticated, detail));
     };
     credential.enter(&context.notes, &connection, state.service.metrics())?;
-    let Some(CallNeeds { needs, limit, survey, .. }) = methods.find(path) else { return Ok(request) };
+    let Some(CallNeeds { name, needs, limit, survey }) = methods.find(path) else { return Ok(request) };
     if request.method() != Method::POST {
         let detail = format!("`{path}` does not take {}, allowed: POST", request.method());
         return Err(Problem::new(ErrorCode::MethodNotAllowed, detail));
@@ -188,7 +191,10 @@ pub(super) async fn admit(
         Needs::Stream => {
             // Calls share their connection: what is not read of one holds up the others.
             let pace = Pace { pause_bytes: None, keeps_room: true, message_timeout: state.settings.body_timeout };
-            let messages = ReadAhead::of(body, HeadsAndMessages { limit: limit.bytes, survey }, pace, &connection);
+            // Items of the older call are solves.
+            let instead = if name == BATCH { instead_of_item } else { |_: &[u8]| None };
+            let framing = HeadsAndMessages { limit: limit.bytes, instead };
+            let messages = ReadAhead::of(body, framing, pace, &connection);
             Body::new(FramedBody { messages, request_id: context.request_id.clone() })
         }
         Needs::MessageAndPermit(_) | Needs::Message | Needs::MessageAtAnyTime => {

@@ -94,21 +94,25 @@ pub(super) fn answers(
     })
 }
 
-/// What of an item is looked at before it is read.
+/// What of an item is looked at before it is read; of an item of an older call nothing.
 #[derive(Clone, PartialEq, prost::Message)]
 struct ItemAsWritten {
+    #[prost(string, tag = "1")]
+    request_id: String,
+    #[prost(uint32, optional, tag = "2")]
+    timeout_ms: Option<u32>,
     #[prost(message, optional, tag = "5")]
     present: Option<PlansOfMessage>,
 }
 
-/// Judges an item before it is read, by its kind.
-///
-/// # Errors
-/// As [`crate::jobs::Kind::survey`].
-pub(super) fn survey_item(message: &[u8]) -> Result<(), Problem> {
+/// What is to be read in place of an item that would hold far more than its own length: as many plans without content, which are refused by
+/// their number like any others.
+pub(super) fn instead_of_item(message: &[u8]) -> Option<Vec<u8>> {
     let item: Result<ItemAsWritten, _> = prost::Message::decode(message);
-    let item = item.map_err(|error| Problem::new(ErrorCode::MalformedBody, error.to_string()))?;
-    item.present.map_or(Ok(()), |plans| plans.check())
+    // What can be read as neither: its beginning must not be.
+    let Ok(item) = item else { return Some(vec![u8::MAX]) };
+    let present = item.present.as_ref().filter(|plans| plans.check().is_err())?.emptied();
+    Some(prost::Message::encode_to_vec(&ItemAsWritten { present: Some(present), ..item }))
 }
 
 fn item_of(message: pb::BatchRequest) -> Item<Request> {
@@ -154,15 +158,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn items_with_far_too_many_plans_are_not_read() {
-        let item = |count| {
-            let request = pb::PresentRequest { plans: vec![pb::PresentedPlan::default(); count], report: false };
+    fn far_too_many_plans_are_read_as_empty_ones() {
+        let item = |plan: pb::PresentedPlan, count| {
+            let request = pb::PresentRequest { plans: vec![plan; count], report: false };
             let request = Some(Request::Present(request));
-            pb::BatchRequest { request_id: "one".to_owned(), timeout_ms: None, request }.encode_to_vec()
+            pb::BatchRequest { request_id: "one".to_owned(), timeout_ms: Some(7), request }
         };
-        assert_eq!(survey_item(&item(5)), Ok(()));
+        let plan = pb::PresentedPlan { solve: Some(Box::default()), simulate: None };
+        assert_eq!(instead_of_item(&item(plan.clone(), 5).encode_to_vec()), None);
         // Two halves of a message are one.
-        let problem = survey_item(&[item(40), item(40)].concat()).unwrap_err();
-        assert!(problem.detail().contains("80"), "{problem}");
+        let halves = [item(plan.clone(), 40), item(plan, 40)].map(|item| item.encode_to_vec()).concat();
+        let instead = instead_of_item(&halves).unwrap();
+        assert_eq!(pb::BatchRequest::decode(&*instead).unwrap(), item(pb::PresentedPlan::default(), 80));
+        let torn = instead_of_item(&halves[..halves.len() - 1]).unwrap();
+        assert!(pb::BatchRequest::decode(&*torn).is_err());
     }
 }

@@ -9,10 +9,8 @@ use axum::body::{Bytes, HttpBody};
 use futures_util::ready;
 use hyper::body::Frame;
 
-use super::admission::Survey;
 use super::status;
 use crate::api::read_ahead::{Fault, Framing, ReadAhead};
-use crate::contract::Problem;
 
 /// Whole messages with their heads.
 pub(super) struct FramedBody {
@@ -41,12 +39,18 @@ pub(super) const FRAME_HEAD_BYTES: usize = 5;
 pub(super) struct HeadsAndMessages {
     /// Longest message, bytes; a longer one is passed on as far as it has come, to be refused.
     pub(super) limit: usize,
-    pub(super) survey: Survey,
+    /// What is to be read in place of a message, if anything.
+    pub(super) instead: fn(&[u8]) -> Option<Vec<u8>>,
 }
 
 /// The first message after its head; none where its end is missing.
 pub(super) fn first_message(bytes: &[u8]) -> Option<&[u8]> {
     bytes.get(FRAME_HEAD_BYTES..FRAME_HEAD_BYTES + length_of_first(bytes)?)
+}
+
+fn framed(message: &[u8]) -> Vec<u8> {
+    let length = u32::try_from(message.len()).unwrap_or(u32::MAX);
+    [&[0], &length.to_be_bytes()[..], message].concat()
 }
 
 fn length_of_first(bytes: &[u8]) -> Option<usize> {
@@ -55,20 +59,19 @@ fn length_of_first(bytes: &[u8]) -> Option<usize> {
 }
 
 impl Framing for HeadsAndMessages {
-    fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<Option<Problem>> {
+    fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<()> {
         let mut whole = 0;
         let flow = loop {
             let rest = &partial[whole..];
             if length_of_first(rest).is_some_and(|length| length > self.limit) {
-                break ControlFlow::Break(None);
+                break ControlFlow::Break(());
             }
             let Some(message) = first_message(rest) else { break ControlFlow::Continue(()) };
-            if let Err(problem) = (self.survey)(message) {
-                whole = partial.len();
-                break ControlFlow::Break(Some(problem));
-            }
             let end = FRAME_HEAD_BYTES + message.len();
-            pass(&rest[..end]);
+            match (self.instead)(message) {
+                Some(other) => pass(&framed(&other)),
+                None => pass(&rest[..end]),
+            }
             whole += end;
         };
         partial.drain(..whole);
@@ -101,7 +104,7 @@ mod tests {
         let pace = Pace { pause_bytes: None, keeps_room: false, message_timeout: Duration::MAX };
         let messages = ReadAhead::of(
             Body::from_stream(chunks),
-            HeadsAndMessages { limit: 1000, survey: |_| Ok(()) },
+            HeadsAndMessages { limit: 1000, instead: |_| None },
             pace,
             &connection,
         );

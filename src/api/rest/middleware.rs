@@ -92,10 +92,10 @@ pub(super) async fn pass(State(passage): State<Passage>, request: Request, next:
             refusal(problem)
         }
     };
-    lender.discard_rest().await;
     if let Some(problem) = problem_of(&mut response, &method, &context.path) {
         line.code = Some(problem.code().entry().code);
         write_problem(&problem, &context, &mut response);
+        lender.discard_rest().await;
     }
     context.sign(response.headers_mut());
     protect(response.headers_mut());

@@ -109,7 +109,7 @@ pub(super) fn accept(request: AssessRequest, limits: &Limits) -> Result<Accepted
     } else {
         Vec::new()
     };
-    let plan = AcceptedPlan::of(solve.map(|plan| *plan), simulate.map(|plan| *plan), limits);
+    let plan = AcceptedPlan::of(solve, simulate, limits);
     let input = match plan {
         Ok(plan) => {
             let (input, footprint) = assessed(&plan, (robot, payload), &mut checks)?;

@@ -77,7 +77,7 @@ pub(super) fn accept(request: ExportRequest, limits: &Limits) -> Result<Accepted
     if let [left, right] = joint_names.as_slice() {
         checks.require("joint_names[1]", format!("{right:?}"), left != right, "another name than the first", None);
     }
-    let plan = AcceptedPlan::of(solve.map(|plan| *plan), simulate.map(|plan| *plan), limits);
+    let plan = AcceptedPlan::of(solve, simulate, limits);
     let plan = plan.map(|plan| Box::new(plan.without_report()));
     if let Ok(plan) = &plan {
         check_plan(plan, rate, &mut checks);

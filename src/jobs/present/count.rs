@@ -41,6 +41,11 @@ impl PlansOfMessage {
     pub(crate) fn check(&self) -> Result<(), Problem> {
         check_count(self.plans.len())
     }
+
+    /// As many without content.
+    pub(crate) fn emptied(&self) -> Self {
+        Self { plans: vec![Bytes::new(); self.plans.len()] }
+    }
 }
 
 fn check_count(count: usize) -> Result<(), Problem> {

@@ -155,7 +155,7 @@ impl Kind for Solve {
 
     fn presentation(body: &[u8], answer: message::Solution) -> Option<PresentRequest> {
         let solve = SolvedPlan { request: Some(json::read_object(body).ok()?), answer: Some(answer) };
-        Some(PresentRequest { plans: vec![PresentedPlan { solve: Some(solve), simulate: None }], report: false })
+        Some(PresentRequest { plans: vec![PresentedPlan { solve: Some(solve.into()), simulate: None }], report: false })
     }
 
     fn progress_line(progress: &Progressed) -> Option<ProgressLine> {

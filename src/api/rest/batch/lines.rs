@@ -30,7 +30,7 @@ impl Lines {
 }
 
 impl Framing for Lines {
-    fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<Option<Problem>> {
+    fn cut(&mut self, partial: &mut Vec<u8>, mut pass: impl FnMut(&[u8])) -> ControlFlow<()> {
         let mut whole = 0;
         while let Some(length) = partial[whole + self.searched..].iter().position(|&byte| byte == b'\n') {
             let end = whole + self.searched + length;
