@@ -355,8 +355,12 @@ mod tests {
         let busy = admitted(&connections, 1).await;
         let _under_way = busy.connection.enter(Standing::Caller);
         let mut probes = Vec::new();
+        let mut refused = Vec::new();
         for _ in 0..=PROBE_PLACES {
-            probes.push(admitted(&connections, 1).await);
+            let probe = admitted(&connections, 1).await;
+            // Callers who do not read why they are refused there do not keep them.
+            refused.push(probe.connection.enter(Standing::Caller));
+            probes.push(probe);
         }
         assert!(probes.iter().all(|place| place.connection.may == Use::Probes));
         assert!(probes[0].connection.is_ended(), "the first one makes room for the last");
