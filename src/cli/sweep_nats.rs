@@ -88,7 +88,8 @@ async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> any
         if let Some(code) = unfinished {
             return Ok(code);
         }
-        let ended = match collect(sweep, &mut results, &broker).await? {
+        let signals = Signals::listen()?;
+        let ended = match collect(sweep, &mut results, &broker, signals).await {
             Ok(ended) => ended,
             Err(NatsError::Io(error)) => return Ok(to_be_continued(&error.to_string())),
             Err(error) => return Err(error.into()),
@@ -117,12 +118,12 @@ async fn collect(
     sweep: &Sweep,
     results: &mut Results,
     broker: &Broker,
-) -> anyhow::Result<Result<Collected, NatsError>> {
+    mut signals: Signals,
+) -> Result<Collected, NatsError> {
     let mut shown = ProgressOfRows::of(results.progress());
-    let mut signals = Signals::listen()?;
     let ended = nats::collect(sweep.hash(), results, broker, |progress| shown.show(progress), signals.next()).await;
     shown.finish();
-    Ok(ended)
+    ended
 }
 
 async fn cancel(sweep: &Sweep, arguments: &NatsArguments) -> anyhow::Result<ExitCode> {

@@ -7,10 +7,11 @@ use serde_json::Value;
 
 use super::simulate::Simulate;
 use super::solve::Solve;
+use super::table::word;
 use super::{Clock, Kind, Limits, ManeuverSolver};
 use crate::contract::Problem;
 use crate::contract::convert::{aisle_corners, required, schedule};
-use crate::contract::json::{self, Named as _};
+use crate::contract::json;
 use crate::contract::message::{SimulateResponse, SimulatedPlan, Solution, SolvedPlan, Status};
 use crate::rules::{Checks, Rule};
 use crate::shooting::{AisleCorners, ManeuverLimits};
@@ -81,7 +82,7 @@ impl AcceptedPlan {
             Said::Simulate(_) => "simulated".to_owned(),
             Said::Solve(_, answer) => {
                 let replay = if answer.replay_confirmed { "confirmed" } else { "not confirmed" };
-                format!("{}, replay {replay}", status_word(answer))
+                format!("{}, replay {replay}", word::<Status>(answer.status()))
             }
         }
     }
@@ -99,11 +100,6 @@ impl AcceptedPlan {
         }
         solver.simulate(&self.motion, stop).map(|simulation| simulation.trajectory)
     }
-}
-
-/// The status as the answer writes it.
-pub(super) fn status_word(answer: &Solution) -> &'static str {
-    Status::name_of(answer.status).unwrap_or("unspecified")
 }
 
 /// A saved plan, or a whole request about one, without what is rolled out again anyway.

@@ -294,8 +294,9 @@ impl PathQuantity {
             }
             Self::YawRate => gradient.by_end_velocity[2] = end[2].signum(),
             Self::Acceleration { point } | Self::Deceleration { point } => {
-                let by_change =
-                    self.of_step(entry, sample).signum() * PointChange::new(point, entry, sample).direction();
+                let change = PointChange::new(point, entry, sample);
+                let sign = if matches!(self, Self::Deceleration { .. }) { -1.0 } else { 1.0 };
+                let by_change = sign * change.signed().signum() * change.direction();
                 let by_velocity = by_velocity_of(point, by_change);
                 (gradient.by_end_velocity, gradient.by_start_velocity) = (by_velocity, -by_velocity);
                 // Of the turn of the point.

@@ -98,14 +98,15 @@ impl Methods {
         let mut methods = Self { limits: *jobs.limits(), known: Vec::new() };
         jobs.each(&mut methods);
         let (largest, usual) = (methods.longest_message(), jobs.limits().body());
-        let others: [(_, _, _, Survey); 4] = [
-            ("Validate", Needs::Message, usual, |_| Ok(())),
-            ("GetLimits", Needs::MessageAtAnyTime, usual, |_| Ok(())),
+        let others = [
+            ("Validate", Needs::Message, usual),
+            ("GetLimits", Needs::MessageAtAnyTime, usual),
             // The framework that reads their messages knows one limit for all.
-            ("SolveBatch", Needs::Stream, largest, |_| Ok(())),
-            (BATCH, Needs::Stream, largest, |_| Ok(())),
+            ("SolveBatch", Needs::Stream, largest),
+            (BATCH, Needs::Stream, largest),
         ];
-        methods.known.extend(others.map(|(name, needs, limit, survey)| CallNeeds { name, needs, limit, survey }));
+        let of = |(name, needs, limit)| CallNeeds { name, needs, limit, survey: |_| Ok(()) };
+        methods.known.extend(others.map(of));
         methods
     }
 

@@ -7,7 +7,8 @@ use crate::contract::Problem;
 use crate::contract::convert::{named, required};
 use crate::contract::message::{ExportFormat, ExportRequest, Status};
 use crate::jobs::Limits;
-use crate::jobs::plan::{AcceptedPlan, Said, status_word};
+use crate::jobs::plan::{AcceptedPlan, Said};
+use crate::jobs::table::word;
 use crate::rules::{Checks, Number, Rule, RuleSet};
 
 const RATE_RULE: Rule = Rule::between(1.0, 10_000.0, "Hz");
@@ -104,7 +105,7 @@ fn check_plan(plan: &AcceptedPlan, rate: f64, checks: &mut Checks) {
         let is_plan = answer.status() == Status::Converged || !plan.motion.schedule.left.is_empty();
         checks.require(
             "solve.answer.status",
-            format!("{} and there are no torques", status_word(answer)),
+            format!("{} and there are no torques", word::<Status>(answer.status())),
             is_plan,
             "that of a plan",
             None,
