@@ -92,6 +92,12 @@ impl Nats {
         slipdrive().arg("sweep").args(arguments).args(["--nats", &self.url]).output().unwrap()
     }
 
+    /// A sweep that must succeed.
+    fn swept(&self, arguments: &[&str]) {
+        let output = self.sweep(arguments);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+
     fn sweeping(&self, arguments: &[&str]) -> Running {
         let command = &mut slipdrive();
         Running(command.arg("sweep").args(arguments).args(["--nats", &self.url]).stderr(Stdio::null()).spawn().unwrap())
@@ -221,14 +227,14 @@ async fn cancelled_sweep_leaves_the_queue_and_can_be_published_again() {
     let Some(nats) = Nats::start("nats-cancelled").await else { return };
     let file = nats.file("drives.json", &drives(40, &json!({})));
     let out = nats.folder.file("out");
-    assert!(nats.sweep(&[&file]).status.success());
+    nats.swept(&[&file]);
     let cancelled = nats.sweep(&[&file, "--cancel"]);
     assert!(String::from_utf8(cancelled.stdout).unwrap().starts_with("10 chunks are taken back"));
     let collected = nats.sweep(&[&file, "--collect", "--out", &out]);
     let said = String::from_utf8(collected.stderr).unwrap();
     assert!(collected.status.code() == Some(75) && said.contains("cancelled"), "{said}");
     let mut worker = nats.worker(&[]);
-    assert!(nats.sweep(&[&file, "--out", &out]).status.success());
+    nats.swept(&[&file, "--out", &out]);
     assert_eq!(rows(&[&out]).len(), 40);
     Command::new("kill").arg(worker.0.id().to_string()).status().unwrap();
     assert_eq!(worker.code().await, Some(0), "a worker ends in order");
@@ -240,7 +246,7 @@ async fn worker_says_whether_it_is_connected_and_what_it_did() {
     let admin = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
     let _worker = nats.worker(&["--admin", &admin]);
     let file = nats.file("drives.json", &drives(8, &json!({})));
-    assert!(nats.sweep(&[&file, "--out", &nats.folder.file("out")]).status.success());
+    nats.swept(&[&file, "--out", &nats.folder.file("out")]);
     let get = async |path: &str| {
         let answer = reqwest::get(format!("http://{admin}{path}")).await.unwrap();
         (answer.status().as_u16(), answer.text().await.unwrap())

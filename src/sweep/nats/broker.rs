@@ -13,7 +13,9 @@ use async_nats::jetstream::stream::{Config, DirectGetErrorKind, DiscardPolicy, R
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Event, ServerAddr};
 use futures_util::TryStreamExt as _;
+use tokio::time::sleep;
 
+use super::publish::RETRY_PAUSE;
 use super::subjects;
 use crate::sweep::SOLVER_VERSION;
 
@@ -23,6 +25,8 @@ const MOST_LEASES: i64 = 100_000;
 const MOST_PULLS: i64 = 16_384;
 /// What is told apart of messages beside their content, bytes.
 const HEADER_BYTES: usize = 1024;
+/// How often a stream is asked for that the server refuses.
+const STREAM_ATTEMPTS: u32 = 5;
 
 /// Why something is not done over NATS.
 #[derive(Debug, thiserror::Error)]
@@ -227,9 +231,18 @@ async fn log(event: Event) {
     }
 }
 
+/// The stream of this name, made where it is not there. The server may refuse one that another process makes at the same
+/// moment, so a refusal counts only when it is repeated.
 async fn opened(context: &Context, name: &'static str, limits: StreamLimits) -> Result<Stream<()>, NatsError> {
     let failed = NatsError::failed("a stream cannot be made");
-    context.get_or_create_stream(config(name, limits)).await.map_err(|error| failed(&error))?;
+    let mut attempts = 1;
+    while let Err(error) = context.get_or_create_stream(config(name, limits)).await {
+        if attempts == STREAM_ATTEMPTS {
+            return Err(failed(&error));
+        }
+        attempts += 1;
+        sleep(RETRY_PAUSE).await;
+    }
     context.get_stream_no_info(name).await.map_err(|error| failed(&error))
 }
 
