@@ -13,8 +13,9 @@ use slipdrive::contract::json;
 use slipdrive::jobs::solve::Solve;
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _, Limits};
 use slipdrive::metrics::Metrics;
+use slipdrive::motion::{ChangedParameter, Disturbed, Undisturbed};
 use slipdrive::simulation::{Rollout, Simulator};
-use slipdrive::solver::{ChangedParameter, Disturbed, RunControl, SolveInput, Undisturbed, solve};
+use slipdrive::solver::{RunControl, SolveInput, solve};
 use slipdrive::stop::Stop;
 
 const REPETITIONS: usize = 5;

@@ -2,7 +2,7 @@
 """How many numbers and lines the search has: numeric literals and code lines of `src/solver` and `src/optimizer`.
 
 Not counted are 0, 1, 2 and 1/2, lengths of arrays and sizes of types, comments, strings and tests; nor the paper's Nelder-Mead
-and the lower bounds, which are no part of the search.
+and the bounds, which are no part of the search.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("src/solver", "src/optimizer")
-LEFT_OUT = ("src/optimizer/nelder_mead.rs", "src/solver/lower_bound")
+LEFT_OUT = ("src/optimizer/nelder_mead.rs", "src/solver/bounds")
 STRUCTURAL = {0.0, 0.5, 1.0, 2.0}
 
 COMMENT = r"//[^\n]*|/\*.*?\*/"

@@ -43,6 +43,7 @@
 //! - [`simulation`]: Moreau time stepping, rollouts, trajectories, derivatives.
 //! - [`optimizer`]: sequential linear programming and Nelder-Mead; they know no mechanics.
 //! - [`shooting`]: from a maneuver to a decision vector, goal errors and their Jacobian.
+//! - [`motion`]: what given torques do, as asked and under changes, and what is used of the limits.
 //! - [`solver`]: the search, and what its answer states about itself.
 //! - [`assessment`]: how often a plan succeeds on a robot that is known up to a distribution only.
 //! - [`rules`]: what parameters must be, and all violations at once.
@@ -76,6 +77,7 @@ pub mod contract;
 pub mod jobs;
 #[cfg(feature = "server")]
 pub mod metrics;
+pub mod motion;
 pub mod optimizer;
 pub mod plot;
 pub mod prelude;

@@ -20,9 +20,10 @@ use slipdrive::api::grpc::pb::{self, View};
 use slipdrive::api::server::{Connections, ServerSettings, serve};
 use slipdrive::api::{ApiSettings, ApiState, grpc, rest};
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
+use slipdrive::motion::{SimulateInput, Simulation};
 use slipdrive::service::{Service, ServiceSettings};
 use slipdrive::solver::RunControl;
-use slipdrive::solver::{SimulateInput, Simulation, Solution, SolveInput};
+use slipdrive::solver::{Solution, SolveInput};
 use slipdrive::stop::{Stop, Stopped};
 use tokio::net::TcpListener;
 

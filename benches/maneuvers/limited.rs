@@ -19,9 +19,10 @@ use anyhow::Result;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::{Value, json};
+use slipdrive::motion::{LimitUse, SimulateInput, simulate};
 use slipdrive::shooting::ManeuverLimits;
 use slipdrive::simulation::{EndSensitivity, FrictionLaw, Rollout, Simulator};
-use slipdrive::solver::{RunControl, SimulateInput, Solution, SolveInput, Status, simulate, solve};
+use slipdrive::solver::{RunControl, Solution, SolveInput, Status, solve};
 use slipdrive::stop::Stop;
 
 use crate::arguments::{Effort, LimitedArguments};
@@ -104,7 +105,7 @@ impl Comparison {
 
     fn excess(&self) -> (f64, f64) {
         let limits = &self.limited.report.limits;
-        let of = |excess: fn(&slipdrive::solver::LimitUse) -> f64| limits.iter().map(excess).fold(f64::MIN, f64::max);
+        let of = |excess: fn(&LimitUse) -> f64| limits.iter().map(excess).fold(f64::MIN, f64::max);
         (of(|used| used.excess), of(|used| used.replay_excess.unwrap_or(f64::MAX)))
     }
 
@@ -151,7 +152,7 @@ impl Used {
             yaw_acceleration: Some(1e6),
             ..ManeuverLimits::default()
         };
-        let motion = SimulateInput::of_plan(asked, plan.schedule.clone(), plan.report.step_count);
+        let motion = asked.motion_of(plan.schedule.clone(), plan.report.step_count);
         let input = SimulateInput { limits, aisle: None, ..motion };
         let simulation = simulate(&input, Stop::never()).expect("nothing stops it");
         let largest = |field: &str| {

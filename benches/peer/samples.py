@@ -12,7 +12,7 @@ from typing import Any
 # Changes of one sample by their parameters, in the units of the request.
 Changes = dict[str, float]
 
-# What the random numbers count a parameter by: its place in `ChangedParameter` of `src/solver/disturbed.rs`.
+# What the random numbers count a parameter by: its place in `ChangedParameter` of `src/motion/disturbed.rs`.
 PARAMETER_NUMBERS = {
     "friction": 0,
     "mass": 1,

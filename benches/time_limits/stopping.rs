@@ -13,12 +13,12 @@ mod unlucky;
 
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use slipdrive::motion::{SimulateInput, simulate};
 use slipdrive::robot::{PerWheel, Robot, RobotParameters, State};
 use slipdrive::shooting::{Goal, Maneuver, ManeuverLimits, ReferencePoint};
 use slipdrive::simulation::{ContactMethod, TorqueSchedule};
 use slipdrive::solver::{
-    Phase, ProgressObserver, Refinement, RunControl, SimulateInput, SolveInput, SolveParameters, SolveProgress,
-    SolverSettings, simulate, solve,
+    Phase, ProgressObserver, Refinement, RunControl, SolveInput, SolveParameters, SolveProgress, SolverSettings, solve,
 };
 
 const STEPS: usize = 10_000;

@@ -4,7 +4,7 @@
 use rand::{Rng as _, SeedableRng as _};
 use rand_xoshiro::SplitMix64;
 
-use crate::solver::ChangedParameter;
+use crate::motion::ChangedParameter;
 
 /// What is known of an uncertain parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]

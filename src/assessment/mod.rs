@@ -13,11 +13,10 @@ use std::iter::successors;
 
 use samples::Outcome;
 
+use crate::motion::{ChangedParameter, Disturbed, LimitUse, STEP_LIMIT, Undisturbed};
 use crate::robot::State;
 use crate::shooting::{Aisle, Goal, Maneuver, ManeuverLimits, PathLimits, ReferencePoint, wrapped_angle};
-use crate::solver::{
-    ChangedParameter, Disturbed, LimitUse, REPLAY_REFINEMENT, RunControl, SolverSettings, Undisturbed,
-};
+use crate::solver::{REPLAY_REFINEMENT, RunControl};
 use crate::stop::{Stop, Stopped};
 
 /// Shares of the samples at which quantiles are given; the last is the largest of all.
@@ -260,7 +259,7 @@ fn grid(input: &AssessInput, target: &State, stop: Stop) -> Result<(AssessedGrid
     let expected = input.expected_steps();
     let is_within = |factor: usize| {
         let steps = expected * factor as f64;
-        steps <= SolverSettings::STEP_LIMIT as f64 && steps * input.sample_count as f64 <= MOST_STEPS
+        steps <= STEP_LIMIT as f64 && steps * input.sample_count as f64 <= MOST_STEPS
     };
     let mut tried = None;
     let factors = successors(Some(1), |factor| Some(2 * factor)).take_while(|factor| *factor <= REPLAY_REFINEMENT);

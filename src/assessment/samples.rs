@@ -1,8 +1,9 @@
 //! The rollouts of all samples, by any number of threads: ranges of them are independent, and are put together in order.
 
 use super::{AssessInput, EndError, error};
+use crate::motion::Undisturbed;
 use crate::robot::State;
-use crate::solver::{REPLAY_EXCESS, RunControl, Undisturbed, in_parts};
+use crate::solver::{REPLAY_EXCESS, RunControl, in_parts};
 use crate::stop::{Stop, Stopped};
 
 /// Samples of a range: some milliseconds, which are lost when a helper is recalled.

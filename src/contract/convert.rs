@@ -9,11 +9,12 @@ use super::goal::{goal_of_message, message_of_goal};
 use super::message;
 use super::problem::Problem;
 use crate::contact::{ContactMode, ContactName, PerContact};
+use crate::motion::{ChangedParameter, LimitUse};
 use crate::robot::{Motor, Payload, PerWheel, RobotParameters, State};
 use crate::rules::Checks;
 use crate::shooting::{AisleCorners, Maneuver, ManeuverLimits, ReferencePoint, SlipPolicy};
 use crate::simulation::{ContactMethod, ContactModeSpan, ContactSample, NormalLoad, Separation, TorqueSchedule};
-use crate::solver::{ChangedParameter, Choice, LimitUse, Method};
+use crate::solver::{Choice, Method};
 
 /// Both directions between the numbers of a message, which are optional, and those of a domain struct; absent is the default of
 /// the domain. What is listed as apart belongs to neither function.

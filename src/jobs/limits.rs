@@ -7,12 +7,12 @@ use super::{Jobs, Kind, Visitor};
 use crate::contract::BodyLimit;
 use crate::contract::convert::count;
 use crate::contract::message::{CrossFieldRule, FieldRule, GetLimitsResponse, JobLimits};
+use crate::motion;
 use crate::rules::{self, Checks, RuleSet};
 use crate::service::{Class, LIGHT_QUEUE_LENGTH, ServiceSettings};
-use crate::solver::SolverSettings;
 
 /// Most time steps: a full answer of 26 arrays of 10,000 numbers still fits 4 MB, gRPC's default message.
-pub(super) const MAX_STEPS: usize = SolverSettings::STEP_LIMIT;
+pub(super) const MAX_STEPS: usize = motion::STEP_LIMIT;
 /// Most control intervals per wheel.
 pub(super) const MAX_CONTROL_INTERVALS: usize = 1_000;
 /// Most starts of one search.

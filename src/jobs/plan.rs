@@ -13,10 +13,11 @@ use crate::contract::Problem;
 use crate::contract::convert::{aisle_corners, required, schedule};
 use crate::contract::json;
 use crate::contract::message::{SimulateResponse, SimulatedPlan, Solution, SolvedPlan, Status};
+use crate::motion::{SimulateInput, SimulateParameters};
 use crate::rules::{Checks, Rule};
 use crate::shooting::{AisleCorners, ManeuverLimits};
 use crate::simulation::{TorqueSchedule, Trajectory};
-use crate::solver::{SimulateInput, SimulateParameters, SolveInput};
+use crate::solver::SolveInput;
 use crate::stop::{Stop, Stopped};
 
 /// A plan whose request is valid and whose answer has a motion, or none where nothing moves.
@@ -149,7 +150,7 @@ fn accept_solved(plan: SolvedPlan, limits: &Limits) -> Result<AcceptedPlan, Prob
 fn motion_of(asked: &SolveInput, answer: &Solution, limits: &Limits) -> Result<SimulateInput, Problem> {
     let schedule = schedule(required(answer.torque_schedule.clone(), "torque_schedule")?, "torque_schedule")?;
     // What the plan uses of its limits is in its report.
-    let still = SimulateInput::of_plan(asked, schedule, 1);
+    let still = asked.motion_of(schedule, 1);
     let still = SimulateInput { limits: ManeuverLimits::default(), aisle: None, ..still };
     if still.schedule.left.is_empty() && still.schedule.right.is_empty() {
         return Ok(still);

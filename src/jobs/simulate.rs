@@ -12,10 +12,10 @@ use crate::contract::message::{
 };
 use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
+use crate::motion::{self, LimitUse, SimulateInput, SimulateParameters, Simulation};
 use crate::rules::{Checks, RuleSet};
 use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
 use crate::shooting::StateComponent;
-use crate::solver::{LimitUse, SimulateInput, SimulateParameters, Simulation, SolverSettings};
 
 const ARRAYS: [&str; 2] = ["torque_schedule.left_n_m", "torque_schedule.right_n_m"];
 
@@ -96,7 +96,7 @@ impl Kind for Simulate {
         let mut schedule = schedule(required(torque_schedule, "torque_schedule")?, "torque_schedule")?;
         // Absent: the paper's number of steps, or the next one that gives all intervals as many.
         let interval_count = schedule.control_count().clamp(1, limits.max_control_intervals);
-        let step_count = steps.map_or(SolverSettings::first_step_count(interval_count), |steps| steps as usize);
+        let step_count = steps.map_or(motion::first_step_count(interval_count), |steps| steps as usize);
         let mut checks = Checks::new();
         checks.server_limit("grid.steps", step_count as f64, limits.max_steps as f64);
         if !limits.check_arrays(&mut checks, [(ARRAYS[0], &schedule.left), (ARRAYS[1], &schedule.right)]) {
@@ -178,7 +178,7 @@ fn at_root(used: &LimitUse) -> LimitUse {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::simulate;
+    use crate::motion::simulate;
     use crate::stop::Stop;
 
     #[test]

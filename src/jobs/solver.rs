@@ -1,7 +1,8 @@
 //! The seam between the jobs and the numerics.
 
 use crate::assessment::{self, AssessInput, Assessment};
-use crate::solver::{self, RunControl, SimulateInput, Simulation, Solution, SolveInput};
+use crate::motion::{self, SimulateInput, Simulation};
+use crate::solver::{self, RunControl, Solution, SolveInput};
 use crate::stop::{Stop, Stopped};
 
 /// What the workers run; tests and benches put others in its place.
@@ -37,6 +38,6 @@ impl ManeuverSolver for InProcessSolver {
     }
 
     fn simulate(&self, input: &SimulateInput, stop: Stop<'_>) -> Result<Simulation, Stopped> {
-        solver::simulate(input, stop)
+        motion::simulate(input, stop)
     }
 }

@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use crate::contract::json::Named;
+use crate::motion::LimitUse;
 use crate::simulation::{ContactModeSpan, Separation};
-use crate::solver::LimitUse;
 
 /// Width of the first column.
 const LABEL_WIDTH: usize = 16;

@@ -3,10 +3,9 @@
 use std::sync::atomic::AtomicBool;
 
 use super::*;
+use crate::motion::{SimulateInput, SimulateParameters, simulate};
 use crate::shooting::StateComponent;
-use crate::solver::{
-    RunControl, SimulateInput, SimulateParameters, SolveInput, SolveParameters, SolverSettings, simulate, solve,
-};
+use crate::solver::{RunControl, SolveInput, SolveParameters, SolverSettings, solve};
 
 /// The forward drive, its torques on as many steps.
 struct Drive {
@@ -180,7 +179,7 @@ fn path_has_one_scale() {
 #[test]
 fn impossible_plan_says_so_over_start_and_goal() {
     let input = SolveInput::new(SolveParameters::default()).unwrap();
-    let motion = SimulateInput::of_plan(&input, TorqueSchedule::empty(), 1);
+    let motion = input.motion_of(TorqueSchedule::empty(), 1);
     let trajectory = Trajectory { time: vec![0.0], state: vec![motion.start], ..Trajectory::default() };
     let drive = Drive { input, motion, trajectory };
     let fault = Some("The goal is impossible. <no torque> & \"more\".".to_owned());

@@ -5,6 +5,7 @@
 //! matrices that the paper does not print are derived in `docs/model.md`. Nothing here depends on how a friction
 //! problem is solved.
 
+mod carried;
 mod contact_kinematics;
 mod dynamics;
 mod normal_force;
@@ -14,6 +15,7 @@ mod state;
 #[cfg(test)]
 pub(crate) mod unlucky;
 
+pub(crate) use carried::{check_robot, joined};
 pub use contact_kinematics::{BodyVector, DIRECTION_COUNT, TangentJacobian};
 pub use dynamics::Robot;
 pub use normal_force::NormalForceProjection;

@@ -2,19 +2,17 @@
 
 use nalgebra::{DVector, SVector};
 
+use super::bounds::{Grid, LAW_ERROR, LowerBound, largest_lower_bound};
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity};
 use super::goal_miss::{goal_missed, limit_missed};
-use super::limit_uses::{limit_uses, most_exceeded, motion_with_limits};
 use super::local_search::{LocalSearch, STRICT_PENALTY};
-use super::lower_bound::{Grid, LAW_ERROR, LowerBound, largest_lower_bound};
 use super::run_control::{NoProgress, RunControl};
 use super::search::SearchResult;
 use super::sensitivity::{Sensitivity, sensitivity};
 use super::settings::{Refinement, SolveInput, SolverSettings};
-use super::solution::{
-    DistinctOptimum, LimitUse, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
-};
+use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
 use crate::contact::ContactName;
+use crate::motion::{LimitUse, limit_uses, most_exceeded, motion_with_limits};
 use crate::optimizer::{Interruption, larger, largest_magnitude, sign_violations};
 use crate::robot::State;
 use crate::shooting::{LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent};

@@ -2,10 +2,11 @@
 
 use nalgebra::SVector;
 
+use super::bounds::slip_by_wheel_rates;
 use super::course::steps_on_course;
-use super::excluded_ends::slip_by_wheel_rates;
 use super::settings::{Method, SolveInput};
-use super::solution::{LimitUse, Reason, StopReason};
+use super::solution::{Reason, StopReason};
+use crate::motion::LimitUse;
 use crate::robot::State;
 use crate::shooting::{SHORTEST_FINAL_TIME, StateComponent, decision_len};
 use crate::simulation::TorqueSchedule;

@@ -1,8 +1,9 @@
 //! The shooting problem of a maneuver on a grid, without final times that no plan reaches.
 
-use super::lower_bound::{Grid, LowerBound, largest_lower_bound};
-use super::settings::{ROUNDING, SolveInput};
+use super::bounds::{Grid, LowerBound, largest_lower_bound};
+use super::settings::SolveInput;
 use super::starts::starts;
+use crate::motion::ROUNDING;
 use crate::shooting::ShootingProblem;
 use crate::simulation::Simulator;
 

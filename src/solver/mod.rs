@@ -1,46 +1,34 @@
 //! The solver: from a validated maneuver to a plan with its certificate.
 
+mod bounds;
 mod candidate;
-mod carried;
 mod certificate;
 mod control_grid;
 mod course;
-mod disturbed;
-mod excluded_ends;
 mod goal_miss;
 mod grid_problem;
 mod helpers;
 mod hops;
-mod impossibility;
-mod largest_normal_force;
-mod limit_uses;
 mod local_search;
-mod lower_bound;
 mod parts;
 mod progress;
 mod race;
 mod refinement;
 mod run_control;
-mod schedule_check;
 mod search;
 mod segments;
 mod sensitivity;
 mod settings;
-mod simulate;
 mod solution;
-mod standstill;
 mod starts;
 mod strategies;
 
-pub use disturbed::{ChangedParameter, Disturbed, Undisturbed};
 pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};
 pub use sensitivity::{EndShift, Sensitivity};
 pub use settings::{Choice, Method, Refinement, SolveInput, SolveParameters, SolverSettings};
-pub use simulate::{SimulateInput, SimulateParameters, Simulation, simulate};
 pub use solution::{
-    DistinctOptimum, LimitUse, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status,
-    StopReason,
+    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,
 };
 
 pub(crate) use certificate::{REPLAY_EXCESS, REPLAY_REFINEMENT};
@@ -53,8 +41,8 @@ use certificate::Motion;
 use grid_problem::problem_on;
 use nalgebra::DVector;
 use search::SearchResult;
-use settings::ROUNDING;
 
+use crate::motion::ROUNDING;
 use crate::shooting::{decision_from_schedule, schedule_from_decision};
 use crate::simulation::Simulator;
 use crate::stop::{Stop, Stopped};
@@ -66,7 +54,7 @@ use crate::stop::{Stop, Stopped};
 /// # Errors
 /// When `control` cuts off the certificate before the motion of the plan is known: there is nothing to answer.
 pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopped> {
-    if let Some(reason) = impossibility::impossibility(input) {
+    if let Some(reason) = bounds::impossibility(input) {
         return Ok(certificate::certified_impossible(input, reason));
     }
     if input.starts_at_goal() {

@@ -4,8 +4,8 @@
 //! are those of the axle midpoint, which stays in its place where the centre of mass does not.
 
 use super::certificate::finite_or_largest;
-use super::disturbed::{ChangedParameter, Undisturbed};
 use super::settings::{SolveInput, SolverSettings};
+use crate::motion::{ChangedParameter, Undisturbed};
 use crate::robot::State;
 use crate::simulation::TorqueSchedule;
 use crate::stop::{Stop, Stopped};

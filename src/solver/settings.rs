@@ -2,13 +2,14 @@
 
 use nalgebra::Vector2;
 
-use super::carried::{check_robot, joined};
 use super::course::first_steps;
-use super::schedule_check::{self, check_schedule};
-use crate::robot::{Payload, Robot, RobotParameters};
+use crate::motion::{
+    PAPER_STEP_COUNT, ROUNDING, STEP_LIMIT, SimulateInput, TIME_RULE, check_schedule, rules_of_schedule,
+};
+use crate::robot::{Payload, Robot, RobotParameters, check_robot, joined};
 use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
 use crate::shooting::{Aisle, AisleCorners, Maneuver, PathLimits, limited_point};
-use crate::simulation::TorqueSchedule;
+use crate::simulation::{ContactMethod, TorqueSchedule};
 
 /// The optimiser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -81,9 +82,6 @@ pub struct SolverSettings {
     pub choose_within: f64,
 }
 
-/// What is smaller, in its unit or as a share of what it is compared with, counts as none, and no tolerance may be tighter: a rollout
-/// of thousands of steps rounds to about 1e-12.
-pub(super) const ROUNDING: f64 = 1e-9;
 /// Loosest replay tolerances, m and rad: any miss is within.
 const LOOSEST_REPLAY: f64 = 100.0;
 /// m and rad.
@@ -109,17 +107,6 @@ impl SolverSettings {
         )
     }
 
-    /// The paper's number of steps.
-    pub const PAPER_STEP_COUNT: usize = 200;
-    /// Most steps of automatic grids, unless a caller says otherwise.
-    pub const STEP_LIMIT: usize = 10_000;
-
-    /// The grid that automatic steps start from: the paper's, or the next one on which all control intervals are equally
-    /// long. On other grids the steps' midpoints favour some intervals, and finer grids would see other torques.
-    pub fn first_step_count(control_count: usize) -> usize {
-        Self::PAPER_STEP_COUNT.checked_next_multiple_of(control_count).unwrap_or(Self::PAPER_STEP_COUNT)
-    }
-
     /// Steps of the finest grid that may be tried: with automatic steps the last one within their limit on which all control
     /// intervals are equally long.
     pub fn finest_step_count(&self) -> usize {
@@ -135,8 +122,8 @@ impl Default for SolverSettings {
     fn default() -> Self {
         Self {
             method: Method::SequentialLinear,
-            step_count: Self::PAPER_STEP_COUNT,
-            refinement: Refinement::UntilConfirmed { step_limit: Self::STEP_LIMIT },
+            step_count: PAPER_STEP_COUNT,
+            refinement: Refinement::UntilConfirmed { step_limit: STEP_LIMIT },
             control_count: 40,
             start_count: 36,
             seed: 0,
@@ -190,7 +177,7 @@ impl SolveParameters {
 
     /// The rules of all fields, by their paths in the contract.
     pub fn rules() -> RuleSet {
-        let guess = schedule_check::rules("final_time_s", GUESS_ARRAYS)
+        let guess = rules_of_schedule("final_time_s", GUESS_ARRAYS)
             .across(&[GUESS_ARRAYS.0, GUESS_ARRAYS.1], "no torque exceeds the torque limit of its wheel");
         SolverSettings::rules()
             .with("robot", RobotParameters::rules())
@@ -208,7 +195,7 @@ impl SolveParameters {
         check_settings(&self.settings, checks);
         if let Some(guess) = &self.initial_guess {
             checks.within("initial_guess", |checks| {
-                checks.bounds("final_time_s", guess.final_time, &schedule_check::TIME_RULE);
+                checks.bounds("final_time_s", guess.final_time, &TIME_RULE);
                 check_schedule(guess, GUESS_ARRAYS, Some(self.maneuver.torque_limit), checks);
             });
         }
@@ -248,6 +235,25 @@ impl SolveInput {
         let robot = Robot::new(joined(&bare_robot, payload.as_ref()))?;
         let settings = SolverSettings { step_count: first_steps(&settings, robot.parameters(), &maneuver), ..settings };
         Ok(Self { robot, bare_robot, payload, maneuver, aisle, settings, initial_guess })
+    }
+
+    /// The motion of torques that were found for it, compared with what it must keep.
+    pub fn motion_of(&self, schedule: TorqueSchedule, step_count: usize) -> SimulateInput {
+        let Self { robot, bare_robot, payload, maneuver, aisle, .. } = self.clone();
+        let (reference_point, start, limits) = (maneuver.reference_point, maneuver.start, maneuver.limits);
+        let contact_method = ContactMethod::Exact;
+        SimulateInput {
+            robot,
+            bare_robot,
+            payload,
+            reference_point,
+            start,
+            limits,
+            aisle,
+            schedule,
+            step_count,
+            contact_method,
+        }
     }
 
     /// What the plan must keep on the way, beside the normal forces.

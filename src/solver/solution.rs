@@ -4,6 +4,7 @@ use nalgebra::SVector;
 
 use super::sensitivity::{EndShift, Sensitivity};
 use super::settings::Method;
+use crate::motion::LimitUse;
 use crate::robot::State;
 use crate::simulation::{ContactModeSpan, NormalLoad, Separation, TorqueSchedule, Trajectory};
 
@@ -146,23 +147,6 @@ pub struct Replay {
     pub limit_excess: f64,
     /// Whether all misses are within the asked tolerances and no contact separates.
     pub within_tolerance: bool,
-}
-
-/// How far a motion uses one of the limits that were given.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LimitUse {
-    /// The field of a solve that has the limit, such as `maneuver.limits.speed_m_s`.
-    pub limit: &'static str,
-    /// What is allowed, in the unit of the field.
-    pub value: f64,
-    /// The largest use, in the unit of the field.
-    pub largest: f64,
-    /// When, s.
-    pub time: f64,
-    /// Largest use above the limit as a share of the limit, on the grid of the motion; at most 0 where it is kept.
-    pub excess: f64,
-    /// The same on the finer grid of the replay; none where nothing was replayed.
-    pub replay_excess: Option<f64>,
 }
 
 /// The report on a plan.

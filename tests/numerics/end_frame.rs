@@ -1,12 +1,11 @@
 //! Goals at speed on a curve, judged in the frame in which the scheme rolls.
 
 use slipdrive::contact::ContactName;
+use slipdrive::motion::{SimulateInput, SimulateParameters, simulate};
 use slipdrive::robot::{PerWheel, RobotParameters, State, Velocity};
 use slipdrive::shooting::{Goal, Maneuver, ReferencePoint, StateComponent};
 use slipdrive::simulation::TorqueSchedule;
-use slipdrive::solver::{
-    RunControl, SimulateInput, SimulateParameters, SolveInput, SolveParameters, Status, simulate, solve,
-};
+use slipdrive::solver::{RunControl, SolveInput, SolveParameters, Status, solve};
 use slipdrive::stop::Stop;
 
 /// A goal that rolls exactly at its heading, in numbers rounded to six decimals as people write them.
@@ -40,7 +39,7 @@ fn goals_at_speed_on_a_curve_are_met_and_simulated_to_the_bit() {
         let solution = solve(&input, &RunControl::unattended()).unwrap();
         assert_eq!(solution.status, Status::Converged, "{point:?} {:?}", solution.reason);
 
-        let simulation = SimulateInput::of_plan(&input, solution.schedule.clone(), solution.report.step_count);
+        let simulation = input.motion_of(solution.schedule.clone(), solution.report.step_count);
         let end = simulate(&simulation, Stop::never()).unwrap().trajectory.end_state;
         assert_eq!(end, solution.trajectory.end_state);
         assert_eq!(maneuver.goal_error(&end), solution.goal_error);

@@ -1,13 +1,11 @@
 //! Plans with limits against closed forms, and what answers say of limits.
 
 use nalgebra::Vector2;
+use slipdrive::motion::{SimulateInput, SimulateParameters, simulate};
 use slipdrive::robot::{Motor, Payload, PerWheel, RobotParameters, State};
 use slipdrive::shooting::{AisleCorners, Goal, ReferencePoint, SlipPolicy, StateComponent};
 use slipdrive::simulation::TorqueSchedule;
-use slipdrive::solver::{
-    Refinement, RunControl, SimulateInput, SimulateParameters, Solution, SolveInput, SolveParameters, Status, simulate,
-    solve,
-};
+use slipdrive::solver::{Refinement, RunControl, Solution, SolveInput, SolveParameters, Status, solve};
 use slipdrive::stop::Stop;
 
 /// What a plan may exceed a limit by on its own grid, as a share.

@@ -45,18 +45,23 @@ const TABLE: &[Module] = &[
         must_not_mention: FOREIGN_TO_NUMERICS,
     },
     Module {
+        name: "motion",
+        may_use: &["shooting", "optimizer", "simulation", "robot", "rules", "stop"],
+        must_not_mention: FOREIGN_TO_NUMERICS,
+    },
+    Module {
         name: "solver",
-        may_use: &["shooting", "optimizer", "simulation", "robot", "contact", "rules", "stop"],
+        may_use: &["motion", "shooting", "optimizer", "simulation", "robot", "contact", "rules", "stop"],
         must_not_mention: FOREIGN_TO_NUMERICS,
     },
     Module {
         name: "assessment",
-        may_use: &["solver", "shooting", "simulation", "robot", "stop"],
+        may_use: &["solver", "motion", "shooting", "simulation", "robot", "stop"],
         must_not_mention: FOREIGN_TO_NUMERICS,
     },
     Module {
         name: "prelude",
-        may_use: &["solver", "shooting", "simulation", "robot", "rules"],
+        may_use: &["solver", "motion", "shooting", "simulation", "robot", "rules"],
         must_not_mention: FOREIGN_TO_NUMERICS,
     },
     Module {
@@ -66,7 +71,7 @@ const TABLE: &[Module] = &[
     },
     Module {
         name: "contract",
-        may_use: &["solver", "shooting", "simulation", "robot", "contact", "rules"],
+        may_use: &["solver", "motion", "shooting", "simulation", "robot", "contact", "rules"],
         must_not_mention: &["axum", "tonic", "hyper", "tower", "tokio", "std::thread"],
     },
     Module { name: "queue", may_use: &[], must_not_mention: &["axum", "tonic", "serde", "prost", "nalgebra"] },
@@ -90,6 +95,7 @@ const TABLE: &[Module] = &[
             "plot",
             "assessment",
             "solver",
+            "motion",
             "shooting",
             "simulation",
             "robot",

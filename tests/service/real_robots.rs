@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 use slipdrive::api::grpc::pb;
-use slipdrive::solver::{LimitUse, RunControl, SolveInput, StopReason};
+use slipdrive::motion::LimitUse;
+use slipdrive::solver::{RunControl, SolveInput, StopReason};
 use tonic::Code;
 
 use crate::support::protobuf::{code_of, fields_of, solve_request};

@@ -13,9 +13,9 @@ use slipdrive::contract::Problem;
 use slipdrive::jobs::simulate::Simulate;
 use slipdrive::jobs::solve::{AcceptedSolve, Solve};
 use slipdrive::jobs::{Kind as _, Limits};
+use slipdrive::motion::{Simulation, simulate};
 use slipdrive::robot::PerWheel;
 use slipdrive::simulation::TorqueSchedule;
-use slipdrive::solver::{Simulation, simulate};
 use slipdrive::stop::Stop;
 
 use super::{CONTROL_COUNT, NORMAL_LOAD_SHARE, STEP_COUNT, path_of};
@@ -97,7 +97,7 @@ impl Case {
     /// As [`Case::simulated_over_the_wire`] on the case's own grid, without rounding of the interval.
     pub(crate) fn simulated(&self, schedule: &TorqueSchedule) -> Simulation {
         let asked = &self.accepted.input;
-        let input = slipdrive::solver::SimulateInput::of_plan(asked, schedule.clone(), STEP_COUNT);
+        let input = asked.motion_of(schedule.clone(), STEP_COUNT);
         simulate(&input, Stop::never()).expect("nothing stops it")
     }
 

@@ -12,10 +12,11 @@ use crate::contract::message::{self, AssessRequest, Tolerances, Uncertainty};
 use crate::jobs::Limits;
 use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::jobs::table::word;
+use crate::motion::{ChangedParameter, Undisturbed};
 use crate::robot::{Payload, RobotParameters};
 use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::shooting::AisleCorners;
-use crate::solver::{ChangedParameter, SolveInput, Undisturbed};
+use crate::solver::SolveInput;
 
 const SAMPLES_RULE: Rule = Rule::between(1.0, 10_000.0, "");
 const UNCERTAIN_RULE: Rule = Rule::between(1.0, message::ChangedParameter::NAMES.len() as f64, Rule::ITEMS);

@@ -8,7 +8,7 @@ use crate::contract::message::{
     VarianceShares,
 };
 use crate::jobs::table::{line, row, word};
-use crate::solver::ChangedParameter;
+use crate::motion::ChangedParameter;
 
 pub(super) fn answer(accepted: &AcceptedAssess, assessment: &Assessment) -> AssessResponse {
     let Assessment {

@@ -9,6 +9,7 @@ use crate::contract::convert::{aisle_corners, count, maneuver, named, payload, r
 use crate::contract::message::{InitialGuess, SolveGrid, SolveRequest, Solver, ValidateResponse, View};
 use crate::contract::{Problem, hexadecimal, json, message};
 use crate::jobs::limits::{Clock, DEFAULT_TIME_LIMIT_S, Limits};
+use crate::motion;
 use crate::rules::{Checks, Number, Rule, RuleSet, Violations};
 use crate::simulation::TorqueSchedule;
 use crate::solver::{Choice, Refinement, SolveInput, SolveParameters, SolverSettings};
@@ -148,7 +149,7 @@ fn settings(grid: &SolveGrid, solver: Solver, limits: &Limits) -> Result<(Solver
         (steps as usize, Refinement::Fixed)
     } else {
         // More intervals than the server takes are refused whatever the grid.
-        let first = SolverSettings::first_step_count(control_count.min(limits.max_control_intervals));
+        let first = motion::first_step_count(control_count.min(limits.max_control_intervals));
         (first.min(limits.max_steps), Refinement::UntilConfirmed { step_limit: limits.max_steps })
     };
     let Solver {

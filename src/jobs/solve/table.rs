@@ -108,7 +108,8 @@ fn replay_miss(replay: &Replay) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::{ChangedParameter, EndShift};
+    use crate::motion::ChangedParameter;
+    use crate::solver::EndShift;
 
     #[test]
     fn worse_direction_of_each_parameter_has_a_line() {

@@ -3,7 +3,8 @@
 use nalgebra::Vector2;
 
 use super::super::segments::Segment;
-use super::super::settings::{ROUNDING, SolveInput};
+use super::super::settings::SolveInput;
+use crate::motion::ROUNDING;
 use crate::robot::{Motor, PerWheel, RobotParameters, State};
 use crate::shooting::ManeuverLimits;
 

@@ -6,9 +6,10 @@ use std::iter::successors;
 use nalgebra::Vector2;
 
 use super::super::segments::{Segment, duration, schedule_from_segments};
-use super::super::settings::{ROUNDING, SolveInput};
+use super::super::settings::SolveInput;
 use super::rolling::{AMPLITUDES, Pose, Rolling};
 use super::{Start, Strategy};
+use crate::motion::ROUNDING;
 use crate::robot::{RobotParameters, State, Velocity};
 use crate::shooting::{Maneuver, StateComponent, wrapped_angle};
 

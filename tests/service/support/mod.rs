@@ -25,12 +25,12 @@ use slipdrive::api::grpc::{self, Health};
 use slipdrive::api::server::{self, Connections, ServerSettings};
 use slipdrive::api::{ApiSettings, ApiState, rest};
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits, ManeuverSolver};
+use slipdrive::motion::{SimulateInput, Simulation};
 use slipdrive::robot::State;
 use slipdrive::service::{Service, ServiceSettings};
 use slipdrive::simulation::{TorqueSchedule, Trajectory};
 use slipdrive::solver::{
-    LowerBoundAssumption, Method, RefinementOutcome, Replay, Report, SimulateInput, Simulation, Solution, SolveInput,
-    Status,
+    LowerBoundAssumption, Method, RefinementOutcome, Replay, Report, Solution, SolveInput, Status,
 };
 use slipdrive::solver::{RunControl, StopReason};
 use slipdrive::stop::{Stop, Stopped};

@@ -8,8 +8,8 @@
 
 use nalgebra::{SMatrix, Vector3};
 
-use super::settings::ROUNDING;
 use crate::contact::DelassusOperator;
+use crate::motion::ROUNDING;
 use crate::robot::{BodyVector, PerWheel, Robot};
 
 /// Whether it is proved that a robot at rest stays there under all torques within their limits.

@@ -1,10 +1,7 @@
 //! One rollout of a given torque schedule.
 
-use super::carried::{check_robot, joined};
-use super::limit_uses::limit_uses;
-use super::schedule_check::{self, check_schedule};
-use super::{LimitUse, SolveInput, SolverSettings};
-use crate::robot::{Payload, Robot, RobotParameters, State};
+use super::{LimitUse, PAPER_STEP_COUNT, TIME_RULE, check_schedule, limit_uses, rules_of_schedule};
+use crate::robot::{Payload, Robot, RobotParameters, State, check_robot, joined};
 use crate::rules::{Checks, Rule, RuleSet, Violations};
 use crate::shooting::{Aisle, AisleCorners, ManeuverLimits, PathLimits, ReferencePoint, check_state, rules_of_state};
 use crate::simulation::{ContactMethod, ContactModeSpan, Rollout, Separation, Simulator, TorqueSchedule, Trajectory};
@@ -74,7 +71,7 @@ impl Default for SimulateParameters {
             limits: ManeuverLimits::default(),
             aisle: AisleCorners::default(),
             schedule: TorqueSchedule::empty(),
-            step_count: SolverSettings::PAPER_STEP_COUNT,
+            step_count: PAPER_STEP_COUNT,
             contact_method: ContactMethod::default(),
         }
     }
@@ -90,7 +87,7 @@ impl SimulateParameters {
             .with("start", rules_of_state())
             .with("limits", ManeuverLimits::rules())
             .and(AisleCorners::rules(KEEP_IN))
-            .with("torque_schedule", schedule_check::rules("interval_s", SCHEDULE_ARRAYS))
+            .with("torque_schedule", rules_of_schedule("interval_s", SCHEDULE_ARRAYS))
     }
 
     /// Adds the violated rules to `checks`; gives the aisle, if there is one.
@@ -102,7 +99,7 @@ impl SimulateParameters {
         checks.within("torque_schedule", |checks| {
             // Without torques there is no interval, which is another violation.
             if self.schedule.control_count() > 0 {
-                checks.bounds("interval_s", self.schedule.interval(), &schedule_check::TIME_RULE);
+                checks.bounds("interval_s", self.schedule.interval(), &TIME_RULE);
             }
             check_schedule(&self.schedule, SCHEDULE_ARRAYS, None, checks);
         });
@@ -115,14 +112,6 @@ impl SimulateParameters {
 }
 
 impl SimulateInput {
-    /// The motion of torques that were found for a maneuver, compared with what it must keep.
-    pub fn of_plan(asked: &SolveInput, schedule: TorqueSchedule, step_count: usize) -> Self {
-        let SolveInput { robot, bare_robot, payload, maneuver, aisle, .. } = asked.clone();
-        let (reference_point, start, limits) = (maneuver.reference_point, maneuver.start, maneuver.limits);
-        let contact_method = ContactMethod::Exact;
-        Self { robot, bare_robot, payload, reference_point, start, limits, aisle, schedule, step_count, contact_method }
-    }
-
     /// Validates a simulation.
     ///
     /// # Errors

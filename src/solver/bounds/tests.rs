@@ -9,7 +9,6 @@ use crate::robot::{RobotParameters, State, Velocity};
 use crate::shooting::{Goal, LONGEST_FINAL_TIME, Maneuver, ReferencePoint};
 use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule};
 use crate::solver::SolveParameters;
-use crate::solver::impossibility::impossibility;
 use crate::stop::Stop;
 
 fn input(maneuver: &Maneuver, parameters: RobotParameters) -> SolveInput {

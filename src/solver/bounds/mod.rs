@@ -1,4 +1,5 @@
-//! Lower bounds on the final time that hold for every plan of the discretised model without separation.
+//! What no plan can do: lower bounds on the final time that hold for every plan of the discretised model without separation, and
+//! starts, goals and robots to which there is none.
 //!
 //! Friction and torque bound the accelerations of the whole robot's centre of mass, of the heading and of the wheels, and a
 //! goal that requires more change takes longer. Each bound is that of a double integrator with bounded acceleration; the
@@ -11,11 +12,15 @@ mod curve;
 mod drive_norm;
 mod drive_rate;
 mod envelope;
+mod excluded_ends;
 mod first_time;
 mod grid_error;
+mod impossibility;
+mod largest_normal_force;
 mod limited_point;
 mod loads;
 mod rolling;
+mod standstill;
 mod targets;
 
 use nalgebra::Vector2;
@@ -25,9 +30,11 @@ use self::capacity::Capacity;
 pub(super) use self::capacity::LAW_ERROR;
 use self::ceiling::{Ceiling, SpeedLevel};
 use self::curve::Curve;
+pub(super) use self::excluded_ends::slip_by_wheel_rates;
 use self::first_time::{Cover, Floor, first_time, rules_out};
 pub(super) use self::grid_error::Grid;
 use self::grid_error::{GridError, KnownRates};
+pub(super) use self::impossibility::impossibility;
 use self::targets::Targets;
 use super::settings::SolveInput;
 use super::solution::LowerBoundAssumption;

@@ -2,10 +2,10 @@
 
 use super::*;
 use crate::contact::ContactName;
+use crate::motion::limit_uses;
 use crate::robot::Payload;
 use crate::shooting::{LIMIT_TOLERANCE, PathLimits, SlipPolicy};
-use crate::solver::excluded_ends::excluded_end;
-use crate::solver::limit_uses::limit_uses;
+use crate::solver::bounds::excluded_ends::excluded_end;
 
 impl Case {
     /// Every other one brakes all the way.

@@ -4,15 +4,15 @@
 //! are left to the search.
 
 use super::excluded_ends::{End, excluded_end};
-use super::lower_bound::{Grid, LowerBound, Wanted, lower_bounds};
-use super::settings::SolveInput;
-use super::solution::{LowerBoundAssumption, Reason};
 use super::standstill::stands_still;
+use super::{Grid, LowerBound, Wanted, lower_bounds};
 use crate::robot::Velocity;
 use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
+use crate::solver::settings::SolveInput;
+use crate::solver::solution::{LowerBoundAssumption, Reason};
 
 /// Why no plan can meet the goal; none where that is not proven.
-pub(super) fn impossibility(input: &SolveInput) -> Option<Reason> {
+pub(in crate::solver) fn impossibility(input: &SolveInput) -> Option<Reason> {
     let at_an_end = excluded_end(input).or_else(|| End::start(input).unloads(input));
     if at_an_end.is_some() || input.starts_at_goal() {
         return at_an_end;

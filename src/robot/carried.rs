@@ -1,10 +1,10 @@
 //! A robot and what it carries, as callers give them.
 
-use crate::robot::{Payload, RobotParameters};
+use super::{Payload, RobotParameters};
 use crate::rules::Checks;
 
 /// Adds the violated rules of both to `checks`. What the two break together is said of the payload, where either is valid.
-pub(super) fn check_robot(robot: &RobotParameters, payload: Option<&Payload>, checks: &mut Checks) {
+pub(crate) fn check_robot(robot: &RobotParameters, payload: Option<&Payload>, checks: &mut Checks) {
     let before = checks.count();
     checks.within("robot", |checks| robot.check(checks));
     let Some(payload) = payload else { return };
@@ -17,6 +17,6 @@ pub(super) fn check_robot(robot: &RobotParameters, payload: Option<&Payload>, ch
 }
 
 /// The robot that moves.
-pub(super) fn joined(robot: &RobotParameters, payload: Option<&Payload>) -> RobotParameters {
+pub(crate) fn joined(robot: &RobotParameters, payload: Option<&Payload>) -> RobotParameters {
     payload.map_or(*robot, |payload| robot.with_payload(payload))
 }

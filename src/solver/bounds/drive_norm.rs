@@ -162,7 +162,7 @@ impl DriveNorm {
 mod tests {
     use super::*;
     use crate::robot::{Robot, RobotParameters};
-    use crate::solver::lower_bound::capacity::bodies;
+    use crate::solver::bounds::capacity::bodies;
 
     fn reference() -> DriveNorm {
         DriveNorm::new(bodies(&Robot::new(RobotParameters::default()).unwrap()))

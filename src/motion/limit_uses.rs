@@ -1,16 +1,32 @@
 //! How much of its limits a motion uses: measured on a rollout of its own, on any grid.
 
-use super::solution::LimitUse;
 use crate::optimizer::larger;
 use crate::shooting::{PathLimit, PathLimits};
 use crate::simulation::{FrictionLaw, PathMaxima, PathMaximum, PathQuantity, Rollout, Simulator, TorqueSchedule};
 use crate::stop::{Stop, Stopped};
 
+/// How far a motion uses one of the limits that were given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LimitUse {
+    /// The field of a solve that has the limit, such as `maneuver.limits.speed_m_s`.
+    pub limit: &'static str,
+    /// What is allowed, in the unit of the field.
+    pub value: f64,
+    /// The largest use, in the unit of the field.
+    pub largest: f64,
+    /// When, s.
+    pub time: f64,
+    /// Largest use above the limit as a share of the limit, on the grid of the motion; at most 0 where it is kept.
+    pub excess: f64,
+    /// The same on the finer grid of the replay; none where nothing was replayed.
+    pub replay_excess: Option<f64>,
+}
+
 /// The largest use of each limited field by a rollout, in the order of the limits; see [`motion_with_limits`].
 ///
 /// # Errors
 /// When it was stopped before the end.
-pub(super) fn limit_uses(
+pub(crate) fn limit_uses(
     simulator: &Simulator,
     limits: &PathLimits,
     rollout: &Rollout,
@@ -30,7 +46,7 @@ pub(super) fn limit_uses(
 ///
 /// # Errors
 /// When it was stopped before the end.
-pub(super) fn motion_with_limits(
+pub(crate) fn motion_with_limits(
     simulator: &Simulator,
     limits: &PathLimits,
     (rollout, commanded): (&Rollout, &TorqueSchedule),
@@ -69,7 +85,7 @@ pub(super) fn motion_with_limits(
 }
 
 /// The use that exceeds its limit most, as a share of it.
-pub(super) fn most_exceeded(uses: &[LimitUse]) -> Option<&LimitUse> {
+pub(crate) fn most_exceeded(uses: &[LimitUse]) -> Option<&LimitUse> {
     uses.iter().reduce(|most, next| if exceeds_more(next, most) { next } else { most })
 }
 
@@ -97,9 +113,9 @@ fn torque_rate_use(rate: f64, schedule: &TorqueSchedule) -> LimitUse {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::{SimulateInput, SimulateParameters, simulate};
     use crate::robot::{Motor, PerWheel, RobotParameters, State};
     use crate::shooting::ManeuverLimits;
-    use crate::solver::{SimulateInput, SimulateParameters, simulate};
 
     fn uses(robot: RobotParameters, start: State, limits: ManeuverLimits) -> Vec<LimitUse> {
         let schedule = TorqueSchedule { final_time: 0.3, left: vec![1.0], right: vec![1.0] };

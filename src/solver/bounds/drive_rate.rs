@@ -163,7 +163,7 @@ mod tests {
     use super::*;
     use crate::robot::{Robot, RobotParameters};
     use crate::shooting::ManeuverLimits;
-    use crate::solver::lower_bound::capacity::bodies;
+    use crate::solver::bounds::capacity::bodies;
 
     #[test]
     fn viscous_friction_may_take_all_load_off_the_wheels() {

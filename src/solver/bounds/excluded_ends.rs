@@ -5,11 +5,12 @@ use std::f64::consts::SQRT_2;
 use nalgebra::{Rotation2, Vector2};
 
 use super::largest_normal_force::{Rates, largest_normal_forces};
-use super::settings::{ROUNDING, SolveInput};
-use super::solution::Reason;
 use crate::contact::ContactName;
+use crate::motion::ROUNDING;
 use crate::robot::{BodyVector, PerWheel, State};
 use crate::shooting::{LIMIT_TOLERANCE, StateComponent};
+use crate::solver::settings::SolveInput;
+use crate::solver::solution::Reason;
 
 /// An end of the maneuver: its state at the reference point, as far as it is given.
 pub(super) struct End {
@@ -30,7 +31,7 @@ pub(super) fn excluded_end(input: &SolveInput) -> Option<Reason> {
 }
 
 /// The slip speed of a wheel that other wheel rates at the goal would take away, m/s; none where no wheel slips there so.
-pub(super) fn slip_by_wheel_rates(input: &SolveInput) -> Option<f64> {
+pub(in crate::solver) fn slip_by_wheel_rates(input: &SolveInput) -> Option<f64> {
     End::goal(input).slip(input).filter(|slip| !slip.is_across).map(|slip| slip.speed)
 }
 

@@ -1,24 +1,24 @@
 //! Rules for torque schedules that callers send.
 
-use super::settings::ROUNDING;
+use super::ROUNDING;
 use crate::robot::PerWheel;
 use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::simulation::TorqueSchedule;
 
 /// The length of a schedule or of one of its intervals: those of every answer.
 /// Shorter ones move nothing, and the impulses within them come near the smallest numbers there are.
-pub(super) const TIME_RULE: Rule = Rule::at_least(1e-12, "s");
+pub(crate) const TIME_RULE: Rule = Rule::at_least(1e-12, "s");
 const LENGTH_RULE: Rule = Rule::at_least(1.0, Rule::ITEMS);
 
 /// The rules of a schedule with the given names of its time and of its left and right arrays.
-pub(super) fn rules(time_field: &str, (left_field, right_field): (&str, &str)) -> RuleSet {
+pub(crate) fn rules_of_schedule(time_field: &str, (left_field, right_field): (&str, &str)) -> RuleSet {
     RuleSet::of([(time_field, TIME_RULE), (left_field, LENGTH_RULE), (right_field, LENGTH_RULE)])
         .across(&[left_field, right_field], "both wheels have the same number of torques")
 }
 
 /// Adds the violated rules of a schedule under the given names of its left and right arrays; `limit` is that of the
 /// torques per wheel, if any.
-pub(super) fn check_schedule(
+pub(crate) fn check_schedule(
     schedule: &TorqueSchedule,
     (left_field, right_field): (&str, &str),
     limit: Option<PerWheel<f64>>,

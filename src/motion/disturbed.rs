@@ -4,11 +4,8 @@
 
 use nalgebra::{Rotation2, Vector2};
 
-use super::carried::{check_robot, joined};
-use super::limit_uses::motion_with_limits;
-use super::settings::{ROUNDING, SolverSettings};
-use super::solution::LimitUse;
-use crate::robot::{Payload, PerWheel, Robot, RobotParameters, State};
+use super::{LimitUse, ROUNDING, STEP_LIMIT, motion_with_limits};
+use crate::robot::{Payload, PerWheel, Robot, RobotParameters, State, check_robot, joined};
 use crate::rules::{Checks, Number, Rule, Violations};
 use crate::shooting::{PathLimits, ReferencePoint, check_state};
 use crate::simulation::{Rollout, Simulator, TorqueSchedule, control_interval};
@@ -22,9 +19,9 @@ struct Most {
 }
 
 /// Of one that a simulation can be asked for.
-const AS_ASKED: Most = Most { intervals: 1_000, steps: SolverSettings::STEP_LIMIT };
+const AS_ASKED: Most = Most { intervals: 1_000, steps: STEP_LIMIT };
 /// Of one that is rolled out: as many as a delay of the longest plan's own time takes.
-const ROLLED_OUT: Most = Most { intervals: 2 * SolverSettings::STEP_LIMIT, steps: 2 * SolverSettings::STEP_LIMIT };
+const ROLLED_OUT: Most = Most { intervals: 2 * STEP_LIMIT, steps: 2 * STEP_LIMIT };
 const DELAY_RULE: Rule = Rule::at_least(0.0, "s");
 
 /// What may differ from what a plan was made for.

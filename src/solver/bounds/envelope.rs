@@ -129,7 +129,7 @@ fn next_crossing(segments: &[Segment], lowest: usize, from: f64, end: f64) -> (f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::lower_bound::curve::Level;
+    use crate::solver::bounds::curve::Level;
 
     #[test]
     fn triangle_has_its_area_and_moments() {
