@@ -2,7 +2,7 @@
 //! (`docs/bounds.md`).
 
 use super::curve::Curve;
-use super::envelope::Piece;
+use super::envelope::{Envelope, Piece};
 use super::grid_error::GridError;
 use crate::shooting::LIMIT_TOLERANCE;
 
@@ -101,6 +101,18 @@ impl PointCeiling {
             .collect()
     }
 
+    /// How far the point may come, m.
+    pub(super) fn furthest(&self, error: &GridError, duration: f64) -> f64 {
+        let curves = self.curves(error, duration);
+        let Some(lowest) = curves.iter().map(Curve::at_start).reduce(f64::min) else { return f64::INFINITY };
+        if duration <= 0.0 {
+            return 0.0;
+        }
+        let envelope = Envelope::new(&curves.iter().collect::<Vec<_>>());
+        let chords = if self.lever == 0.0 { 0.0 } else { self.lever * error.of_chords() };
+        envelope.area(duration) + half_step_above(lowest, self.start_speed, error) + chords
+    }
+
     /// How much the speed may change over a duration upwards and downwards, m/s.
     pub(super) fn largest_changes(&self, error: &GridError, duration: f64) -> (f64, f64) {
         let of = |rate: f64| (rate + self.drift(error)) * duration + 2.0 * self.half_turn(error);
@@ -116,6 +128,11 @@ impl PointCeiling {
     }
 }
 
+/// How far the half step of the first node leads beyond the lowest line: no limit judges the speed there, m or rad.
+fn half_step_above(lowest: f64, start_speed: f64, error: &GridError) -> f64 {
+    0.5 * error.dt() * (start_speed - lowest).max(0.0)
+}
+
 impl Lines<'_> {
     /// What the displacement may exceed the area under the lowest lines by, m or rad: `pieces` of the envelope whose curves from
     /// `first` on are these, for a coordinate with this speed at the start.
@@ -124,10 +141,8 @@ impl Lines<'_> {
             return 0.0;
         }
         let lowest = self.curves.iter().map(Curve::at_start).fold(f64::INFINITY, f64::min);
-        // No limit judges the first node.
         let start = self.point.map_or(start_speed, |point| point.start_speed.max(start_speed));
-        0.5 * self.error.dt() * (start - lowest).max(0.0)
-            + self.swing(pieces, first + self.curves.len() - self.point_count)
+        half_step_above(lowest, start, self.error) + self.swing(pieces, first + self.curves.len() - self.point_count)
     }
 
     fn swing(&self, pieces: &[Piece], first: usize) -> f64 {

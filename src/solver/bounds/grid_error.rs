@@ -170,6 +170,25 @@ impl GridError {
         self.dt * self.dt / 12.0 * (jerk + 2.0 * self.dt * peak_jerk)
     }
 
+    /// How far the way of a point may differ from the sum of its velocities in the frames of the steps, per distance from the
+    /// chassis centre of mass: it goes along chords, its velocity along tangents.
+    pub(super) fn of_chords(&self) -> f64 {
+        let half_turn = 0.5 * self.dt * self.peak;
+        if half_turn == 0.0 {
+            return 0.0;
+        }
+        let each = half_turn * self.peak * self.duration;
+        let by_parts = if half_turn < PI {
+            let (sin, cos) = half_turn.sin_cos();
+            let end = (1.0 - half_turn * cos / sin).hypot(half_turn);
+            let slope = ((half_turn - sin * cos) / (sin * sin)).hypot(1.0);
+            2.0 * end + half_turn * half_turn + 0.5 * self.dt * slope * self.yaw_acceleration * self.duration
+        } else {
+            f64::INFINITY
+        };
+        each.min(by_parts)
+    }
+
     /// What the sum of node values may exceed the area under convex curves by.
     pub(super) fn of_convexity(&self, curves: &[&Curve]) -> f64 {
         self.dt * self.dt / 8.0 * curves.iter().map(|curve| curve.slope_rise()).sum::<f64>()

@@ -1,5 +1,7 @@
 //! Bounds by the limits of the speed and the accelerations of one point of the robot.
 
+use nalgebra::Vector2;
+
 use super::ceiling::{KEPT, PointCeiling};
 use super::first_time::{Cover, Floor, first_time, rules_out};
 use super::{Bounds, LowerBound};
@@ -26,6 +28,23 @@ impl Bounds<'_> {
                 fall: kept(limits.deceleration),
             }
         })
+    }
+
+    /// Bound by the way of a limited point, from start to goal.
+    pub(super) fn of_point_place(&self, floor: Floor) -> Option<LowerBound> {
+        let point = self.point_ceiling()?;
+        let from_center = self.input.limited_point() - self.capacity.center;
+        let way = |direction: Vector2<f64>| {
+            let (low, high) = self.targets.displacement_of(from_center, direction);
+            (direction, low.max(-high))
+        };
+        let (direction, way) = self.directions().into_iter().map(way).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let cover = |_, duration| Cover::growing(point.furthest(&self.error(duration), duration));
+        let matters = rules_out(floor.time, way, &cover);
+        let time = if matters { first_time(0.0, way, floor, cover) } else { 0.0 };
+        let is_x = direction.x.abs() > direction.y.abs();
+        let component = if is_x { StateComponent::X } else { StateComponent::Y };
+        Some(LowerBound { time, assumption: LowerBoundAssumption::Limits, component })
     }
 
     /// Bound by the speeds of a limited point, from start to goal.

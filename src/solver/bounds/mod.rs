@@ -151,6 +151,8 @@ impl<'a> Bounds<'a> {
         self.of_yaw(&mut found);
         let of_drive_norm = self.of_drive_norm(found.floor());
         found.bounds.extend(of_drive_norm);
+        let of_point_place = self.of_point_place(found.floor());
+        found.bounds.extend(of_point_place);
         let of_point_speed = self.of_point_speed(found.floor());
         found.bounds.extend(of_point_speed);
         self.of_wheels(&mut found);

@@ -87,12 +87,18 @@ impl<'a> Targets<'a> {
 
     /// Displacement of the centre of mass along a unit vector, m.
     pub(super) fn displacement(&self, direction: Vector2<f64>) -> Interval {
-        let from = &self.start.configuration;
+        self.displacement_of(Vector2::zeros(), direction)
+    }
+
+    /// Displacement of a point relative to the centre of mass (right, forward) along a unit vector, m.
+    pub(super) fn displacement_of(&self, from_center: Vector2<f64>, direction: Vector2<f64>) -> Interval {
+        let from = self.start.moved_by(from_center).configuration;
         let start = direction.dot(&Vector2::new(from.x, from.y));
         let reference = self.along(direction, [StateComponent::X, StateComponent::Y]);
+        let offset = self.offset + from_center;
         let offset = match self.value(StateComponent::Heading) {
-            Some(heading) => around(direction.dot(&rotated(self.offset, heading)), self.offset.norm() * self.tolerance),
-            None => around(0.0, self.offset.norm()),
+            Some(heading) => around(direction.dot(&rotated(offset, heading)), offset.norm() * self.tolerance),
+            None => around(0.0, offset.norm()),
         };
         (reference.0 + offset.0 - start, reference.1 + offset.1 - start)
     }

@@ -1,5 +1,7 @@
 //! Bounds by the limits of a maneuver.
 
+use nalgebra::Complex;
+
 use super::*;
 use crate::contact::ContactName;
 use crate::motion::limit_uses;
@@ -128,6 +130,24 @@ fn limited_speed_makes_a_trapezoid() {
 }
 
 #[test]
+fn a_limited_point_takes_its_way_whatever_the_yaw() {
+    let mut maneuver = Maneuver { goal: Goal::at_rest(6.0, 8.0, 0.0), ..Maneuver::forward_drive() };
+    maneuver.limits.speed = Some(0.5);
+    assert_near(bound(&maneuver), 20.0, 1e-4);
+    // From a start above the limit, which judges no first node.
+    (maneuver.start.velocity.x, maneuver.start.velocity.y) = (1.2, 1.6);
+    assert_near(bound(&maneuver), 20.0, 0.01);
+    // A point off the centre of mass goes along chords.
+    maneuver.start = State::default();
+    maneuver.reference_point = ReferencePoint::AxleMidpoint;
+    let on = |steps| largest_lower_bound(&input(&maneuver, RobotParameters::default()), Grid::Steps(steps));
+    assert_near(on(2_000), 20.0, 0.1);
+    maneuver.limits.yaw_rate = Some(1.0);
+    let on = |steps| largest_lower_bound(&input(&maneuver, RobotParameters::default()), Grid::Steps(steps));
+    assert_near(on(200), 20.6, 0.05);
+}
+
+#[test]
 fn limited_accelerations_make_a_triangle() {
     let mut maneuver = Maneuver { torque_limit: PerWheel::new(1e3, 1e3), ..Maneuver::forward_drive() };
     (maneuver.limits.acceleration, maneuver.limits.deceleration) = (Some(1.5), Some(1.0));
@@ -217,4 +237,50 @@ fn tighter_limits_raise_the_bounds() {
             }
         }
     }
+}
+
+/// A point at rest at every node, for which the chassis centre of mass goes round it: how far it comes nevertheless, per distance.
+fn way_along_chords(rates: &[f64], dt: f64) -> f64 {
+    let turn = |angle: f64| Complex::from_polar(1.0, angle);
+    let (mut heading, mut place, mut velocity) = (0.0, Complex::<f64>::ZERO, -Complex::I * rates[0]);
+    for pair in rates.windows(2) {
+        let middle = heading + 0.5 * dt * pair[0];
+        let next = -Complex::I * pair[1] * turn(middle);
+        place += 0.5 * dt * (velocity + next);
+        (heading, velocity) = (middle + 0.5 * dt * pair[1], next);
+    }
+    let way: Complex<f64> = place + turn(heading) - turn(0.0);
+    way.norm()
+}
+
+#[test]
+fn a_point_at_rest_comes_no_further_than_along_chords() {
+    let (mut nearest_each, mut nearest_by_parts) = (0.0_f64, 0.0_f64);
+    for seed in 0..2_000 {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let (steps, duration) = (rng.random_range(1..400), 10.0_f64.powf(rng.random_range(-2.0..1.0)));
+        let dt = duration / steps as f64;
+        let mut maneuver = Maneuver { goal: Goal::default(), ..Maneuver::forward_drive() };
+        maneuver.goal.set(StateComponent::X, Some(1.0));
+        maneuver.start.velocity.yaw_rate = (signed(&mut rng, 3.0) / dt).clamp(-1e3, 1e3);
+        let input = input(&maneuver, RobotParameters::default());
+        let bounds = Bounds::new(&input, Grid::Steps(steps));
+        let (error, change) = (bounds.error(duration), bounds.capacity.yaw_acceleration * dt);
+        let (mut rate, mut heading) = (maneuver.start.velocity.yaw_rate, 0.0_f64);
+        let mut rates = vec![rate];
+        let kind = rng.random_range(0..3);
+        for _ in 0..steps {
+            // Slower and faster by turns gains most.
+            let growth = [0.0, rng.random_range(-1.0..1.0), heading.sin().signum()][kind];
+            rate = (rate + change * growth).clamp(-error.peak_yaw_rate(), error.peak_yaw_rate());
+            heading += rate * dt;
+            rates.push(rate);
+        }
+        let (way, bound) = (way_along_chords(&rates, dt), error.of_chords());
+        assert!(way <= bound * (1.0 + 1e-9) + 1e-12, "{seed}: {way} {bound}");
+        let each = 0.5 * dt * error.peak_yaw_rate().powi(2) * duration;
+        let nearest = if bound < each { &mut nearest_by_parts } else { &mut nearest_each };
+        *nearest = nearest.max(way / bound);
+    }
+    assert!(nearest_each > 0.9 && nearest_by_parts > 0.9, "{nearest_each} {nearest_by_parts}");
 }
