@@ -33,12 +33,20 @@ pub struct UtilizationGradient {
 }
 
 impl WheelFriction {
-    /// The least share of the friction that holds both wheels.
+    /// The least share of the friction that holds both wheels; NaN if any friction is.
     #[inline]
     pub fn utilization(&self) -> f64 {
-        let lengthwise = self.lengthwise_shares();
-        let least = lengthwise[0].max(lengthwise[1]);
-        if self.capacity(least) >= self.lateral.abs() { least } else { self.binding_share() }
+        let [left, right] = self.lengthwise_shares();
+        let (least, lateral) = (left.max(right), self.lateral.abs());
+        if (left + right + lateral).is_nan() {
+            return f64::NAN;
+        }
+        if self.capacity(least) >= lateral {
+            return least;
+        }
+        // At d above the least share each root is at least d r_i. Of equal wheels the quadratic may leave rounding alone, even 0 / 0.
+        let most = least + lateral / (self.radius[0] + self.radius[1]);
+        self.binding_share().min(most).max(least)
     }
 
     /// Derivatives of [`Self::utilization`]; at rest they are zero.
@@ -46,16 +54,16 @@ impl WheelFriction {
         let share = self.utilization();
         let mut gradient = UtilizationGradient::default();
         let lengthwise = self.lengthwise_shares();
-        if share <= lengthwise[0].max(lengthwise[1]) {
+        // Of sum_i sqrt((rho r_i)^2 - F_i^2) = |Y|, times both roots.
+        let root = self.roots(share);
+        let [left, right] = self.radius;
+        let by_share = share * (left * left * root[1] + right * right * root[0]);
+        if share <= lengthwise[0].max(lengthwise[1]) || by_share == 0.0 {
             let wheel = usize::from(lengthwise[1] > lengthwise[0]);
             gradient.by_longitudinal[wheel] = self.longitudinal[wheel].signum() / self.radius[wheel];
             gradient.by_radius[wheel] = -share / self.radius[wheel];
             return gradient;
         }
-        // Of sum_i sqrt((rho r_i)^2 - F_i^2) = |Y|, times both roots.
-        let root = self.roots(share);
-        let [left, right] = self.radius;
-        let by_share = share * (left * left * root[1] + right * right * root[0]);
         for wheel in 0..2 {
             let other = root[1 - wheel] / by_share;
             gradient.by_longitudinal[wheel] = self.longitudinal[wheel] * other;
@@ -82,7 +90,7 @@ impl WheelFriction {
         left + right
     }
 
-    /// The share at which both wheels together just take the lateral friction.
+    /// The share at which both wheels together just take the lateral friction, but for rounding.
     ///
     /// With s = rho^2, p = `r_L^2 - r_R^2`, q = `F_L^2 - F_R^2` and S, T the sums of the squares, squaring twice gives
     /// `p^2 s^2 - 2 (p q + Y^2 S) s + q^2 + 2 Y^2 T + Y^4 = 0`. Its smaller root belongs to the sum of the roots, the larger
@@ -128,6 +136,52 @@ mod tests {
             let holds = [0, 1].iter().all(|&wheel| friction.longitudinal[wheel].abs() <= less * friction.radius[wheel]);
             assert!(!holds || friction.capacity(less) < friction.lateral.abs(), "{friction:?}");
         }
+    }
+
+    /// By halving.
+    fn utilization_by_bisection(friction: &WheelFriction) -> f64 {
+        let [left, right] = friction.lengthwise_shares();
+        let least = left.max(right);
+        let (mut low, mut high) = (0.0, friction.lateral.abs() / (friction.radius[0] + friction.radius[1]));
+        for _ in 0..100 {
+            let middle = 0.5 * (low + high);
+            let is_enough = friction.capacity(least + middle) >= friction.lateral.abs();
+            (low, high) = if is_enough { (low, middle) } else { (middle, high) };
+        }
+        least + high
+    }
+
+    #[test]
+    fn nearly_equal_wheels_use_what_bisection_finds() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
+        for _ in 0..100_000 {
+            let mut nearly = |value: f64| value * (1.0 + f64::EPSILON * f64::from(rng.random_range(-3..=3)));
+            let (longitudinal, radius) = ([nearly(0.8), nearly(0.8)], [nearly(1.1), nearly(1.1)]);
+            let size = 10.0_f64.powf(rng.random_range(-320.0..0.0)) * f64::from(rng.random_range(0..=1));
+            let scale = 10.0_f64.powf(rng.random_range(-30.0..10.0));
+            let friction = WheelFriction {
+                longitudinal: longitudinal.map(|force| scale * force),
+                lateral: scale * size,
+                radius: radius.map(|radius| scale * radius),
+            };
+            let (share, expected) = (friction.utilization(), utilization_by_bisection(&friction));
+            assert!((share - expected).abs() <= 1e-10, "{friction:?}: {share} {expected}");
+            let UtilizationGradient { by_longitudinal, by_lateral, by_radius } = friction.gradient();
+            let all = [by_longitudinal[0], by_longitudinal[1], by_lateral, by_radius[0], by_radius[1]];
+            assert!(all.iter().all(|slope| (scale * slope).abs() <= 2.0), "{friction:?}: {all:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_a_number_uses_no_number() {
+        let good = WheelFriction { longitudinal: [3.0, 3.0], lateral: 8.0, radius: [10.0, 10.0] };
+        let bad = [
+            WheelFriction { longitudinal: [f64::NAN, 3.0], ..good },
+            WheelFriction { longitudinal: [3.0, f64::NAN], ..good },
+            WheelFriction { lateral: f64::NAN, ..good },
+            WheelFriction { radius: [10.0, f64::NAN], ..good },
+        ];
+        assert!(bad.iter().all(|friction| friction.utilization().is_nan()));
     }
 
     #[test]

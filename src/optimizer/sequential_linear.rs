@@ -214,9 +214,10 @@ impl<'a> Search<'a> {
     }
 
     /// Makes the penalty parameter larger, if it may be and may be too small: at a kink far from the constraints, where what is violated
-    /// costs more than any point within the bounds saves, it is not.
+    /// costs more than any point within the bounds saves, it is not. Where nothing is left to save, too large a cost keeps it there.
     fn tightens(&mut self) -> bool {
-        let may_be_too_small = self.violation_cost(&self.model.constraints) <= self.largest_saving();
+        let saving = self.largest_saving();
+        let may_be_too_small = saving == 0.0 || self.violation_cost(&self.model.constraints) <= saving;
         let may_grow = may_be_too_small && self.penalty_parameter < self.settings.largest_penalty_parameter;
         if may_grow {
             self.penalty_parameter *= PENALTY_GROWTH;

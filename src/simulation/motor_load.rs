@@ -31,8 +31,9 @@ impl MotorLoad {
         for (node, rate) in rate.into_iter().enumerate() {
             for sign in [1.0, -1.0] {
                 let room = 1.0 - sign * rate;
-                let excess = sign * torque - room.max(0.0);
-                if excess > worst.excess {
+                // What is not a number stays, which `max` would drop.
+                let excess = if room < 0.0 { sign * torque } else { sign * torque - room };
+                if excess > worst.excess || excess.is_nan() {
                     let mut by_rate = [0.0; 2];
                     by_rate[node] = if room > 0.0 { sign } else { 0.0 };
                     worst = Self { excess, node, by_torque: sign, by_rate };
@@ -40,5 +41,19 @@ impl MotorLoad {
             }
         }
         worst
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_a_number_is_the_worst() {
+        for rate in [[f64::NAN, 0.5], [0.5, f64::NAN]] {
+            assert!(MotorLoad::worst(0.5, rate).excess.is_nan());
+        }
+        assert!(MotorLoad::worst(f64::NAN, [0.5, 0.5]).excess.is_nan());
+        assert_eq!(MotorLoad::worst(0.5, [1.5, 0.75]).excess, 0.5);
     }
 }

@@ -103,7 +103,7 @@ impl Simulator {
         }
     }
 
-    /// Differentiates the end state of the rollout that was recorded last, under the same `slip_smoothing`.
+    /// Differentiates the end state of the rollout that was recorded last, under the same `law`.
     ///
     /// # Errors
     /// When it was stopped before the end; the derivatives are not valid then.

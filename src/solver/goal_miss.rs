@@ -6,7 +6,7 @@ use super::bounds::slip_by_wheel_rates;
 use super::course::steps_on_course;
 use super::settings::{Method, SolveInput};
 use super::solution::{Reason, StopReason};
-use crate::motion::LimitUse;
+use crate::motion::{LimitUse, STEP_LIMIT};
 use crate::robot::State;
 use crate::shooting::{SHORTEST_FINAL_TIME, StateComponent, decision_len};
 use crate::simulation::TorqueSchedule;
@@ -32,13 +32,13 @@ pub(super) fn goal_missed(
     let miss = error(component);
     let tolerance = input.settings.goal_tolerance;
     let field = format!("maneuver.goal.{}", component.field());
-    // The search has no shorter plans: such a final time means that every motion diverged.
-    let diverges = plan.final_time < SHORTEST_FINAL_TIME;
+    // The search has no shorter plans, but for rounding: such a final time means that every motion diverged.
+    let diverges = plan.final_time < 0.5 * SHORTEST_FINAL_TIME;
     let (code, subject, help) = if diverges {
         let help = "more `grid.steps` or a slower start".to_owned();
         ("motion_diverges", "every motion that was tried diverges, and the start", help)
     } else {
-        ("goal_missed", "the best plan", help(input, miss, stop_reason))
+        ("goal_missed", "the best plan", help(input, miss, (exceeded, stop_reason)))
     };
     let beside = exceeded.map(|used| format!(", where it {}", excess(used))).unwrap_or_default();
     let message = format!(
@@ -53,7 +53,7 @@ pub(super) fn limit_missed(used: &LimitUse, stop_reason: StopReason) -> Reason {
     let help = match stop_reason {
         StopReason::Stopped => MORE_TIME,
         StopReason::RolloutLimit => MORE_ROLLOUTS,
-        StopReason::Finished => "more `solver.starts`, more `grid.control_intervals` or a wider limit",
+        StopReason::Finished => WIDER_LIMIT,
     };
     let message = format!("the best plan that meets the goal {}; {help} would help", excess(used));
     let LimitUse { limit, value, largest, time, .. } = *used;
@@ -72,10 +72,11 @@ fn excess(&LimitUse { limit, value, largest, .. }: &LimitUse) -> String {
 const AISLE: &str = "maneuver.keep_in";
 const MORE_TIME: &str = "more time (`solver.time_limit_s` or the deadline)";
 const MORE_ROLLOUTS: &str = "a larger `solver.rollout_limit`";
+const WIDER_LIMIT: &str = "more `solver.starts`, more `grid.control_intervals` or a wider limit";
 
 /// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
-fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> String {
-    let for_search = help_for_search(input, miss, stop_reason);
+fn help(input: &SolveInput, miss: f64, ending: (Option<&LimitUse>, StopReason)) -> String {
+    let for_search = help_for_search(input, miss, ending);
     let Some(slip) = slip_by_wheel_rates(input) else { return for_search };
     format!(
         "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {slip} m/s), else {for_search}"
@@ -83,7 +84,7 @@ fn help(input: &SolveInput, miss: f64, stop_reason: StopReason) -> String {
 }
 
 /// What would help the search to the goal, for the most certain cause first.
-fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> String {
+fn help_for_search(input: &SolveInput, miss: f64, (exceeded, stop_reason): (Option<&LimitUse>, StopReason)) -> String {
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     let on_course = steps_on_course(input.robot.parameters(), &input.maneuver);
@@ -99,12 +100,17 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> St
         }
         StopReason::Stopped => MORE_TIME,
         StopReason::RolloutLimit => MORE_ROLLOUTS,
+        StopReason::Finished if miss.abs() <= NEAR_MISS && exceeded.is_some() => WIDER_LIMIT,
         StopReason::Finished if miss.abs() <= NEAR_MISS => "a larger `solver.goal_tolerance` or more `grid.steps`",
         // Automatic steps begin on that many, if they may.
         StopReason::Finished if settings.finest_step_count() < on_course => {
-            return format!(
-                "a shorter way or at least {on_course} `grid.steps`, on which the robot keeps its course so far,"
-            );
+            return if on_course <= STEP_LIMIT {
+                format!(
+                    "a shorter way or at least {on_course} `grid.steps`, on which the robot keeps its course so far,"
+                )
+            } else {
+                format!("a shorter way, on which the robot keeps its course with {STEP_LIMIT} `grid.steps`,")
+            };
         }
         StopReason::Finished => "more `grid.control_intervals`, `grid.steps` or `solver.starts`, or fewer goal fields",
     };
@@ -114,8 +120,44 @@ fn help_for_search(input: &SolveInput, miss: f64, stop_reason: StopReason) -> St
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shooting::{Goal, Maneuver};
+    use crate::shooting::{Goal, Maneuver, decision_from_schedule, schedule_from_decision};
     use crate::solver::settings::Refinement;
+
+    #[test]
+    fn the_shortest_plan_is_no_divergence() {
+        let input = SolveInput::forward_drive();
+        for control_count in [1, 20, 25, 50, 100, 999] {
+            let plan = schedule_from_decision(&decision_from_schedule(&TorqueSchedule::without_torque(
+                SHORTEST_FINAL_TIME,
+                control_count,
+            )));
+            let reason = goal_missed(&input, &plan, &SVector::repeat(1.0), (None, StopReason::Finished));
+            assert_eq!(reason.code, "goal_missed", "{control_count}");
+        }
+    }
+
+    #[test]
+    fn a_wider_limit_helps_where_one_is_exceeded_beside_a_near_miss() {
+        let used = LimitUse {
+            limit: "maneuver.limits.speed_m_s",
+            value: 1.0,
+            largest: 2.0,
+            time: 0.0,
+            excess: 1.0,
+            replay_excess: None,
+        };
+        let help = |exceeded| help_for_search(&SolveInput::forward_drive(), 3e-6, (exceeded, StopReason::Finished));
+        assert!(help(Some(&used)).contains("wider limit") && !help(Some(&used)).contains("goal_tolerance"));
+        assert!(help(None).contains("goal_tolerance"));
+    }
+
+    #[test]
+    fn no_more_steps_are_advised_than_there_may_be() {
+        let mut input = SolveInput::forward_drive();
+        input.maneuver = Maneuver { goal: Goal::at_rest(0.0, 1e4, 0.0), ..input.maneuver };
+        let help = help_for_search(&input, 50.0, (None, StopReason::Finished));
+        assert!(help.starts_with("a shorter way, on which") && help.contains("10000 `grid.steps`"), "{help}");
+    }
 
     #[test]
     fn steps_on_course_are_advised_where_the_search_had_fewer() {
@@ -127,7 +169,7 @@ mod tests {
             let mut input = SolveInput::forward_drive();
             input.maneuver = Maneuver { goal: Goal::at_rest(0.0, 100.0, 0.0), ..input.maneuver };
             input.settings.refinement = refinement;
-            let help = help_for_search(&input, 50.0, StopReason::Finished);
+            let help = help_for_search(&input, 50.0, (None, StopReason::Finished));
             assert_eq!(help.contains("at least 452 `grid.steps`"), is_advised, "{refinement:?}: {help}");
         }
     }

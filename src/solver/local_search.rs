@@ -140,11 +140,12 @@ impl<'a> LocalSearch<'a> {
     }
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let scale = self.problem.variable_scale(guess);
+        // A final time below the bound is in the dead zone of the penalty.
+        let guess = guess.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
+        let scale = self.problem.variable_scale(&guess);
         let (scales, tolerance) = (self.problem.goal_scales(), self.settings.goal_tolerance);
         let goal_heading = self.goal_heading;
-        let inside = guess.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
-        let last = RefCell::new(Candidate::new(inside, f64::NAN, true, goal_heading));
+        let last = RefCell::new(Candidate::new(guess.clone(), f64::NAN, true, goal_heading));
         let mut best = last.borrow().clone();
         let mut penalty = Penalty::new(&mut self.problem);
         let mut passed = None;
@@ -160,7 +161,7 @@ impl<'a> LocalSearch<'a> {
             best = last.borrow().clone();
             report(self.control, self.start, &best, tolerance);
         };
-        let result = minimise_by_nelder_mead(&mut value, guess, &scale, &mut self.budget, &mut report_improvement);
+        let result = minimise_by_nelder_mead(&mut value, &guess, &scale, &mut self.budget, &mut report_improvement);
         self.iterations += result.iterations;
         self.note(&best);
         // The penalty trades the goal for time: its best point may miss what another one, such as the guess, meets.

@@ -20,6 +20,11 @@ pub(super) fn duration(segments: &[Segment]) -> f64 {
     segments.iter().map(|segment| segment.duration).sum()
 }
 
+/// The segments, or no torque for some time, s, where there are none: what asks for no way may ask for a change of speed.
+pub(super) fn or_coasting(segments: Vec<Segment>, time: f64) -> Vec<Segment> {
+    if duration(&segments) > 0.0 { segments } else { vec![Segment { duration: time, torque: PerWheel::default() }] }
+}
+
 /// Equal control intervals that keep the impulse of the segments: each takes the mean over its span.
 pub(super) fn schedule_from_segments(segments: &[Segment], control_count: usize) -> TorqueSchedule {
     let final_time = duration(segments);

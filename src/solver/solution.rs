@@ -11,9 +11,10 @@ use crate::simulation::{ContactModeSpan, NormalLoad, Separation, TorqueSchedule,
 /// How good the plan is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
-    /// Goal met within the limits, criticality measure small, contact law kept.
+    /// Goal met within the limits, criticality measure small, contact law and least normal forces kept.
     Converged,
-    /// Goal met within the limits, but not shown to be a local optimum: it is none, or the certificate was cut off.
+    /// Goal met within the limits, but not shown to be a local optimum that keeps its contacts: it is none, a contact carries less than
+    /// it should or breaks its law, or the certificate was cut off.
     Feasible,
     /// Best iterate; the goal is missed, or a limit exceeded.
     NotConverged,

@@ -9,6 +9,7 @@ mod rolling;
 mod routes;
 mod spins;
 
+use std::f64::consts::TAU;
 use std::iter::repeat_n;
 
 use rand::SeedableRng;
@@ -18,10 +19,10 @@ use rolling::{AMPLITUDES, Rolling};
 use routes::rolling_plans;
 use spins::Spins;
 
-use super::segments::{resampled, schedule_from_segments};
+use super::segments::{or_coasting, resampled, schedule_from_segments};
 use super::settings::{Method, SolveInput};
 use crate::robot::PerWheel;
-use crate::shooting::StateComponent;
+use crate::shooting::{StateComponent, wrapped_angle};
 use crate::simulation::TorqueSchedule;
 
 /// A first guess, with the winding of the goal heading that it aims at.
@@ -109,19 +110,27 @@ fn spinning(input: &SolveInput, stream: u64) -> impl FnMut(&Start) -> Start {
     move |plan| Spins::drawn(&mut rng).of(plan, torque)
 }
 
-/// Without torque there is only the final time to choose: those of the start's speed, the most likely first.
+/// Without torque there is only the final time to choose: those of the start's speed, the most likely first. A start that turns meets a
+/// heading on its way round, which may be the longer one.
 fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
-    let (control_count, goal_heading) = (input.settings.control_count, input.maneuver.nearest_goal_heading());
-    let (velocity, error) = (input.maneuver.start.velocity, input.maneuver.goal_error(&input.maneuver.start));
-    let times =
-        [velocity.x, velocity.y, velocity.yaw_rate].into_iter().zip(error.iter()).map(|(rate, error)| -error / rate);
+    let (control_count, maneuver) = (input.settings.control_count, &input.maneuver);
+    let (velocity, error) = (maneuver.start.velocity, maneuver.goal_error(&maneuver.start));
+    let yaw_rate = velocity.yaw_rate;
+    let turn =
+        if yaw_rate == 0.0 { -error[2] } else { (-error[2] * yaw_rate.signum()).rem_euclid(TAU).copysign(yaw_rate) };
+    let goal_heading = move |time: f64| {
+        let heading = maneuver.start.configuration.heading + yaw_rate * time;
+        maneuver.goal.value(StateComponent::Heading).map(|goal| heading + wrapped_angle(goal - heading))
+    };
+    let ways = [(velocity.x, -error[0]), (velocity.y, -error[1]), (yaw_rate, turn)];
+    let times = ways.into_iter().map(|(rate, way)| way / rate);
     let time = times.filter(|time| time.is_finite()).fold(0.0, f64::max);
     let time = if time > 0.0 { time } else { 1.0 };
     let doublings = (0..=COASTING_DOUBLINGS).flat_map(|doublings| [doublings, -doublings]).skip(1);
-    doublings.map(move |doublings| Start {
-        schedule: TorqueSchedule::without_torque(time * 2.0_f64.powi(doublings), control_count),
-        goal_heading,
-        strategy: Strategy::Direct,
+    doublings.map(move |doublings| {
+        let time = time * 2.0_f64.powi(doublings);
+        let schedule = TorqueSchedule::without_torque(time, control_count);
+        Start { schedule, goal_heading: goal_heading(time), strategy: Strategy::Direct }
     })
 }
 
@@ -136,6 +145,7 @@ fn straight(input: &SolveInput) -> Start {
     let ahead = y * start.heading.cos() - x * start.heading.sin();
     let mut segments = Vec::new();
     rolling.drive(x.hypot(y).copysign(ahead), &mut segments);
+    let segments = or_coasting(segments, input.robot.parameters().natural_time());
     Start {
         schedule: schedule_from_segments(&segments, input.settings.control_count),
         goal_heading: maneuver.nearest_goal_heading(),

@@ -2,7 +2,7 @@
 
 use slipdrive::robot::{PerWheel, RobotParameters};
 use slipdrive::shooting::StateComponent::{
-    self, Heading, VelocityY, WheelAngleLeft, WheelRateLeft, WheelRateRight, X, Y, YawRate,
+    self, Heading, VelocityX, VelocityY, WheelAngleLeft, WheelRateLeft, WheelRateRight, X, Y, YawRate,
 };
 use slipdrive::shooting::{Goal, LONGEST_FINAL_TIME, Maneuver};
 use slipdrive::solver::{
@@ -176,6 +176,19 @@ fn beyond_the_limits_kinds() -> Vec<Case> {
             ask_rest_at(case, 0.0, 5.0, 0.0);
             ask(case, YawRate, 100.0);
         }),
+        case(
+            "wheels that viscous friction lets lift",
+            "start_separates",
+            "maneuver.start.wheel_rate_left_rad_s",
+            |case| {
+                case.robot.wheel_viscous_friction = 0.5;
+                let velocity = &mut case.maneuver.start.velocity;
+                velocity.y = -1.0;
+                velocity.wheel_rate =
+                    PerWheel::new(velocity.y / case.robot.wheel_radius, velocity.y / case.robot.wheel_radius);
+                ask_rest_at(case, 0.0, -1.0, 0.0);
+            },
+        ),
         case("a start that unloads a wheel", "start_below_load_share", "maneuver.start.yaw_rate_rad_s", |case| {
             without_friction(case);
             without_torque(case);
@@ -303,6 +316,51 @@ fn what_the_search_missed_is_named_with_what_would_help() {
         };
         assert!(reason.message.contains(cause), "{kind}: {}", reason.message);
     }
+}
+
+#[test]
+fn a_coasting_robot_meets_headings_on_its_way_round() {
+    for heading in [0.5, 3.5, -0.5, -3.5] {
+        let turning = case("coasting round", "", "", |case| {
+            without_torque(case);
+            case.robot.center_of_mass_forward = 0.0;
+            case.maneuver.start.velocity.yaw_rate = 1.0;
+            let rim = 0.5 * case.robot.track_width / case.robot.wheel_radius;
+            case.maneuver.start.velocity.wheel_rate = PerWheel::new(-rim, rim);
+            ask(case, Heading, heading);
+        });
+        assert_eq!(solved(&turning).status, Status::Converged, "{heading}");
+    }
+}
+
+#[test]
+fn goals_of_a_speed_alone_are_met() {
+    let goals: [&[(StateComponent, f64)]; 4] = [
+        &[(VelocityX, 1.0), (VelocityY, 0.0)],
+        &[(VelocityX, -1.0)],
+        &[(WheelRateLeft, 10.0)],
+        &[(WheelRateLeft, 5.0), (WheelRateRight, -5.0)],
+    ];
+    for goal in goals {
+        let speeding = case("a speed alone", "", "", |case| {
+            case.settings.refinement = Refinement::Fixed;
+            for (component, value) in goal {
+                ask(case, *component, *value);
+            }
+        });
+        let solution = solved(&speeding);
+        assert_eq!(solution.status, Status::Converged, "{goal:?}: {:?}", solution.reason);
+    }
+}
+
+#[test]
+fn nelder_mead_turns_in_place() {
+    let turn = case("a turn", "", "", |case| {
+        (case.settings.method, case.settings.refinement) = (Method::NelderMead, Refinement::Fixed);
+        (case.settings.step_count, case.settings.control_count) = (40, 10);
+        ask_rest_at(case, 0.0, 0.0, 1.5);
+    });
+    assert!(solved(&turn).goal_error.amax() < 0.2);
 }
 
 #[test]

@@ -228,30 +228,42 @@ impl End {
         let slack = if self.is_start() { 0.0 } else { input.settings.goal_tolerance };
         let around = |value: f64, slack: f64| (value - slack, value + slack);
         let rates = Rates { yaw: around(yaw_rate, slack), wheels: around(wheels, 2.0 * slack) };
-        let forces = largest_normal_forces(&input.robot, input.maneuver.torque_limit, &rates);
         let parameters = input.robot.parameters();
+        let torque_limit = input.maneuver.torque_limit;
+        let forces = |viscous_friction| largest_normal_forces(&input.robot, (torque_limit, viscous_friction), &rates);
+        let largest = forces(parameters.wheel_viscous_friction);
         let weight = parameters.total_mass() * parameters.gravity;
         let least = input.maneuver.limits.least_normal_loads(&input.robot) * weight;
-        let missing = |contact: &ContactName| least[*contact as usize] - forces[*contact as usize];
+        let missing = |contact: &ContactName| least[*contact as usize] - largest[*contact as usize];
         let contact = ContactName::ALL.into_iter().max_by(|a, b| missing(a).total_cmp(&missing(b)))?;
         if missing(&contact) <= ROUNDING * weight {
             return None;
         }
-        let force = forces[contact as usize];
+        let force = largest[contact as usize];
         let (codes, limit, effect, help) = if force < -ROUNDING * weight {
             (["start_separates", "goal_separates"], 0.0, "lifts", "")
         } else {
             let help = "a smaller `maneuver.limits.normal_load_share`, ";
             (["start_below_load_share", "goal_below_load_share"], least[contact as usize], "unloads", help)
         };
-        let field = format!("maneuver.{}.{}", self.name, StateComponent::YawRate.field());
+        let is_by_spin = least[contact as usize] - forces(0.0)[contact as usize] > ROUNDING * weight;
+        let (component, rate, cause) = if is_by_spin {
+            (StateComponent::YawRate, yaw_rate, "a slower spin or a lower centre of mass helps")
+        } else {
+            let PerWheel { left, right } = velocity.wheel_rate;
+            let faster =
+                if right.abs() > left.abs() { StateComponent::WheelRateRight } else { StateComponent::WheelRateLeft };
+            let help = "slower wheels, less `robot.wheel_viscous_friction_n_m_s` or larger torque limits help";
+            (faster, left.abs().max(right.abs()), help)
+        };
+        let field = format!("maneuver.{}.{}", self.name, component.field());
         let name = match contact {
             ContactName::Front => "front support".to_owned(),
             ContactName::Left | ContactName::Right => format!("{} wheel", contact.as_str()),
         };
         let message = format!(
-            "`{field}` is {yaw_rate}, which {effect} the {name} whatever the torques: its normal force is at most {force} N, \
-             must be >= {limit} N; {help}a slower spin or a lower centre of mass helps"
+            "`{field}` is {rate}, which {effect} the {name} whatever the torques: its normal force is at most {force} N, \
+             must be >= {limit} N; {help}{cause}"
         );
         Some(self.reason(codes, (&field, message), (force, limit)))
     }

@@ -21,8 +21,12 @@ pub(super) struct Rates {
     pub(super) wheels: (f64, f64),
 }
 
-/// The largest normal force of each contact (left, right, front), N.
-pub(super) fn largest_normal_forces(robot: &Robot, torque_limit: PerWheel<f64>, rates: &Rates) -> [f64; 3] {
+/// The largest normal force of each contact (left, right, front), N, with this viscous friction of the wheels, N m s.
+pub(super) fn largest_normal_forces(
+    robot: &Robot,
+    (torque_limit, viscous_friction): (PerWheel<f64>, f64),
+    rates: &Rates,
+) -> [f64; 3] {
     let (parameters, projection) = (robot.parameters(), robot.normal_force_projection());
     let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
     let inertia = parameters.wheel_spin_inertia;
@@ -31,7 +35,7 @@ pub(super) fn largest_normal_forces(robot: &Robot, torque_limit: PerWheel<f64>, 
         let centrifugal = projection.centrifugal[contact] + (by_change * unit_rate)[0];
         let [.., by_left, by_right] = by_change.transpose().data.0[0];
         let by_torque = by_left.abs() * torque_limit.left + by_right.abs() * torque_limit.right;
-        let viscous = -by_left / inertia * parameters.wheel_viscous_friction;
+        let viscous = -by_left / inertia * viscous_friction;
         projection.static_force[contact]
             + largest_by_rates(centrifugal, projection.gyroscopic[contact], rates)
             + by_torque / inertia
@@ -75,7 +79,7 @@ mod tests {
     #[test]
     fn at_rest_every_contact_reaches_its_static_normal_force() {
         let rates = Rates { yaw: (0.0, 0.0), wheels: (-100.0, 100.0) };
-        let forces = largest_normal_forces(&robot(), PerWheel::new(0.0, 0.0), &rates);
+        let forces = largest_normal_forces(&robot(), (PerWheel::new(0.0, 0.0), 0.0), &rates);
         let at_rest = robot().normal_force_projection().static_force;
         assert!(forces.iter().zip(at_rest.iter()).all(|(force, at_rest)| force > at_rest), "{forces:?}");
     }
@@ -83,19 +87,19 @@ mod tests {
     #[test]
     fn a_fast_spin_separates_a_contact() {
         let rates = Rates { yaw: (200.0, 200.0), wheels: (0.0, 0.0) };
-        assert!(largest_normal_forces(&robot(), PerWheel::new(1.0, 1.0), &rates).iter().any(|force| *force < 0.0));
+        assert!(
+            largest_normal_forces(&robot(), (PerWheel::new(1.0, 1.0), 0.0), &rates).iter().any(|force| *force < 0.0)
+        );
     }
 
     #[test]
     fn viscous_friction_shifts_load_as_a_torque_does() {
         let (viscous, rate) = (0.02, 30.0);
-        let damped =
-            Robot::new(RobotParameters { wheel_viscous_friction: viscous, ..RobotParameters::default() }).unwrap();
-        let no_torque = PerWheel::new(0.0, 0.0);
+        let (robot, no_torque) = (robot(), PerWheel::new(0.0, 0.0));
         let rates = Rates { yaw: (0.0, 0.0), wheels: (2.0 * rate, 2.0 * rate) };
-        let without = largest_normal_forces(&robot(), no_torque, &rates);
-        let with = largest_normal_forces(&damped, no_torque, &rates);
-        let shift = 2.0 * viscous * rate / damped.parameters().axle_to_front_support;
+        let without = largest_normal_forces(&robot, (no_torque, 0.0), &rates);
+        let with = largest_normal_forces(&robot, (no_torque, viscous), &rates);
+        let shift = 2.0 * viscous * rate / robot.parameters().axle_to_front_support;
         // Braked wheels press the front support down.
         assert!((with[2] - without[2] - shift).abs() < 1e-12 && with[0] < without[0], "{with:?} {without:?}");
     }

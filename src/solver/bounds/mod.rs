@@ -182,9 +182,13 @@ impl<'a> Bounds<'a> {
         let end = |direction| middle(self.targets.end_velocity(direction));
         let change = Vector2::new(end(Vector2::x()), end(Vector2::y())) - speed;
         let mut directions: Vec<_> = displacement.try_normalize(0.0).into_iter().collect();
-        if speed != Vector2::zeros() || change != Vector2::zeros() {
-            let across = Vector2::new(-speed.y, speed.x);
-            let further = [Vector2::x(), Vector2::y(), speed, across, change, Vector2::new(1.0, 1.0)];
+        let along = [displacement, speed, change].into_iter().find_map(|vector| vector.try_normalize(0.0));
+        if let Some(along) = along
+            && (speed != Vector2::zeros() || change != Vector2::zeros())
+        {
+            let left = |vector: Vector2<f64>| Vector2::new(-vector.y, vector.x);
+            let across = left(along);
+            let further = [along, across, along + across, along - across, speed, left(speed), change];
             directions.extend(further.into_iter().filter_map(|vector| vector.try_normalize(0.0)));
         }
         directions.retain(|direction| direction.norm().is_finite());

@@ -5,7 +5,7 @@ use std::iter::successors;
 
 use nalgebra::Vector2;
 
-use super::super::segments::{Segment, duration, schedule_from_segments};
+use super::super::segments::{Segment, duration, or_coasting, schedule_from_segments};
 use super::super::settings::SolveInput;
 use super::rolling::{AMPLITUDES, Pose, Rolling};
 use super::{Start, Strategy};
@@ -52,7 +52,7 @@ impl<'a> Route<'a> {
         let rolling = Rolling::new(input, amplitude);
         let (mut first, mut last) = (Vec::new(), Vec::new());
         let start = rolling.brake(&axle_state(&maneuver.start, maneuver, robot), &mut first);
-        let goal_state = goal_state(maneuver, start.heading);
+        let goal_state = goal_state(maneuver, course(maneuver).unwrap_or(start.heading));
         let goal = rolling.brake(&axle_state(&backwards(&goal_state), maneuver, robot), &mut last);
         last.reverse();
         Self { input, rolling, first, last, start, goal }
@@ -61,7 +61,8 @@ impl<'a> Route<'a> {
     /// Turn, drive, turn: forwards and backwards, each turn either way round.
     fn through_one_drive(&self) -> Vec<(f64, Start)> {
         let leg = self.goal.position - self.start.position;
-        let heading_is_free = self.input.maneuver.goal.value(StateComponent::Heading).is_none();
+        let maneuver = &self.input.maneuver;
+        let heading_is_free = maneuver.goal.value(StateComponent::Heading).is_none() && course(maneuver).is_none();
         let mut plans = Vec::new();
         for direction in [1.0, -1.0] {
             // Forward is (-sin, cos) of the heading.
@@ -137,7 +138,7 @@ impl<'a> Route<'a> {
             }
         }
         segments.extend(&self.last);
-        segments
+        or_coasting(segments, self.input.robot.parameters().natural_time())
     }
 }
 
@@ -158,6 +159,16 @@ fn backwards(state: &State) -> State {
 /// A state at the reference point as one of the axle midpoint.
 fn axle_state(state: &State, maneuver: &Maneuver, robot: &RobotParameters) -> State {
     state.moved_by(robot.axle_midpoint() - maneuver.reference_point.offset(robot))
+}
+
+/// The heading of a goal that asks for a velocity and leaves the heading free.
+fn course(maneuver: &Maneuver) -> Option<f64> {
+    let goal = |component| maneuver.goal.value(component);
+    let along = |component| goal(component).unwrap_or(0.0);
+    let (x, y) = (along(StateComponent::VelocityX), along(StateComponent::VelocityY));
+    let moves = goal(StateComponent::Heading).is_none() && x.hypot(y) > ROUNDING;
+    // Forward is (-sin, cos) of the heading.
+    moves.then(|| (-x).atan2(y))
 }
 
 /// The goal with free components taken from the start, at rest where speeds are free.
