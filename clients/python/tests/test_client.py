@@ -177,12 +177,21 @@ def test_plan_is_assessed(client: Client) -> None:
 def test_api_key_is_sent() -> None:
     server = Server(keys="secret")
     try:
-        assert Client(server.url, "secret").validate().input_hash
-        with pytest.raises(ProblemError) as refused:
-            Client(server.url).validate()
-        assert refused.value.code == "unauthenticated"
+        for key in ("secret", "secret\n"):
+            assert Client(server.url, key).validate().input_hash
+        for none in (None, "", "\n"):
+            with pytest.raises(ProblemError) as refused:
+                Client(server.url, none).validate()
+            assert refused.value.code == "unauthenticated"
     finally:
         server.kill()
+
+
+@pytest.mark.parametrize("key", ["two\nlines", "schlüssel"])
+def test_api_key_that_cannot_be_sent_is_refused_and_not_shown(key: str) -> None:
+    with pytest.raises(ValueError, match="`api_key` has characters") as refused:
+        Client(api_key=key)
+    assert key not in str(refused.value)
 
 
 def test_unreachable_server_is_an_error_at_once() -> None:

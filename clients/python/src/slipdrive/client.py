@@ -48,7 +48,10 @@ class Client:
         self.attempts = attempts
         self.timeout_s = timeout_s
         headers = {"content-type": "application/json", "user-agent": "slipdrive-python"}
-        if api_key is not None:
+        # A file that a key is read from ends its line.
+        if api_key := (api_key or "").strip():
+            if not (api_key.isascii() and api_key.isprintable()):
+                raise ValueError("`api_key` has characters that no header can have, must be printable ASCII on one line")
             headers["authorization"] = f"Bearer {api_key}"
         # For the client of `solve_many` too.
         self._settings: dict[str, Any] = {"base_url": self.url, "headers": headers, "verify": verify}
