@@ -204,51 +204,89 @@ def test_unreachable_server_is_an_error_at_once() -> None:
         Client("localhost:8080")
 
 
-class Unreliable(BaseHTTPRequestHandler):
-    """Cuts off the first connection, is a proxy without server for the second, and refuses after that."""
+class Proxy(BaseHTTPRequestHandler):
+    """Answers with the head and body of its script, one after the other; None cuts the connection within an answer."""
 
+    script: Iterator[tuple[int, dict[str, str], bytes] | None]
     asked: list[str] = []
 
     def do_POST(self) -> None:
         self.rfile.read(int(self.headers["content-length"]))
         self.asked.append(self.headers.get("request-timeout-ms", ""))
-        if len(self.asked) == 1:
-            self.send_response(200)
-            self.send_header("content-length", "1000")
-            self.end_headers()
-            self.wfile.write(b'{"status": "conv')
-            self.close_connection = True
-        else:
-            self.send_response(502 if len(self.asked) == 2 else 404)
-            self.send_header("retry-after", "0")
-            self.send_header("content-length", "6")
-            self.end_headers()
-            self.wfile.write(b"<html>")
+        answer = next(self.script)
+        status, headers, body = answer or (200, {}, b'{"status": "conv')
+        self.send_response(status)
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.send_header("content-length", str(len(body) if answer else 1000))
+        self.end_headers()
+        self.wfile.write(body)
+        self.close_connection = answer is None
 
     def log_message(self, *_: Any) -> None:
         pass
 
 
 @pytest.fixture
-def unreliable() -> Iterator[str]:
-    Unreliable.asked = []
-    with ThreadingHTTPServer(("127.0.0.1", 0), Unreliable) as proxy:
+def proxy() -> Iterator[str]:
+    Proxy.asked = []
+    with ThreadingHTTPServer(("127.0.0.1", 0), Proxy) as proxy:
         threading.Thread(target=proxy.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{proxy.server_port}"
         proxy.shutdown()
 
 
-def test_lost_answers_and_refusals_are_asked_again(unreliable: str) -> None:
+def test_lost_answers_and_refusals_are_asked_again(proxy: str) -> None:
+    Proxy.script = iter([None, (502, {"retry-after": "0"}, b"<html>"), (404, {}, b"<html>"), None])
     with pytest.raises(ProblemError) as refused:
-        Client(unreliable).solve(deadline_s=5)
+        Client(proxy).solve(deadline_s=5)
     assert (refused.value.code, refused.value.retryable) == ("http_404", False)
     # The deadline is that of the call.
-    first, second, third = map(int, Unreliable.asked)
+    first, second, third = map(int, Proxy.asked)
     assert 5000 >= first > second >= third > 4000
-    Unreliable.asked = []
     with pytest.raises(AnswerLost) as lost:
-        Client(unreliable, attempts=1).solve()
+        Client(proxy, attempts=1).solve()
     assert lost.value.was_sent
+
+
+@pytest.mark.parametrize("status", [429, 502, 503])
+@pytest.mark.parametrize("headers", [{}, {"retry-after": "Wed, 21 Oct 2026 07:28:00 GMT"}])
+def test_refusals_that_name_no_time_are_asked_again(proxy: str, status: int, headers: dict[str, str]) -> None:
+    Proxy.script = iter([(status, headers, b"<html>"), (404, {}, b"")])
+    with pytest.raises(ProblemError, match="http_404"):
+        Client(proxy).solve()
+    # Not where the deadline would pass.
+    Proxy.script = iter([(status, headers, b"<html>")])
+    with pytest.raises(ProblemError, match=f"http_{status}"):
+        Client(proxy).solve(deadline_s=0.05)
+
+
+def test_timeout_of_a_proxy_is_not_asked_for_again(proxy: str) -> None:
+    Proxy.script = iter([(504, {}, b"<html>")])
+    with pytest.raises(ProblemError, match="http_504"):
+        Client(proxy).solve()
+
+
+def test_server_that_starts_again_is_waited_for() -> None:
+    server = Server("--workers", "1")
+    restart = threading.Timer(0.4, server.start)
+
+    def kill_once(_: object) -> None:
+        if restart.ident is None:
+            server.kill()
+            restart.start()
+
+    try:
+        request: SolveRequest = {**LONG, "solver": {"starts": 8}}
+        assert Client(server.url, attempts=100).solve(request, on_progress=kill_once).status == "converged"
+        restart.join()
+        # The last attempt was not sent, the first was.
+        with pytest.raises(AnswerLost, match="refused") as lost:
+            Client(server.url, attempts=2).solve(LONG, on_progress=lambda _: server.kill())
+        assert lost.value.was_sent
+    finally:
+        restart.join()
+        server.kill()
 
 
 def test_full_queue_is_waited_for() -> None:

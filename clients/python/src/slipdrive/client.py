@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import random
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,20 +18,23 @@ from . import answers, requests
 from .errors import AnswerLost, ProblemError, SlipdriveError
 from .exports import Exported
 from .figures import Figures, body_of, plan_of
-from .many import Result, Results, SolveMany
+from .many import FIRST_WAIT_S, LONGEST_WAIT_S, Result, Results, SolveMany
 from .solutions import Simulation, Solution, Validated
 from .wire import deadline_header, deadline_of, decode, encode, events
 
 T = TypeVar("T")
 # What a server may need beside the time to solve: to send an answer over a slow line.
 _GRACE_S = 10.0
+# Refusals that pass even where a proxy names no time, or a date. A 504 comes after a wait, and so it would again.
+_SOON_AGAIN = {429, 502, 503}
 
 
 class Client:
     """A client of the server at `url`. Threads may share it; it is a context manager that closes its connections.
 
-    What the server refuses for now (429, 503) is asked again after the time that it names, and what is lost on the way
-    soon, `attempts` times in all. A server that cannot be reached is an error at once, as are `timeout_s` of silence.
+    What the server or a proxy refuses for now (429, 502, 503) is asked again after the time that it names, else soon,
+    as is what is lost on the way, `attempts` times in all. A server that cannot be reached from the start is an error
+    at once, as are `timeout_s` of silence.
     """
 
     def __init__(
@@ -51,7 +55,9 @@ class Client:
         # A file that a key is read from ends its line.
         if api_key := (api_key or "").strip():
             if not (api_key.isascii() and api_key.isprintable()):
-                raise ValueError("`api_key` has characters that no header can have, must be printable ASCII on one line")
+                raise ValueError(
+                    "`api_key` has characters that no header can have, must be printable ASCII on one line"
+                )
             headers["authorization"] = f"Bearer {api_key}"
         # For the client of `solve_many` too.
         self._settings: dict[str, Any] = {"base_url": self.url, "headers": headers, "verify": verify}
@@ -218,22 +224,25 @@ class Client:
     def _retried(self, once: Callable[[float | None], T], deadline_s: float | None) -> T:
         """The answer of a call, which may be made several times."""
         deadline_s = deadline_of(deadline_s)
-        begin = time.monotonic()
+        end = math.inf if deadline_s is None else time.monotonic() + deadline_s
+        was_sent, next_wait_s = False, FIRST_WAIT_S
+        failure: AnswerLost | ProblemError
         for attempt in range(1, self.attempts + 1):
-            left_s = None if deadline_s is None else deadline_s - (time.monotonic() - begin)
             try:
-                return once(left_s)
+                return once(None if deadline_s is None else end - time.monotonic())
             except (httpx.RequestError, AnswerLost) as error:
-                lost = AnswerLost.by(error) if isinstance(error, httpx.RequestError) else error
-                if not lost.was_sent or lost.timed_out or attempt == self.attempts:
-                    raise lost from error
-                wait_s = 0.1
+                failure = AnswerLost.by(error) if isinstance(error, httpx.RequestError) else error
+                failure.was_sent = was_sent = was_sent or failure.was_sent
+                # Where an attempt was sent there was a server: one that cannot be reached now may be starting again.
+                retryable, retry_after_s = was_sent and not failure.timed_out, None
             except ProblemError as problem:
-                if not problem.retryable or problem.retry_after_s is None or attempt == self.attempts:
-                    raise
-                wait_s = problem.retry_after_s
-                if left_s is not None and wait_s >= left_s:
-                    raise
+                failure, was_sent = problem, True
+                retry_after_s = problem.retry_after_s
+                retryable = problem.retryable and (retry_after_s is not None or problem.status in _SOON_AGAIN)
             # Callers who were refused together do not come back together.
-            time.sleep(wait_s * random.uniform(1.0, 1.25))
+            wait_s = (next_wait_s if retry_after_s is None else retry_after_s) * random.uniform(1.0, 1.25)
+            if not retryable or attempt == self.attempts or wait_s >= end - time.monotonic():
+                raise failure
+            time.sleep(wait_s)
+            next_wait_s = min(2 * next_wait_s, LONGEST_WAIT_S)
         raise ValueError(f"`attempts` is {self.attempts}, must be at least 1")

@@ -27,13 +27,13 @@ class AnswerLost(SlipdriveError):
     def __init__(self, message: str, *, was_sent: bool, timed_out: bool) -> None:
         super().__init__(message)
         self.was_sent = was_sent
-        """Whether the server may have had the request."""
+        """Whether the server may have had the request, in any attempt of a call."""
         self.timed_out = timed_out
         """Whether waiting for the server ended it."""
 
     @classmethod
     def by(cls, error: httpx.RequestError) -> AnswerLost:
-        """The same as an error of the library for HTTP."""
+        """The same as an error of the library for HTTP, which is its cause."""
         unsent = (
             httpx.ConnectError,
             httpx.ConnectTimeout,
@@ -44,7 +44,9 @@ class AnswerLost(SlipdriveError):
         url = error.request.url
         text = str(error) or type(error).__name__
         timed_out = isinstance(error, httpx.TimeoutException)
-        return cls(f"{url}: {text}", was_sent=not isinstance(error, unsent), timed_out=timed_out)
+        lost = cls(f"{url}: {text}", was_sent=not isinstance(error, unsent), timed_out=timed_out)
+        lost.__cause__ = error
+        return lost
 
 
 class ProblemError(SlipdriveError):

@@ -35,8 +35,8 @@ if sys.platform != "win32":
 Key = int | str
 _log = logging.getLogger("slipdrive")
 
-# Waits after an answer was lost: a server that was restarted is found soon, one that is away is not flooded.
-_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 2.0
+# Waits where no time was named: a server that was restarted is found soon, one that is away is not flooded.
+FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 2.0
 # A request whose answer is lost as often may be what kills the server.
 _LOST_AT_MOST = 20
 # A request that misses its deadline as often does not miss it by bad luck.
@@ -326,7 +326,7 @@ class SolveMany:
         Without a request, the limits of the server.
         """
         lost = late = 0
-        wait_s = _FIRST_WAIT_S
+        wait_s = FIRST_WAIT_S
         while True:
             try:
                 answer = await self._attempt(http, body)
@@ -339,7 +339,7 @@ class SolveMany:
                 if lost == _LOST_AT_MOST:
                     raise
                 self._note_outage(error)
-                wait_s, now_s = min(2 * wait_s, _LONGEST_WAIT_S), wait_s
+                retry_after_s = None
             except ProblemError as problem:
                 late += problem.code == "deadline_exceeded"
                 if not problem.retryable or late == _LATE_AT_MOST:
@@ -353,9 +353,11 @@ class SolveMany:
                 else:
                     self._note_outage(problem)
                 _log.info("to be asked again: %s", problem)
-                now_s = wait_s if problem.retry_after_s is None else problem.retry_after_s
+                retry_after_s = problem.retry_after_s
+            if retry_after_s is None:
+                wait_s, retry_after_s = min(2 * wait_s, LONGEST_WAIT_S), wait_s
             # Requests that were turned away together do not come back together.
-            await asyncio.sleep(now_s * random.uniform(1.0, 1.25))
+            await asyncio.sleep(retry_after_s * random.uniform(1.0, 1.25))
 
     def _note_outage(self, error: Exception) -> None:
         """Raises the error if there has been no server for too long."""
