@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -89,13 +90,13 @@ def test_deadline_gives_the_best_plan(client: Client) -> None:
     assert client.solve(LONG, deadline_s=1.0).stop_reason == "deadline"
 
 
-def test_infinity_is_no_deadline_and_nan_is_refused(client: Client, tmp_path: Path) -> None:
+def test_infinity_is_no_deadline_and_what_is_no_time_is_refused(client: Client, tmp_path: Path) -> None:
     assert client.solve(FORWARD, deadline_s=math.inf).status == "converged"
     (result,) = client.solve_many([FORWARD], tmp_path / "results.ndjson", deadline_s=math.inf)
     assert result.solution is not None and result.solution.status == "converged"
-    for deadline_s in (math.nan, -math.inf):
+    for deadline_s in (math.nan, -math.inf, -20, 1e12):
         for on_progress in (None, print):
-            with pytest.raises(ValueError, match="`deadline_s` is .*, must be a number of seconds"):
+            with pytest.raises(ValueError, match="`deadline_s` is .*, must be 0 to 1e\\+09 s"):
                 client.solve(FORWARD, deadline_s=deadline_s, on_progress=on_progress)
         with pytest.raises(ValueError, match="`deadline_s`"):
             client.solve_many([FORWARD], tmp_path / "none.ndjson", deadline_s=deadline_s)
@@ -211,7 +212,7 @@ class Proxy(BaseHTTPRequestHandler):
     asked: list[str] = []
 
     def do_POST(self) -> None:
-        self.rfile.read(int(self.headers["content-length"]))
+        self.rfile.read(int(self.headers.get("content-length", 0)))
         self.asked.append(self.headers.get("request-timeout-ms", ""))
         answer = next(self.script)
         status, headers, body = answer or (200, {}, b'{"status": "conv')
@@ -222,6 +223,8 @@ class Proxy(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(body)
         self.close_connection = answer is None
+
+    do_GET = do_POST
 
     def log_message(self, *_: Any) -> None:
         pass
@@ -265,6 +268,35 @@ def test_timeout_of_a_proxy_is_not_asked_for_again(proxy: str) -> None:
     Proxy.script = iter([(504, {}, b"<html>")])
     with pytest.raises(ProblemError, match="http_504"):
         Client(proxy).solve()
+
+
+@pytest.mark.parametrize("page", [b"<html>log in</html>", b"{}", b"[]", b"5", b"null", b"\xff"])
+def test_page_in_place_of_an_answer_is_a_lost_answer(proxy: str, page: bytes, tmp_path: Path) -> None:
+    calls: list[Callable[[Client], object]] = [
+        Client.solve,
+        Client.validate,
+        Client.figures,
+        Client.limits,
+        lambda client: client.simulate({"torque_schedule": {"interval_s": 1, "left_n_m": [0], "right_n_m": [0]}}),
+        lambda client: client.solve_many([{}], tmp_path / "results.ndjson", outage_s=0),
+        lambda client: client.solve_many([{}], tmp_path / "results.ndjson", concurrency=1, outage_s=0),
+    ]
+    for call in calls:
+        Proxy.script = itertools.repeat((200, {"content-type": "application/json"}, page))
+        with pytest.raises(AnswerLost) as lost:
+            call(Client(proxy))
+        assert lost.value.was_sent
+    assert (tmp_path / "results.ndjson").read_bytes() == b""
+
+
+@pytest.mark.parametrize(
+    "page", [b'{"type": "about:blank", "title": "x", "status": 401}', b"no JSON", b"[]", b"5", b"null"]
+)
+def test_problem_of_another_product_is_that_of_its_status(proxy: str, page: bytes) -> None:
+    Proxy.script = iter([(401, {"content-type": "application/problem+json"}, page)])
+    with pytest.raises(ProblemError) as refused:
+        Client(proxy).solve()
+    assert (refused.value.code, refused.value.retryable) == ("http_401", False)
 
 
 def test_server_that_starts_again_is_waited_for() -> None:

@@ -15,12 +15,12 @@ from typing import Any, TypeVar, cast
 import httpx
 
 from . import answers, requests
-from .errors import AnswerLost, ProblemError, SlipdriveError
+from .errors import AnswerLost, ProblemError, SlipdriveError, read_answer
 from .exports import Exported
 from .figures import Figures, body_of, plan_of
 from .many import FIRST_WAIT_S, LONGEST_WAIT_S, Result, Results, SolveMany
 from .solutions import Simulation, Solution, Validated
-from .wire import deadline_header, deadline_of, decode, encode, events
+from .wire import deadline_header, deadline_of, encode, events, reader
 
 T = TypeVar("T")
 # What a server may need beside the time to solve: to send an answer over a slow line.
@@ -88,23 +88,24 @@ class Client:
         the place in the queue, then the best plan so far as it comes; an exception in it stops the solve.
         """
         body = encode({} if request is None else request)
+
+        def read(answer: bytes) -> Solution:
+            return Solution.read(body, answer, self)
+
         if on_progress is None:
-            answer = self._ask("POST", "solve", body, deadline_s)
-        else:
-            show = on_progress
-            answer = self._retried(lambda left_s: self._solve_events(body, left_s, show), deadline_s)
-        return Solution.read(body, answer, self)
+            return self._ask(read, "solve", body, deadline_s)
+        show = on_progress
+        answer = self._retried(lambda left_s: self._solve_events(body, left_s, show), deadline_s)
+        return read_answer(read, answer, f"{self.url}/solve/events")
 
     def simulate(self, request: requests.SimulateRequest, *, deadline_s: float | None = None) -> Simulation:
         """The motion under given torques."""
         body = encode(request)
-        return Simulation.read(body, self._ask("POST", "simulate", body, deadline_s), self)
+        return self._ask(lambda answer: Simulation.read(body, answer, self), "simulate", body, deadline_s)
 
     def validate(self, request: requests.SolveRequest | None = None) -> Validated:
         """The completed request; raises ProblemError with all violations. Nothing is solved."""
-        completed = json.loads(self._ask("POST", "validate", encode({} if request is None else request)))
-        input_hash = completed.pop("input_hash")
-        return Validated(request=completed, input_hash=input_hash)
+        return self._ask(Validated.read, "validate", encode({} if request is None else request))
 
     def solve_many(
         self,
@@ -139,7 +140,7 @@ class Client:
         """Figures of one to four plans, drawn over each other by the server; `report` asks for `report_html` too."""
         try:
             body = {**body_of(plans), "report": report}
-            return decode(Figures, json.loads(self._ask("POST", "present", encode(body))))
+            return self._ask(reader(Figures), "present", encode(body))
         except ProblemError as problem:
             if problem.code == "not_found":
                 raise SlipdriveError(f"{self.url} draws no figures: its version has no /present") from problem
@@ -159,7 +160,7 @@ class Client:
         asked = {"frame_id": frame_id, "start_time": start_time, "joint_names": joint_names}
         given = {name: value for name, value in asked.items() if value is not None}
         body = encode({**plan_of(plan), "format": format, "rate_hz": rate_hz, **given})
-        return decode(Exported, json.loads(self._ask("POST", "export", body)))
+        return self._ask(reader(Exported), "export", body)
 
     def assess(
         self,
@@ -178,25 +179,30 @@ class Client:
         given = {name: value for name, value in asked.items() if value is not None}
         known = {"uncertain": list(uncertain), "tolerances": tolerances, "seed": seed}
         body = encode({**plan_of(plan), **known, **given})
-        return decode(answers.AssessResponse, json.loads(self._ask("POST", "assess", body, deadline_s)))
+        return self._ask(reader(answers.AssessResponse), "assess", body, deadline_s)
 
     def limits(self) -> answers.GetLimitsResponse:
         """The limits of the server, and the rules of all fields."""
-        return decode(answers.GetLimitsResponse, json.loads(self._ask("GET", "limits")))
+        return self._ask(reader(answers.GetLimitsResponse), "limits")
 
     def example(self) -> requests.SolveRequest:
         """The paper's case, 5 m forward, with all fields."""
-        return cast("requests.SolveRequest", json.loads(self._ask("GET", "examples/forward-drive")))
+        return cast("requests.SolveRequest", self._ask(json.loads, "examples/forward-drive"))
 
-    def _ask(self, method: str, path: str, body: bytes | None = None, deadline_s: float | None = None) -> bytes:
+    def _ask(
+        self, read: Callable[[bytes], T], path: str, body: bytes | None = None, deadline_s: float | None = None
+    ) -> T:
+        """What `read` finds in the answer to a body, or without one in what is at this path."""
+
         def once(left_s: float | None) -> bytes:
             headers, timeout = self._call_settings(left_s)
+            method = "GET" if body is None else "POST"
             response = self._http.request(method, path, content=body, headers=headers, timeout=timeout)
             if response.status_code != 200:
                 raise ProblemError.from_response(response)
             return response.content
 
-        return self._retried(once, deadline_s)
+        return read_answer(read, self._retried(once, deadline_s), f"{self.url}/{path}")
 
     def _solve_events(self, body: bytes, left_s: float | None, show: Callable[[Any], object]) -> bytes:
         headers, timeout = self._call_settings(left_s)
@@ -204,13 +210,14 @@ class Client:
             if response.status_code != 200:
                 response.read()
                 raise ProblemError.from_response(response)
+            url = str(response.url)
             for name, data in events(response.iter_bytes()):
                 if name == "queued":
-                    show(decode(answers.Queued, json.loads(data)))
+                    show(read_answer(reader(answers.Queued), data, url))
                 elif name == "progress":
-                    show(decode(answers.Progress, json.loads(data)))
+                    show(read_answer(reader(answers.Progress), data, url))
                 elif name == "problem":
-                    raise ProblemError.from_json(json.loads(data))
+                    raise read_answer(ProblemError.read, data, url)
                 elif name == "result":
                     return data
         raise AnswerLost("the stream of events ended without a result", was_sent=True, timed_out=False)

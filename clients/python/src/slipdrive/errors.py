@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import httpx
 
 from . import answers
 from .wire import decode
 
+T = TypeVar("T")
 # What a proxy in front of the server answers while the server cannot.
 _PASSING = {429, 502, 503, 504}
+# What reading raises where JSON is broken, or another's.
+_MISREAD = (ValueError, TypeError, KeyError)
 
 
 class SlipdriveError(Exception):
@@ -19,7 +24,8 @@ class SlipdriveError(Exception):
 
 
 class AnswerLost(SlipdriveError):
-    """No answer came: the server cannot be reached, the connection was cut, or nothing came for too long.
+    """No answer came: the server cannot be reached, the connection was cut, nothing came for too long, or what came is
+    no answer, such as the page of a proxy.
 
     A solve has no effect but its answer, so it may be asked for again.
     """
@@ -47,6 +53,15 @@ class AnswerLost(SlipdriveError):
         lost = cls(f"{url}: {text}", was_sent=not isinstance(error, unsent), timed_out=timed_out)
         lost.__cause__ = error
         return lost
+
+
+def read_answer(read: Callable[[bytes], T], text: bytes, url: str) -> T:
+    """What the server at `url` said with status 200; raises AnswerLost for what is no answer."""
+    try:
+        return read(text)
+    except _MISREAD as error:
+        message = f"{url} answered 200, not as slipdrive does: {error}"
+        raise AnswerLost(message, was_sent=True, timed_out=False) from error
 
 
 class ProblemError(SlipdriveError):
@@ -94,10 +109,16 @@ class ProblemError(SlipdriveError):
         return cls(decode(answers.Problem, document), document)
 
     @classmethod
+    def read(cls, text: bytes) -> ProblemError:
+        return cls.from_json(json.loads(text))
+
+    @classmethod
     def from_response(cls, response: httpx.Response) -> ProblemError:
         """The problem of a response whose body was read."""
         if response.headers.get("content-type", "").startswith("application/problem+json"):
-            return cls.from_json(json.loads(response.content))
+            # That of another product is as any other page.
+            with contextlib.suppress(*_MISREAD):
+                return cls.read(response.content)
         seconds = response.headers.get("retry-after", "")
         return cls.from_json(
             {

@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 
-from . import requests
-from .errors import AnswerLost, ProblemError
+from . import answers, requests
+from .errors import AnswerLost, ProblemError, read_answer
 from .solutions import Solution
-from .wire import deadline_header, encode
+from .wire import deadline_header, encode, reader
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -299,6 +299,9 @@ class SolveMany:
             async def solve_in_turn() -> None:
                 for key, body in waiting:
                     outcome, document = await self._outcome(http, body)
+                    if outcome == b"answer":
+                        # What the file has is never asked for again; what is no answer all requests would get.
+                        read_answer(reader(answers.Solution), document, f"{http.base_url}solve")
                     parts = (b'{"key":', encode(key), b',"request":', body, b',"', outcome, b'":', document, b"}\n")
                     result = Result(key, b"".join(parts))
                     file.append(key, result.line)
@@ -314,11 +317,15 @@ class SolveMany:
 
     async def _places_at(self, http: httpx.AsyncClient) -> int:
         """As many requests as keep each worker of the server busy."""
-        name, document = await self._outcome(http, None)
-        limits = json.loads(document)
-        if name == b"problem":
-            raise ProblemError.from_json(limits)
-        return int(limits["workers"] + min(limits["workers"], limits["queue_length"]))
+
+        def places(text: bytes) -> int:
+            limits = json.loads(text)
+            return int(limits["workers"] + min(limits["workers"], limits["queue_length"]))
+
+        outcome, document = await self._outcome(http, None)
+        if outcome == b"problem":
+            raise ProblemError.read(document)
+        return read_answer(places, document, f"{http.base_url}limits")
 
     async def _outcome(self, http: httpx.AsyncClient, body: bytes | None) -> tuple[bytes, bytes]:
         """What a request ends with, after as many attempts as it takes: `answer` or `problem`, and its JSON.

@@ -29,6 +29,12 @@ class Validated:
     input_hash: str
     """SHA-256 of the completed request, which the solution has too."""
 
+    @classmethod
+    def read(cls, answer_json: bytes) -> Validated:
+        completed: Any = dict(json.loads(answer_json))
+        input_hash = completed.pop("input_hash")
+        return cls(request=completed, input_hash=input_hash)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Asked:

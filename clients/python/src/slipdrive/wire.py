@@ -7,12 +7,14 @@ import functools
 import json
 import math
 import types
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 T = TypeVar("T")
+# 32 years: sockets wait no more than some centuries.
+_LONGEST_DEADLINE_S = 1e9
 
 
 def encode(request: Any) -> bytes:
@@ -30,9 +32,13 @@ def _plain(value: Any) -> Any:
 
 
 def decode(kind: type[T], value: Any) -> T:
-    """A value of JSON as this type of `answers`."""
-    decoded: T = _decode(kind, value)
-    return decoded
+    """An object of JSON as this data class."""
+    return kind(**members(kind, value))
+
+
+def reader(kind: type[T]) -> Callable[[bytes], T]:
+    """Reads JSON as this data class."""
+    return lambda text: decode(kind, json.loads(text))
 
 
 def _decode(kind: Any, value: Any) -> Any:
@@ -49,7 +55,7 @@ def _decode(kind: Any, value: Any) -> Any:
         (some,) = (one for one in get_args(kind) if one is not type(None))
         return _decode(some, value)
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-        return kind(**members(kind, value))
+        return decode(kind, value)
     return value
 
 
@@ -90,11 +96,12 @@ def events(chunks: Iterable[bytes]) -> Iterator[tuple[str, bytes]]:
 
 
 def deadline_of(deadline_s: float | None) -> float | None:
-    """The deadline of a call, if it has one: infinity is none."""
+    """The deadline of a call, if it has one: infinity is none. Raises ValueError for what is no time to wait."""
     if deadline_s is None or deadline_s == math.inf:
         return None
-    if not math.isfinite(deadline_s):
-        raise ValueError(f"`deadline_s` is {deadline_s}, must be a number of seconds; infinity or None for no deadline")
+    if not 0 <= deadline_s <= _LONGEST_DEADLINE_S:
+        longest = f"{_LONGEST_DEADLINE_S:g} s"
+        raise ValueError(f"`deadline_s` is {deadline_s}, must be 0 to {longest}; infinity or None for no deadline")
     return deadline_s
 
 
