@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
+import pickle
 import threading
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -66,6 +68,23 @@ def test_plans_without_motion_are_read(client: Client) -> None:
     assert rest.status == "converged" and rest.final_time_s == 0 and rest.torque_schedule.left_n_m.size == 0
     stuck = client.solve({"maneuver": {"goal": {"y_m": 5}, "torque_limit_left_n_m": 0, "torque_limit_right_n_m": 0}})
     assert stuck.status == "infeasible" and stuck.reason is not None and stuck.reason.code == "no_torque"
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_answers_and_errors_are_copied_and_pickled(client: Client, copied: Callable[[Any], Any]) -> None:
+    plan = client.solve(FORWARD)
+    motion = client.simulate({"torque_schedule": plan.torque_schedule})
+    for one in (plan, motion):
+        again = copied(one)
+        assert repr(again) == repr(one) and again.answer == one.answer and again.request == one.request
+        with pytest.raises(ValueError, match="give it to Client.figures"):
+            again.figures()
+    assert client.export(copied(plan), format="csv", rate_hz=50).files
+    with pytest.raises(ProblemError) as refused:
+        client.solve({"robot": {"wheel_radius_m": 0}})
+    assert str(copied(refused.value)) == str(refused.value) and copied(refused.value).violations[0].limit == 0.001
+    lost = copied(AnswerLost("cut", was_sent=True, timed_out=False))
+    assert (str(lost), lost.was_sent, lost.timed_out) == ("cut", True, False)
 
 
 def test_progress_is_reported(client: Client) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 import httpx
@@ -36,6 +37,9 @@ class AnswerLost(SlipdriveError):
         """Whether the server may have had the request, in any attempt of a call."""
         self.timed_out = timed_out
         """Whether waiting for the server ended it."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(AnswerLost, was_sent=self.was_sent, timed_out=self.timed_out), self.args
 
     @classmethod
     def by(cls, error: httpx.RequestError) -> AnswerLost:
@@ -73,6 +77,9 @@ class ProblemError(SlipdriveError):
         """The problem as JSON."""
         violations = [f"  {violation.pointer}: {violation.message}" for violation in problem.errors]
         super().__init__("\n".join([f"{problem.code}: {problem.detail}", *violations]))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ProblemError, (self.problem, self.document)
 
     @property
     def code(self) -> str:

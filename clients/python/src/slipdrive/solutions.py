@@ -46,6 +46,10 @@ class Asked:
     """The answer as it came."""
     client: Client | None = field(repr=False, default=None)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies and pickles have no client: its connections are those of one process."""
+        return {**vars(self), "client": None}
+
     @property
     def answer(self) -> dict[str, Any]:
         """The answer as plain dictionaries and lists."""
@@ -54,7 +58,7 @@ class Asked:
     def _server(self, method: str) -> Client:
         """The server that gave this answer, for a method of its client."""
         if self.client is None:
-            raise ValueError(f"this answer was read from a file: give it to Client.{method}")
+            raise ValueError(f"this answer was copied or read from a file: give it to Client.{method}")
         return self.client
 
     def figures(self) -> Figures:
