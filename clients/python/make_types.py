@@ -18,6 +18,8 @@ DOCUMENT = HERE / "../../tests/data/openapi.json"
 PACKAGE = HERE / "src/slipdrive"
 # A completed request, which is sent again more often than it is looked at.
 COMPLETED = "ValidateResponse"
+# Parts of answers that are asked again: the torques of a plan in a simulation, its end as the next start.
+ASKED_AGAIN = {"TorqueSchedule": "TorqueSchedule", "State": "EndState"}
 WIDTH = 120
 SCALARS = {"null": "None", "string": "str", "integer": "int", "number": "float", "boolean": "bool"}
 
@@ -57,13 +59,9 @@ class Schemas:
     def reference(self, name: str, in_request: bool) -> str:
         if in_request and name in self.answers - self.requests:
             return f"answers.{name}"
-        if in_request and name in self.answers and self.has_arrays(name):
-            # What was answered is asked again, as the torques of a plan are in a simulation.
-            return f"{name} | answers.{name}"
+        if in_request and name in ASKED_AGAIN:
+            return f"{name} | answers.{ASKED_AGAIN[name]}"
         return name
-
-    def has_arrays(self, name: str) -> bool:
-        return any(is_number(field.get("items", {})) for field in self.all[name]["properties"].values())
 
     def plain(self, kind: str, schema: Schema, in_request: bool) -> str:
         if kind == "array":

@@ -40,7 +40,7 @@ def test_simulation_repeats_the_plan(client: Client) -> None:
     # A part of an answer is part of a request; so are arrays.
     for left in (plan.torque_schedule.left_n_m, list(plan.torque_schedule.left_n_m)):
         schedule = {**vars(plan.torque_schedule), "left_n_m": left}
-        motion = client.simulate({"torque_schedule": schedule, "grid": {"steps": 200}})  # type: ignore[typeddict-item]
+        motion = client.simulate({"torque_schedule": schedule, "grid": {"steps": 200}})  # type: ignore[arg-type]
         np.testing.assert_array_equal(motion.trajectory.y_m, plan.trajectory.y_m)
     again = client.simulate({"torque_schedule": plan.torque_schedule, "grid": {"steps": 200}})
     assert again.end_state.y_m == plan.end_state.y_m
@@ -186,9 +186,7 @@ def test_plan_is_assessed(client: Client) -> None:
     )
     assert assessed.samples == 100 and assessed.success_rate_low <= assessed.success_rate <= assessed.success_rate_high
     assert assessed.worst is not None
-    # Parts of answers are sent as they are.
-    worst = client.simulate(assessed.worst.simulate)  # type: ignore[arg-type]
-    assert worst.end_state.y_m is not None
+    assert client.simulate(assessed.worst.simulate).end_state.y_m is not None
     with pytest.raises(ProblemError) as refused:
         client.assess(plan, uncertain=[], tolerances={}, samples=0)
     assert len(refused.value.violations) == 3

@@ -98,8 +98,10 @@ class Client:
         answer = self._retried(lambda left_s: self._solve_events(body, left_s, show), deadline_s)
         return read_answer(read, answer, f"{self.url}/solve/events")
 
-    def simulate(self, request: requests.SimulateRequest, *, deadline_s: float | None = None) -> Simulation:
-        """The motion under given torques."""
+    def simulate(
+        self, request: requests.SimulateRequest | answers.SimulateRequest, *, deadline_s: float | None = None
+    ) -> Simulation:
+        """The motion under given torques, such as those of the worst sample of an assessment."""
         body = encode(request)
         return self._ask(lambda answer: Simulation.read(body, answer, self), "simulate", body, deadline_s)
 

@@ -194,7 +194,7 @@ class Maneuver(TypedDict, total=False):
     """The point that start and goal speak of."""
     slip: SlipPolicy
     """Whether the wheels may slip."""
-    start: State
+    start: State | answers.EndState
     """Absent: at rest at the origin."""
     torque_limit_left_n_m: float
     """Largest torque magnitude of the left wheel, N m, 0 for a wheel without drive; default: the stall torque of the
@@ -361,7 +361,7 @@ class SimulateRequest(_SimulateRequestRequired, total=False):
     """The point that the start and the answer speak of."""
     robot: Robot
     """The robot; absent: the reference robot."""
-    start: State
+    start: State | answers.EndState
     """Absent: at rest at the origin."""
 
 
