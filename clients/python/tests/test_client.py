@@ -6,6 +6,7 @@ import copy
 import itertools
 import math
 import pickle
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -14,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import LONG, QUICK, Server
+from conftest import LONG, PROGRAM, QUICK, Server
 
 from slipdrive import AnswerLost, Client, ProblemError, SlipdriveError, answers
 from slipdrive.requests import Goal, Maneuver, SolveGrid, Solver, SolveRequest
@@ -177,6 +178,21 @@ def test_plan_is_exported_as_files(client: Client, tmp_path: Path) -> None:
     with pytest.raises(ProblemError) as refused:
         client.export(plan, format="csv", rate_hz=0, frame_id="")
     assert [violation.pointer for violation in refused.value.violations] == ["#/rate_hz", "#/frame_id"]
+
+
+def test_saved_plan_is_one_of_the_program(client: Client, tmp_path: Path) -> None:
+    plan = client.solve(FORWARD)
+    motion = client.simulate({"torque_schedule": plan.torque_schedule, "grid": {"steps": 200}})
+    uncertain = '[{"parameter":"friction","low":-0.1,"high":0.1}]'
+    for one in (plan, motion):
+        one.save(tmp_path / "plan.json")
+        for command in (
+            "export plan.json --format csv --rate-hz 50 --out bag",
+            "present plan.json --svg figures",
+            f'assess plan.json --samples 10 --tolerances {{"distance_m":1}} --uncertain {uncertain}',
+        ):
+            subprocess.run([PROGRAM, *command.split()], cwd=tmp_path, check=True, stdout=subprocess.DEVNULL)
+        assert (tmp_path / "bag/trajectory.csv").read_bytes() == one.export(format="csv", rate_hz=50)["trajectory.csv"]
 
 
 def test_plan_is_assessed(client: Client) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
@@ -40,6 +41,8 @@ class Validated:
 class Asked:
     """What an answer has beside its fields."""
 
+    kind: ClassVar[str]
+    """What was asked for: `solve` or `simulate`."""
     request_json: bytes = field(repr=False)
     """The request as it was sent."""
     answer_json: bytes = field(repr=False)
@@ -54,6 +57,11 @@ class Asked:
     def answer(self) -> dict[str, Any]:
         """The answer as plain dictionaries and lists."""
         return cast("dict[str, Any]", json.loads(self.answer_json))
+
+    def save(self, file: str | Path) -> None:
+        """Writes request and answer as `slipdrive solve --save` does, for the page and for its commands."""
+        parts = (b'{"', self.kind.encode(), b'":{"request":', self.request_json, b',"answer":', self.answer_json, b"}}")
+        Path(file).write_bytes(b"".join(parts))
 
     def _server(self, method: str) -> Client:
         """The server that gave this answer, for a method of its client."""
