@@ -316,7 +316,7 @@ def test_page_in_place_of_an_answer_is_a_lost_answer(proxy: str, page: bytes, tm
     ]
     for call in calls:
         Proxy.script = itertools.repeat((200, {"content-type": "application/json"}, page))
-        with pytest.raises(AnswerLost) as lost:
+        with pytest.raises(AnswerLost, match=f"{proxy}/[a-z]+ answered") as lost:
             call(Client(proxy))
         assert lost.value.was_sent
     assert (tmp_path / "results.ndjson").read_bytes() == b""

@@ -301,7 +301,7 @@ class SolveMany:
                     outcome, document = await self._outcome(http, body)
                     if outcome == b"answer":
                         # What the file has is never asked for again; what is no answer all requests would get.
-                        read_answer(reader(answers.Solution), document, f"{http.base_url}solve")
+                        read_answer(reader(answers.Solution), document, f"{self._settings['base_url']}/solve")
                     parts = (b'{"key":', encode(key), b',"request":', body, b',"', outcome, b'":', document, b"}\n")
                     result = Result(key, b"".join(parts))
                     file.append(key, result.line)
@@ -325,7 +325,7 @@ class SolveMany:
         outcome, document = await self._outcome(http, None)
         if outcome == b"problem":
             raise ProblemError.read(document)
-        return read_answer(places, document, f"{http.base_url}limits")
+        return read_answer(places, document, f"{self._settings['base_url']}/limits")
 
     async def _outcome(self, http: httpx.AsyncClient, body: bytes | None) -> tuple[bytes, bytes]:
         """What a request ends with, after as many attempts as it takes: `answer` or `problem`, and its JSON.
