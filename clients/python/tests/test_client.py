@@ -54,9 +54,9 @@ def test_frames_have_a_row_per_node(client: Client) -> None:
     assert plan.trajectory is not None and plan.contacts is not None
     assert frame.index.name == "time_s" and len(frame) == 201
     np.testing.assert_array_equal(frame["y_m"], plan.trajectory.y_m)
-    np.testing.assert_array_equal(frame["left_normal_force_n"][:-1], plan.contacts.left.normal_force_n)
+    np.testing.assert_array_equal(frame["left_normal_force_n"].iloc[:-1], plan.contacts.left.normal_force_n)
     # 200 steps of 40 intervals.
-    np.testing.assert_array_equal(frame["torque_right_n_m"][:-1], np.repeat(plan.torque_schedule.right_n_m, 5))
+    np.testing.assert_array_equal(frame["torque_right_n_m"].iloc[:-1], np.repeat(plan.torque_schedule.right_n_m, 5))
     assert np.isnan(frame["torque_right_n_m"].iloc[-1])
     motion = client.simulate({"torque_schedule": plan.torque_schedule, "grid": {"steps": 200}})
     pd.testing.assert_frame_equal(motion.to_pandas(), frame)
