@@ -1,7 +1,7 @@
 // The answer in words and numbers.
 
 import { byId, html, signed } from "./dom.js";
-import { forceAt, slipsAt, torqueAt, valueOf } from "./motion.js";
+import { forceAt, slipsAt, stepAt, torqueOf, valueOf } from "./motion.js";
 import { labelOf } from "./schema.js";
 
 /** @typedef {import("./state.js").Plan} Plan */
@@ -111,7 +111,7 @@ export function showMoment(root, plan, time) {
   if (!plan || plan.trajectory.time_s.length < 2) return root.replaceChildren();
   const { trajectory } = plan;
   const speed = Math.hypot(valueOf(trajectory, "velocity_x_m_s", time), valueOf(trajectory, "velocity_y_m_s", time));
-  const torque = torqueAt(plan, time);
+  const torque = torqueOf(plan, stepAt(trajectory, time));
   const rows = [
     ["Speed", `${speed.toFixed(2)} m/s`],
     ["Yaw rate", `${signed(valueOf(trajectory, "yaw_rate_rad_s", time), 2)} rad/s`],

@@ -91,15 +91,17 @@ export function largestForce(plan) {
 }
 
 /**
- * Torques in the interval of a time, N m.
+ * Torques of a step, N m: those of the interval that its middle is in, counted in whole numbers as the service does. In seconds a
+ * middle on a boundary would be on either side of it by rounding.
  * @param {Plan} plan
- * @param {number} time
+ * @param {number} step from 0
  */
-export function torqueAt({ shown }, time) {
+export function torqueOf({ shown, trajectory }, step) {
   const schedule = shown.solve ? shown.solve.answer.torque_schedule : shown.simulate?.request.torque_schedule;
-  if (!schedule?.left_n_m.length) return { left: 0, right: 0 };
-  const index = Math.min(schedule.left_n_m.length - 1, Math.max(0, Math.floor(time / (schedule.interval_s ?? 1))));
-  return { left: schedule.left_n_m[index], right: schedule.right_n_m[index] };
+  const [steps, intervals] = [trajectory.time_s.length - 1, schedule?.left_n_m.length ?? 0];
+  if (!schedule || !intervals) return { left: 0, right: 0 };
+  const interval = Math.floor(((2 * step + 1) * intervals) / (2 * steps));
+  return { left: schedule.left_n_m[interval], right: schedule.right_n_m[interval] };
 }
 
 /**
@@ -107,8 +109,7 @@ export function torqueAt({ shown }, time) {
  * @param {Plan} plan
  */
 export function asCsv(plan) {
-  const steps = plan.trajectory.time_s.slice(0, -1).map((from, step) => (from + plan.trajectory.time_s[step + 1]) / 2);
-  const torques = steps.map((middle) => torqueAt(plan, middle));
+  const torques = plan.trajectory.time_s.slice(0, -1).map((_, step) => torqueOf(plan, step));
   /** @type {[string, (number | null)[]][]} */
   const columns = [
     .../** @type {[string, number[]][]} */ (Object.entries(plan.trajectory)),
