@@ -10,6 +10,8 @@ export class Control {
   onInput = () => {};
   /** Why what is typed cannot be sent; empty when it can. */
   fault = "";
+  /** @type {unknown} What the request holds: the last value typed without a fault, or shown. */
+  #value;
 
   /**
    * @param {Field} field
@@ -29,15 +31,25 @@ export class Control {
     const { value, fault } = read(this.field, this.input.value);
     this.fault = fault;
     this.say(fault);
-    if (!fault) this.onInput(value);
+    if (fault) return;
+    this.#value = value;
+    this.onInput(value);
   }
 
-  /** @param {unknown} value */
+  /** What is typed stays as it is, such as "1." or a fault, until the value is another. @param {unknown} value */
   show(value) {
-    // What is being typed stays as it is, such as "1." or "1e".
-    const typed = read(this.field, this.input.value);
-    if (typed.fault ? document.activeElement === this.input : same(typed.value, value)) return;
-    this.input.value = write(this.field, value);
+    if (same(value, this.#value)) return;
+    this.#value = value;
+    this.#write();
+  }
+
+  /** Takes back what is typed but cannot be sent. */
+  forget() {
+    if (this.fault) this.#write();
+  }
+
+  #write() {
+    this.input.value = write(this.field, this.#value);
     this.fault = "";
     this.say("");
   }
@@ -114,7 +126,10 @@ function read(field, text) {
   if (field.kind === "choice") return { value: typed, fault: "" };
   if (field.kind === "points") return readPoints(typed, field.axes);
   const value = Number(typed);
-  if (!Number.isFinite(value)) return { fault: `${field.label} is “${typed}”, must be a number` };
+  if (!Number.isFinite(value)) {
+    const point = typed.includes(",") ? " with a decimal point" : "";
+    return { fault: `${field.label} is “${typed}”, must be a number${point}` };
+  }
   if (field.whole && !Number.isSafeInteger(value)) {
     const most = Number.isInteger(value)
       ? ` of at most ${Number.MAX_SAFE_INTEGER}, the largest that a browser can send`

@@ -63,7 +63,7 @@ export class Form {
     for (const { name, box } of this.#free) {
       const isGiven = valueAt(request, ["maneuver", "goal", name]) !== undefined;
       box.checked = free.includes(name) || (name.startsWith("wheel_angle") && !isGiven);
-      const control = this.#controls.find(({ field }) => field.path.join(".") === `maneuver.goal.${name}`);
+      const control = this.#goal(name);
       if (control) control.input.disabled = box.checked;
     }
     this.#showGuess(request.initial_guess?.torque_left_n_m?.length ?? 0);
@@ -72,6 +72,11 @@ export class Form {
   /** What is typed but cannot be sent. @returns {Control[]} */
   unreadable() {
     return this.#controls.filter((control) => control.fault);
+  }
+
+  /** Takes back what is typed but cannot be sent: another request comes. */
+  forget() {
+    for (const control of this.#controls) control.forget();
   }
 
   clearErrors() {
@@ -138,8 +143,14 @@ export class Form {
     return [label, start.input, goal.input, box, start.error, goal.error];
   }
 
+  /** @param {string} name of a component */
+  #goal(name) {
+    return this.#controls.find(({ field }) => field.path.join(".") === `maneuver.goal.${name}`);
+  }
+
   /** @param {string} name @param {boolean} isFree */
   #setFree(name, isFree) {
+    this.#goal(name)?.forget();
     const others = freeOf(this.#request).filter((each) => each !== name);
     const free = isFree ? [...others, name] : others;
     const path = ["maneuver", "goal"];

@@ -162,16 +162,22 @@ function onFile(input, use) {
 const requestOf = (/** @type {unknown} */ content) =>
   savedRequest(content, Object.keys(schema.components.schemas.SolveRequest.properties));
 
+/** Another request in place of all that the form has. @param {SolveRequest} request */
+function replace(request) {
+  form.forget();
+  change({ request });
+}
+
 /** @param {unknown} content */
 async function open(content) {
   const shown = savedPlan(content);
-  if (!shown) return change({ request: requestOf(content) });
+  if (!shown) return replace(requestOf(content));
   // What is wrong with it is found before anything changes.
   const request = shown.solve ? requestOf(shown.solve.request) : null;
   const plan = await planFrom(shown);
   search.forget();
   showPlan(plan, request);
-  if (request) change({ request });
+  if (request) replace(request);
 }
 
 /** @param {unknown} content */
@@ -215,7 +221,7 @@ function openLink(fragment) {
   try {
     const request = requestIn(fragment);
     if (request === undefined) return;
-    change({ request: requestOf(request) });
+    replace(requestOf(request));
   } catch (error) {
     problem.show("The link cannot be opened", error);
   }
@@ -225,7 +231,7 @@ function openLink(fragment) {
 const begin = ({ request }) => {
   problem.clear();
   const { view: _, ...rest } = request;
-  change({ request: rest });
+  replace(rest);
 };
 
 const choice = byId("preset", HTMLSelectElement);

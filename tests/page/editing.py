@@ -1,0 +1,37 @@
+"""Checks of what is typed into the form, and of start and goal on the floor."""
+
+from playwright.sync_api import Browser, expect
+from service import Service
+from visit import Visit, fragment_of
+
+
+def faulty_text_stays(browser: Browser, service: Service) -> None:
+    """What cannot be read is neither replaced nor left out of what is solved, until the value comes from elsewhere."""
+    visit = Visit(browser, service, fragment_of({"maneuver": {"goal": {"y_m": 5}}}))
+    page = visit.page
+    goal, fault = page.locator("#maneuver-goal-y_m"), page.locator("#maneuver-goal-y_m-error")
+    goal.press("Control+a")
+    page.keyboard.type("2,5")
+    page.fill("#maneuver-goal-heading_rad", "0")
+    asked = len(visit.requests)
+    page.click("#solve")
+    expect(goal).to_have_value("2,5")
+    expect(fault).to_contain_text("must be a number with a decimal point")
+    expect(goal).to_be_focused()
+    assert len(visit.requests) == asked, "another maneuver is solved"
+    page.press("#handle-goal", "ArrowRight")
+    expect(goal).to_have_value("2.1")
+    expect(fault).to_be_hidden()
+    # Where the value stays, the box that frees it takes it back too, and so does another preset.
+    page.click("summary:text-is('Velocities and wheel angles')")
+    speed, fault = page.locator("#maneuver-goal-velocity_x_m_s"), page.locator("#maneuver-goal-velocity_x_m_s-error")
+    speed.fill("fast")
+    page.check("#free-velocity_x_m_s")
+    expect(speed).to_have_value("")
+    expect(fault).to_be_hidden()
+    page.uncheck("#free-velocity_x_m_s")
+    speed.fill("fast")
+    page.select_option("#preset", "half-turn")
+    expect(speed).to_have_value("0")
+    expect(fault).to_be_hidden()
+    visit.close()
