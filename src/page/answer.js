@@ -79,12 +79,20 @@ function missOf({ replay, limits }, { replay_tolerance_m: most_m, replay_toleran
     ...misses.map(([name, miss, , factor, unit]) => {
       return name + (miss == null ? "not known" : `${(factor * miss).toPrecision(3)} ${unit}`);
     }),
-    ...exceeded.map(({ limit, replay_excess }) => {
-      const share = (100 * (replay_excess ?? 0)).toPrecision(2);
-      return `${labelOf(limit.split(".")).toLowerCase()} ${share} % above its limit`;
-    }),
+    ...exceeded.map(exceededBy),
     ...(replay.separations ? ["a contact lifts"] : []),
   ].join(", ");
+}
+
+/** @param {import("slipdrive-api").components["schemas"]["LimitUse"]} used */
+function exceededBy({ limit, largest, excess, replay_excess }) {
+  const share = replay_excess ?? 0;
+  if (limit !== "maneuver.keep_in") {
+    return `${labelOf(limit.split(".")).toLowerCase()} ${(100 * share).toPrecision(2)} % above its limit`;
+  }
+  // Both excesses are distances in one unit, of which `largest` tells the length in metres.
+  const by = excess && largest ? ` by ${((1000 * largest * share) / excess).toPrecision(3)} mm` : "";
+  return `outside the aisle${by}`;
 }
 
 /** The service's sentences. @param {PlanInWords[]} plans */

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser
 from service import Service
-from visit import Visit, fragment_of
+from visit import Visit, fragment_of, shown
 
 
 def torques_are_those_of_steps(browser: Browser, service: Service) -> None:
@@ -23,4 +23,23 @@ def torques_are_those_of_steps(browser: Browser, service: Service) -> None:
     for side in ("left", "right"):
         torques = [schedule[f"{side}_n_m"][(2 * step + 1) * 40 // 200] for step in range(100)]
         assert [float(row[f"torque_{side}_n_m"]) for row in rows[:-1]] == torques, side
+    visit.close()
+
+
+def aisle_is_left_by_a_distance(browser: Browser, service: Service) -> None:
+    """The plan that the finer grid takes out of the aisle says how far, in metres and not as a share of the robot."""
+    aisle = [{"x_m": x, "y_m": y} for x, y in ((-0.3, -0.5), (0.9, -0.5), (0.9, 3.4), (-0.3, 3.4))]
+    footprint = [{"right_m": x, "forward_m": y} for x, y in ((-0.2, -0.1), (0.2, -0.1), (0.2, 0.35), (-0.2, 0.35))]
+    request = {
+        "maneuver": {"goal": {"x_m": 0.6, "y_m": 3}, "keep_in": aisle},
+        "robot": {"footprint": footprint},
+        "grid": {"steps": 100},
+        "solver": {"starts": 1},
+    }
+    visit = Visit(browser, service, fragment_of(request))
+    answer = visit.solve()
+    simulation = {"robot": request["robot"], "torque_schedule": answer["torque_schedule"], "keep_in": aisle, "grid": {"steps": 1600}}
+    outside_m = service.post("/simulate", simulation)["limits"][0]["largest"]
+    assert outside_m > 0.1
+    assert f"outside the aisle by {1000 * outside_m:.3g} mm" in shown(visit, "replay-miss")
     visit.close()
