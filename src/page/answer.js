@@ -1,7 +1,7 @@
 // The answer in words and numbers.
 
 import { byId, html, signed } from "./dom.js";
-import { forceAt, slipsAt, stepAt, torqueOf, valueOf } from "./motion.js";
+import { durationOf, forceAt, hasEnded, slipsAt, stepAt, torqueOf, valueOf } from "./motion.js";
 import { labelOf } from "./schema.js";
 
 /** @typedef {import("./state.js").Plan} Plan */
@@ -117,10 +117,24 @@ const SIDES = /** @type {const} */ (["left", "right"]);
 /** The numbers of a moment. @param {HTMLElement} root @param {Plan | null} plan @param {number} time s */
 export function showMoment(root, plan, time) {
   if (!plan || plan.trajectory.time_s.length < 2) return root.replaceChildren();
+  const rows = hasEnded(plan, time) ? [["This plan", `ended at ${durationOf(plan).toFixed(3)} s`]] : momentOf(plan, time);
+  // The same elements again: this runs at every frame.
+  if (root.children.length !== rows.length) {
+    root.replaceChildren(...rows.map(() => html("div", {}, html("dt"), html("dd"))));
+  }
+  rows.forEach(([name, value], index) => {
+    const [term, said] = root.children[index].children;
+    if (term.textContent !== name) term.textContent = name;
+    said.textContent = value;
+  });
+}
+
+/** @param {Plan} plan @param {number} time s */
+function momentOf(plan, time) {
   const { trajectory } = plan;
   const speed = Math.hypot(valueOf(trajectory, "velocity_x_m_s", time), valueOf(trajectory, "velocity_y_m_s", time));
   const torque = torqueOf(plan, stepAt(trajectory, time));
-  const rows = [
+  return [
     ["Speed", `${speed.toFixed(2)} m/s`],
     ["Yaw rate", `${signed(valueOf(trajectory, "yaw_rate_rad_s", time), 2)} rad/s`],
     ...SIDES.map((side) => {
@@ -132,11 +146,4 @@ export function showMoment(root, plan, time) {
       ];
     }),
   ];
-  // The same elements again: this runs at every frame.
-  while (root.children.length < rows.length) root.append(html("div", {}, html("dt"), html("dd")));
-  rows.forEach(([name, value], index) => {
-    const [term, said] = root.children[index].children;
-    if (term.textContent !== name) term.textContent = name;
-    said.textContent = value;
-  });
 }

@@ -7,6 +7,9 @@
 /** @param {Plan | null} plan s */
 export const durationOf = (plan) => plan?.trajectory.time_s.at(-1) ?? 0;
 
+/** Whether a plan is over, as beside a longer one. @param {Plan} plan @param {number} time s */
+export const hasEnded = (plan, time) => time > durationOf(plan);
+
 /**
  * The step that a time is in, from 0.
  * @param {Trajectory} trajectory
@@ -54,8 +57,9 @@ export function poseAt(trajectory, time) {
  * @param {"left" | "right" | "front"} contact
  * @param {number} time
  */
-export function slipsAt({ spans }, contact, time) {
-  const span = spans.find(({ end_s }) => time < end_s) ?? spans.at(-1);
+export function slipsAt(plan, contact, time) {
+  if (hasEnded(plan, time)) return false;
+  const span = plan.spans.find(({ end_s }) => time < end_s) ?? plan.spans.at(-1);
   return span?.[contact] === "slip";
 }
 
@@ -65,8 +69,9 @@ export function slipsAt({ spans }, contact, time) {
  * @param {"left" | "right" | "front"} contact
  * @param {number} time
  */
-export function forceAt({ contacts, trajectory }, contact, time) {
-  const [of, step] = [contacts?.[contact], stepAt(trajectory, time)];
+export function forceAt(plan, contact, time) {
+  const of = hasEnded(plan, time) ? undefined : plan.contacts?.[contact];
+  const step = stepAt(plan.trajectory, time);
   return {
     forward: of?.longitudinal_force_n[step] ?? 0,
     right: of?.lateral_force_n[step] ?? 0,

@@ -1,10 +1,11 @@
 """Checks of plans on the page: their numbers, side by side, and from files."""
 
 import csv
+import json
 import tempfile
 from pathlib import Path
 
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, expect
 from service import Service
 from visit import Visit, fragment_of, shown
 
@@ -43,3 +44,25 @@ def aisle_is_left_by_a_distance(browser: Browser, service: Service) -> None:
     assert outside_m > 0.1
     assert f"outside the aisle by {1000 * outside_m:.3g} mm" in shown(visit, "replay-miss")
     visit.close()
+
+
+def shorter_plan_ends(browser: Browser, service: Service) -> None:
+    """Beside a longer one: where it is over, no numbers, forces and slip of its last step go on."""
+    visit = Visit(browser, service, fragment_of({"maneuver": {"goal": {"y_m": 1}}, "solver": {"starts": 1}}))
+    page = visit.page
+    end_s = visit.solve()["final_time_s"]
+    longer = {"maneuver": {"goal": {"y_m": 5}}, "solver": {"starts": 1}}
+    open_file(visit, "compare", {"solve": {"request": longer, "answer": service.post("/solve", longer)}})
+    expect(page.locator("#words")).to_contain_text("B. ")
+    page.press("#scrub", "End")
+    assert shown(visit, "moment").split("\n") == ["This plan", f"ended at {end_s:.3f} s"]
+    forces = [page.get_attribute(".robot.plan-a .force >> nth=0", "d"), page.get_attribute(".robot.plan-b .force >> nth=0", "d")]
+    assert forces[0] == "" and forces[1], forces
+    assert page.locator(".robot.plan-a .slips").count() == 0
+    page.press("#scrub", "Home")
+    assert "Speed" in shown(visit, "moment") and page.get_attribute(".robot.plan-a .force >> nth=0", "d")
+    visit.close()
+
+
+def open_file(visit: Visit, button: str, content: object) -> None:
+    visit.page.set_input_files(f"#{button}", {"name": "plan.json", "mimeType": "application/json", "buffer": json.dumps(content).encode()})
