@@ -64,7 +64,8 @@ export class Form {
       const isGiven = valueAt(request, ["maneuver", "goal", name]) !== undefined;
       box.checked = free.includes(name) || (name.startsWith("wheel_angle") && !isGiven);
       const control = this.#goal(name);
-      if (control) control.input.disabled = box.checked;
+      // One that is being typed again is empty in between, and stays.
+      if (control) control.input.disabled = box.checked && control.input !== document.activeElement;
     }
     this.#showGuess(request.initial_guess?.torque_left_n_m?.length ?? 0);
   }

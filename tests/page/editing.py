@@ -35,3 +35,18 @@ def faulty_text_stays(browser: Browser, service: Service) -> None:
     expect(speed).to_have_value("0")
     expect(fault).to_be_hidden()
     visit.close()
+
+
+def wheel_angle_is_typed_again(browser: Browser, service: Service) -> None:
+    """It is free where it is empty, and the field keeps the keyboard."""
+    visit = Visit(browser, service)
+    page = visit.page
+    page.click("summary:text-is('Velocities and wheel angles')")
+    page.uncheck("#free-wheel_angle_left_rad")
+    page.press("#maneuver-goal-wheel_angle_left_rad", "Control+a")
+    page.keyboard.press("Delete")
+    expect(page.locator("#free-wheel_angle_left_rad")).to_be_checked()
+    page.keyboard.type("1.5")
+    expect(page.locator("#maneuver-goal-wheel_angle_left_rad")).to_have_value("1.5")
+    expect(page.locator("#free-wheel_angle_left_rad")).not_to_be_checked()
+    visit.close()
