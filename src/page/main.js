@@ -175,6 +175,8 @@ async function open(content) {
   // What is wrong with it is found before anything changes.
   const request = shown.solve ? requestOf(shown.solve.request) : null;
   const plan = await planFrom(shown);
+  // Its answer would take the place of this plan.
+  search.stop();
   search.forget();
   showPlan(plan, request);
   if (request) replace(request);
@@ -246,7 +248,6 @@ for (const id of ["form", "key-form"]) {
     run();
   });
 }
-byId("solve", HTMLElement).addEventListener("click", run);
 byId("follow", HTMLInputElement).addEventListener("change", (event) => {
   floor.isFollowing = /** @type {HTMLInputElement} */ (event.target).checked;
   floor.refit();

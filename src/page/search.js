@@ -20,13 +20,17 @@ export class Search {
   #running = null;
 
   constructor() {
-    // The job ends on its worker too.
-    this.#cancel.addEventListener("click", () => this.#running?.abort());
+    this.#cancel.addEventListener("click", () => this.stop());
   }
 
   /** @param {string} words */
   say(words) {
     this.#status.textContent = words;
+  }
+
+  /** Ends a search that runs, on its worker too. */
+  stop() {
+    this.#running?.abort();
   }
 
   /** Takes back what it said of a search that is over. */

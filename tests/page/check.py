@@ -364,8 +364,7 @@ def reporting(name: str, browser: Browser) -> Iterator[None]:
 def main() -> None:
     of_service: list[Callable[[Browser, Service], None]] = [
         forward_drive_by_clicks, goal_is_dragged, keyboard_alone, scrubbing, cancelling, faults_of_fields, links_and_snippets,
-        hostile_strings, documents, infeasible_in_words, everyone, still_or_moving, plans.torques_are_those_of_steps,
-        plans.aisle_is_left_by_a_distance, plans.shorter_plan_ends, editing.faulty_text_stays, editing.wheel_angle_is_typed_again,
+        hostile_strings, documents, infeasible_in_words, everyone, still_or_moving, *plans.CHECKS, *editing.CHECKS,
     ]  # fmt: skip
     wanted = sys.argv[3:]
     with sync_playwright() as playwright:

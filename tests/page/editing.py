@@ -50,3 +50,24 @@ def wheel_angle_is_typed_again(browser: Browser, service: Service) -> None:
     expect(page.locator("#maneuver-goal-wheel_angle_left_rad")).to_have_value("1.5")
     expect(page.locator("#free-wheel_angle_left_rad")).not_to_be_checked()
     visit.close()
+
+
+def what_is_typed_outlives_the_api(browser: Browser, service: Service) -> None:
+    visit = Visit(browser, service)
+    page = visit.page
+    page.fill("#maneuver-goal-y_m", "3")
+    with visit.context.expect_page():
+        page.click("a:text-is('API')")
+    expect(page.locator("#maneuver-goal-y_m")).to_have_value("3")
+    visit.close()
+
+
+def enter_solves(browser: Browser, service: Service) -> None:
+    visit = Visit(browser, service)
+    with visit.page.expect_response("**/solve"):
+        visit.page.press("#maneuver-goal-y_m", "Enter")
+    expect(visit.page.locator("#figures figure").first).to_be_visible(timeout=20_000)
+    visit.close()
+
+
+CHECKS = [faulty_text_stays, wheel_angle_is_typed_again, what_is_typed_outlives_the_api, enter_solves]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 from service import Service
-from visit import Visit, fragment_of, shown
+from visit import LONG, Visit, fragment_of, shown
 
 
 def torques_are_those_of_steps(browser: Browser, service: Service) -> None:
@@ -64,5 +64,22 @@ def shorter_plan_ends(browser: Browser, service: Service) -> None:
     visit.close()
 
 
+def opened_plan_stays(browser: Browser, service: Service) -> None:
+    """A search that runs meanwhile ends without an answer."""
+    request = {"maneuver": {"goal": {"y_m": 1}}, "solver": {"starts": 1}}
+    answer = service.post("/solve", request)
+    visit = Visit(browser, service, fragment_of(LONG))
+    visit.page.click("#solve")
+    expect(visit.page.locator("#status")).to_contain_text("start", timeout=30_000)
+    open_file(visit, "open", {"solve": {"request": request, "answer": answer}})
+    expect(visit.page.locator("#final-time")).to_have_text(f"{answer['final_time_s']:.4f} s")
+    expect(visit.page.locator("#status")).to_have_text("Cancelled.")
+    service.wait_until(lambda: service.busy() == 0, "the worker is free")
+    visit.close()
+
+
 def open_file(visit: Visit, button: str, content: object) -> None:
     visit.page.set_input_files(f"#{button}", {"name": "plan.json", "mimeType": "application/json", "buffer": json.dumps(content).encode()})
+
+
+CHECKS = [torques_are_those_of_steps, aisle_is_left_by_a_distance, shorter_plan_ends, opened_plan_stays]
