@@ -28,7 +28,6 @@ export class Floor {
   #grid = svg("g", { class: "grid", "aria-hidden": "true" });
   #aisle = svg("polygon", { class: "keep-in", "aria-hidden": "true" });
   #traces = svg("g", { "aria-hidden": "true" });
-  #isDragged = false;
   /** @type {Robot[]} */
   #robots;
   /** @type {Handle[]} */
@@ -40,7 +39,7 @@ export class Floor {
   /**
    * @param {SVGSVGElement} root
    * @param {Record<string, number>} byDefault the reference robot
-   * @param {(which: "start" | "goal", pose: Pose) => void} onMove
+   * @param {(which: "start" | "goal", moved: Partial<Pose>) => void} onMove
    */
   constructor(root, byDefault, onMove) {
     this.root = root;
@@ -48,10 +47,12 @@ export class Floor {
     const view = () => this.#view;
     this.#handles = /** @type {const} */ (["start", "goal"]).map(
       (which) =>
-        new Handle(which, view, (pose, isLast) => {
-          this.#isDragged = !isLast;
-          onMove(which, pose);
-        }),
+        new Handle(
+          which,
+          view,
+          (moved) => onMove(which, moved),
+          () => this.refit(),
+        ),
     );
     this.#robots = [new Robot("b"), new Robot("a")];
     const [handles, robots] = [this.#handles, this.#robots].map((all) => all.map(({ element }) => element));
@@ -72,7 +73,7 @@ export class Floor {
   show(state) {
     this.#state = state;
     const reach = reachOf(bodyOf(state.request, this.byDefault));
-    if (!this.#isDragged) {
+    if (!this.#isHeld()) {
       this.#fit(endsOf(state).flatMap((pose) => around(pose, reach)));
       this.#traces.replaceChildren(...tracesOf(state.compared, "b"), ...tracesOf(state.plan, "a"));
     }
@@ -83,14 +84,17 @@ export class Floor {
   /** The moment alone. @param {Readonly<State>} state */
   showTime(state) {
     const plans = [state.compared, state.plan];
-    const follows = this.isFollowing && state.plan;
-    if (follows) this.#follow(state);
+    if (this.isFollowing && !this.#isHeld()) this.#follow(state);
     this.#robots.forEach((robot, index) => robot.show(plans[index], state.time, this.#view));
   }
 
-  /** Shows everything again, after following ended. */
+  /** Shows everything again, after following ended or a handle was let go. */
   refit() {
     if (this.#state) this.show(this.#state);
+  }
+
+  #isHeld() {
+    return this.#handles.some(({ isHeld }) => isHeld);
   }
 
   /** @param {Point[]} points */

@@ -23,16 +23,20 @@ export class Handle {
   name = svg("text", { class: "name", "aria-hidden": "true" });
   /** @type {Pose} */
   #pose = { x: 0, y: 0, heading: 0 };
+  /** Whether the pointer has it; the view must not move then. */
+  isHeld = false;
 
   /**
    * @param {"start" | "goal"} which
    * @param {() => View} view
-   * @param {(pose: Pose, isLast: boolean) => void} onMove
+   * @param {(moved: Partial<Pose>) => void} onMove with what moves of it
+   * @param {() => void} onRelease
    */
-  constructor(which, view, onMove) {
+  constructor(which, view, onMove, onRelease) {
     this.label = which === "start" ? "Start" : "Goal";
     this.view = view;
     this.onMove = onMove;
+    this.onRelease = onRelease;
     this.name.textContent = this.label;
     const parts = [this.#outline, this.#nose, this.#touch, this.#knob];
     this.element = svg("g", { class: `handle ${which}`, tabindex: 0, role: "button", id: `handle-${which}` }, ...parts);
@@ -68,18 +72,18 @@ export class Handle {
     const isShortcut = event.metaKey || (step ? event.altKey || event.ctrlKey : event.ctrlKey && !event.altKey);
     if (isShortcut || (!step && !turn)) return;
     event.preventDefault();
-    const [px, py] = this.view().place([this.#pose.x, this.#pose.y]);
-    const [x, y] = step ? this.view().unplace([px + step[0], py + step[1]]) : [this.#pose.x, this.#pose.y];
-    // The direction is that on the screen, the length that of the world.
-    const length = Math.hypot(x - this.#pose.x, y - this.#pose.y) || 1;
-    this.onMove(
-      {
-        x: rounded(this.#pose.x + ((x - this.#pose.x) / length) * MOVE_M[fine]),
-        y: rounded(this.#pose.y + ((y - this.#pose.y) / length) * MOVE_M[fine]),
-        heading: rounded(this.#pose.heading + turn * TURN_RAD[fine], 4),
-      },
-      true,
-    );
+    const heading = this.#pose.heading + turn * TURN_RAD[fine];
+    this.onMove(step ? this.#moved(step, MOVE_M[fine]) : { heading: rounded(heading, 4) });
+  }
+
+  /** The direction is that on the screen, along an axis of the world. @param {Point} step px @param {number} length m */
+  #moved(step, length) {
+    const { x, y } = this.#pose;
+    const [px, py] = this.view().place([x, y]);
+    const [toX, toY] = this.view().unplace([px + step[0], py + step[1]]);
+    return Math.abs(toX - x) > Math.abs(toY - y)
+      ? { x: rounded(x + Math.sign(toX - x) * length) }
+      : { y: rounded(y + Math.sign(toY - y) * length) };
   }
 
   /** @param {PointerEvent} event */
@@ -91,22 +95,19 @@ export class Handle {
     const turns = event.target === this.#knob;
     const from = this.#world(event);
     const offset = [this.#pose.x - from[0], this.#pose.y - from[1]];
-    let last = this.#pose;
     /** @param {PointerEvent} moved */
     const onMove = (moved) => {
       const [x, y] = this.#world(moved);
-      last = turns
-        ? {
-            ...this.#pose,
-            heading: rounded(nearTurn(Math.atan2(this.#pose.x - x, y - this.#pose.y), this.#pose.heading), 2),
-          }
-        : { ...this.#pose, x: rounded(x + offset[0]), y: rounded(y + offset[1]) };
-      this.onMove(last, false);
+      const { x: ownX, y: ownY, heading } = this.#pose;
+      const toward = nearTurn(Math.atan2(ownX - x, y - ownY), heading);
+      this.onMove(turns ? { heading: rounded(toward, 2) } : { x: rounded(x + offset[0]), y: rounded(y + offset[1]) });
     };
     const onEnd = () => {
       this.element.removeEventListener("pointermove", onMove);
-      this.onMove(last, true);
+      this.isHeld = false;
+      this.onRelease();
     };
+    this.isHeld = true;
     this.element.addEventListener("pointermove", onMove);
     this.element.addEventListener("lostpointercapture", onEnd, { once: true });
   }

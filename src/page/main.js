@@ -49,10 +49,11 @@ const seek = (/** @type {number} */ time) => {
 const timeline = new Timeline(byId("timeline", SVGSVGElement), seek);
 const figures = new Figures(byId("figures", HTMLElement), seek);
 const sheet = new Sheet();
-const floor = new Floor(byId("floor", SVGSVGElement), referenceRobot, (which, { x, y, heading }) => {
+const floor = new Floor(byId("floor", SVGSVGElement), referenceRobot, (which, moved) => {
   let request = current().request;
-  for (const [name, value] of Object.entries({ x_m: x, y_m: y, heading_rad: heading })) {
-    if (!isFree(request, which, name)) request = withValue(request, ["maneuver", which, name], value);
+  for (const [name, value] of Object.entries({ x_m: moved.x, y_m: moved.y, heading_rad: moved.heading })) {
+    const isMoved = value !== undefined && !isFree(request, which, name);
+    if (isMoved) request = withValue(request, ["maneuver", which, name], value);
   }
   change({ request });
 });

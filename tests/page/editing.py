@@ -70,4 +70,48 @@ def enter_solves(browser: Browser, service: Service) -> None:
     visit.close()
 
 
-CHECKS = [faulty_text_stays, wheel_angle_is_typed_again, what_is_typed_outlives_the_api, enter_solves]
+def only_what_moves_changes(browser: Browser, service: Service) -> None:
+    """A key rounds no coordinate beside the one that it moves, and a press that moves nothing changes nothing."""
+    visit = Visit(browser, service, fragment_of({"maneuver": {"goal": {"y_m": 2.3456, "heading_rad": 0.12345}}, "solver": {"starts": 1}}))
+    page = visit.page
+
+    def value(name: str) -> str:
+        return page.input_value(f"#maneuver-goal-{name}")
+
+    visit.solve()
+    page.click("#handle-goal .touch", force=True)
+    expect(page.locator("#stale")).to_be_hidden()
+    page.press("#handle-goal", "[")
+    assert (value("x_m"), value("y_m"), value("heading_rad")) == ("", "2.3456", "0.3852")
+    page.press("#handle-goal", "ArrowUp")
+    assert (value("x_m"), value("y_m")) == ("-0.1", "2.3456")
+    page.press("#handle-goal", "ArrowRight")
+    assert (value("x_m"), value("y_m")) == ("-0.1", "2.45")
+    visit.close()
+
+
+def handle_that_is_held_stays(browser: Browser, service: Service) -> None:
+    """Also while the robot is followed, which moves the view."""
+    visit = Visit(browser, service, fragment_of({"maneuver": {"goal": {"y_m": 1}}, "solver": {"starts": 1}}))
+    page = visit.page
+    visit.solve()
+    page.check("#follow")
+    box = page.locator("#handle-start .touch").bounding_box()
+    assert box
+    page.mouse.move(box["x"] + 14, box["y"] + 14)
+    page.mouse.down()
+    to_the_middle = "scrub => { scrub.value = scrub.max / 2; scrub.dispatchEvent(new Event('input')); }"
+    page.eval_on_selector("#scrub", to_the_middle)
+    assert page.locator("#handle-start .touch").bounding_box() == box
+    page.mouse.move(box["x"] + 15, box["y"] + 14)
+    page.mouse.up()
+    start = float(page.input_value("#maneuver-start-y_m") or 0)
+    assert abs(start) < 0.05, f"the start follows the robot to {start} m"
+    assert page.locator("#handle-start .touch").bounding_box() != box, "the view follows again"
+    visit.close()
+
+
+CHECKS = [
+    faulty_text_stays, wheel_angle_is_typed_again, what_is_typed_outlives_the_api, enter_solves, only_what_moves_changes,
+    handle_that_is_held_stays,
+]  # fmt: skip
