@@ -95,8 +95,12 @@ function exceededBy({ limit, largest, excess, replay_excess }) {
   return `outside the aisle${by}`;
 }
 
-/** The service's sentences. @param {PlanInWords[]} plans */
-export function showWords(plans) {
+/** The service's sentences. @param {PlanInWords[]} plans @param {Plan} plan the first of them */
+export function showWords(plans, { shown }) {
+  const { status, final_time_s } = shown.solve?.answer ?? {};
+  const claims = status === undefined || (isMet(status) && final_time_s !== 0);
+  // Nothing speaks for an answer that does not belong to its request: so its numbers are not shown either.
+  if (claims && !plans[0].certificate.length) byId("facts", HTMLElement).replaceChildren();
   byId("headline", HTMLElement).textContent = plans[0].headline;
   byId("words", HTMLElement).replaceChildren(...plans.flatMap(inWords));
 }

@@ -119,7 +119,7 @@ async function showPictures() {
   try {
     const answer = await ask("present", { plans: shownPlans() });
     if (!isShown()) return;
-    showWords(answer.plans);
+    showWords(answer.plans, plan);
     figures.show(answer.figures);
     figures.showTime(time);
   } catch (error) {

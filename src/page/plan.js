@@ -31,7 +31,7 @@ export async function planOf(shown, simulate, referenceRobot) {
 /** @param {Plan["shown"]} shown @param {(body: unknown) => Promise<any>} simulate @returns {Promise<any>} */
 async function motionOf({ solve, simulate: simulated }, simulate) {
   const { request, answer } = /** @type {{ request: any, answer: any }} */ (solve ?? simulated);
-  if (isMotion(answer.trajectory) && areContacts(answer.contacts)) return answer;
+  if (isMotion(answer.trajectory) && areContacts(answer.contacts) && areSpans(answer.contact_modes)) return answer;
   if (!solve) return simulate(request);
   return answer.torque_schedule.left_n_m.length ? simulate(simulation(request, answer)) : standing(answer);
 }
@@ -51,7 +51,10 @@ const areTorques = (schedule) =>
 const areNumbers = (values) => Array.isArray(values) && values.every(Number.isFinite);
 
 /** @param {unknown} spans */
-const areSpans = (spans) => Array.isArray(spans) && spans.every((span) => areNumbers([span?.start_s, span?.end_s]));
+const areSpans = (spans) =>
+  Array.isArray(spans) &&
+  spans.every((span) => areNumbers([span?.start_s, span?.end_s])) &&
+  spans.every(({ left, right, front }) => [left, right, front].every((mode) => typeof mode === "string"));
 
 /** @param {any} contacts */
 const areContacts = (contacts) =>

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 from service import Service
-from visit import LONG, Visit, fragment_of, shown
+from visit import LONG, Visit, fragment_of, says_what_was_answered, shown
 
 
 def torques_are_those_of_steps(browser: Browser, service: Service) -> None:
@@ -78,8 +78,25 @@ def opened_plan_stays(browser: Browser, service: Service) -> None:
     visit.close()
 
 
+def damaged_plans(browser: Browser, service: Service) -> None:
+    """Contact modes without a contact are made again, and of an answer to another request no number is shown."""
+    request = {"maneuver": {"goal": {"y_m": 1}}, "solver": {"starts": 1}}
+    answer = service.post("/solve", request)
+    visit = Visit(browser, service)
+    page = visit.page
+    spans = [{"start_s": 0, "end_s": answer["final_time_s"], "left": "slip"}]
+    open_file(visit, "open", {"solve": {"request": request, "answer": {**answer, "contact_modes": spans}}})
+    expect(page.locator("#final-time")).to_have_text(f"{answer['final_time_s']:.4f} s")
+    expect(page.locator("#figures figure").first).to_be_visible()
+    says_what_was_answered(visit, answer)
+    open_file(visit, "open", {"solve": {"request": {"maneuver": {"goal": {"y_m": 2}}}, "answer": answer}})
+    expect(page.locator("#headline")).to_have_text("The answer does not belong to its request.")
+    expect(page.locator("#facts")).to_be_empty()
+    visit.close()
+
+
 def open_file(visit: Visit, button: str, content: object) -> None:
     visit.page.set_input_files(f"#{button}", {"name": "plan.json", "mimeType": "application/json", "buffer": json.dumps(content).encode()})
 
 
-CHECKS = [torques_are_those_of_steps, aisle_is_left_by_a_distance, shorter_plan_ends, opened_plan_stays]
+CHECKS = [torques_are_those_of_steps, aisle_is_left_by_a_distance, shorter_plan_ends, opened_plan_stays, damaged_plans]
