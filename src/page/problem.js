@@ -27,6 +27,7 @@ export class Problem {
     const list = faults.length ? [html("ul", {}, ...faults)] : [];
     this.#root.replaceChildren(html("h2", {}, title), html("p", {}, words), ...list);
     this.#root.hidden = false;
+    this.#root.scrollIntoView({ block: "nearest" });
   }
 
   clear() {

@@ -111,7 +111,21 @@ def handle_that_is_held_stays(browser: Browser, service: Service) -> None:
     visit.close()
 
 
+def solve_is_at_hand(browser: Browser, service: Service) -> None:
+    """On a phone, with the longest form, and what is refused comes before the eyes."""
+    visit = Visit(browser, service, viewport={"width": 360, "height": 740})
+    page = visit.page
+    page.evaluate("document.querySelectorAll('#fields details').forEach(each => { each.open = true; })")
+    for field in ("#maneuver-goal-y_m", "#robot-track_width_m"):
+        page.focus(field)
+        expect(page.locator("#solve")).to_be_in_viewport(ratio=1)
+    page.fill("#robot-track_width_m", "-1")
+    page.keyboard.press("Enter")
+    expect(page.locator("#problem")).to_be_in_viewport(ratio=1)
+    visit.close()
+
+
 CHECKS = [
     faulty_text_stays, wheel_angle_is_typed_again, what_is_typed_outlives_the_api, enter_solves, only_what_moves_changes,
-    handle_that_is_held_stays,
+    handle_that_is_held_stays, solve_is_at_hand,
 ]  # fmt: skip
