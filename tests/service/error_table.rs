@@ -1,5 +1,6 @@
 //! Every row of the error table, provoked on both transports.
 
+use std::fs;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -279,6 +280,23 @@ async fn keys_are_asked_for_on_both_transports_except_for_health() {
     assert!(client.solve(call).await.is_ok());
     let refused = client.get_limits(pb::GetLimitsRequest {}).await.unwrap_err();
     assert_eq!((refused.code(), code_of(&refused).as_str()), (Code::Unauthenticated, "unauthenticated"));
+}
+
+#[test]
+fn documented_codes_are_those_of_the_table() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/fleet_planner.md");
+    let guide = fs::read_to_string(path).unwrap();
+    // The document writes `RESOURCE_EXHAUSTED`, the table `ResourceExhausted`.
+    let plain = |row: &str| row.replace('_', "").to_lowercase();
+    let (_, section) = guide.split_once("\n## Errors\n").expect("a section of errors");
+    let (section, _) = section.split_once("\n## ").expect("a section behind it");
+    let rows = section.lines().filter(|line| line.starts_with("| `"));
+    let documented: Vec<_> = rows.map(|row| plain(&row.split(" | ").take(4).collect::<Vec<_>>().join(" | "))).collect();
+    let entries = ErrorCode::ALL.map(|code| {
+        let entry = code.entry();
+        plain(&format!("| `{}` | {} | `{:?}` | {}", entry.code, entry.http_status, entry.grpc_code, entry.retryable))
+    });
+    assert_eq!(documented, entries, "the codes in {path}");
 }
 
 #[tokio::test]
