@@ -95,6 +95,17 @@ fn composed_service_listens_to_this_machine_and_is_scraped() {
     assert_eq!(timeout + 5, grace);
 }
 
+#[test]
+fn unit_of_systemd_gives_the_drain_its_time() {
+    let unit = fs::read_to_string(deploy("slipdrive.service")).unwrap();
+    let seconds = |key: &str| -> u64 {
+        let value = unit.lines().find_map(|line| line.strip_prefix(key)).unwrap_or_else(|| panic!("{key}"));
+        value.parse().unwrap()
+    };
+    let drain = seconds("Environment=SLIPDRIVE_DRAIN_DELAY_S=") + seconds("Environment=SLIPDRIVE_DRAIN_TIMEOUT_S=");
+    assert_eq!(seconds("TimeoutStopSec="), drain + 5);
+}
+
 /// The labels that the scrapes of one replica bear, as the operator makes them of a `PodMonitor`.
 fn labels_of_scrape(monitor: &Yaml, pod: &Yaml) -> Vec<(&'static str, String)> {
     let endpoint = &monitor["spec"]["podMetricsEndpoints"][0]["port"];
