@@ -6,8 +6,8 @@ base=${1:-http://127.0.0.1:8080}
 auth=()
 if [ -n "${CURL_KEY:-}" ]; then auth=(-H "Authorization: Bearer $CURL_KEY"); fi
 
-echo "ready?"
-curl -fsS "$base/readyz"; echo
+echo "what the server takes:"
+curl -fsS "$base/limits" | cut -c 1-300
 
 echo "the fastest way 5 m ahead, torques only:"
 curl -fsS "${auth[@]}" "$base/solve" -H 'content-type: application/json' \
