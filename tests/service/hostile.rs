@@ -273,6 +273,22 @@ async fn batch_whose_caller_does_not_read_ends_with_its_share_of_the_memory() {
 }
 
 #[tokio::test]
+async fn messages_after_the_one_that_a_method_takes_are_refused_undecoded() {
+    let server = TestServer::start(4, instant_solver()).await;
+    // Plans whose many points nobody has counted; they are malformed where they are decoded.
+    let second = [b"\x0a\x06\x0a\x04\x0a\x00\x12\x00".repeat(1000), vec![0xff]].concat();
+    for method in ["Present", "Validate", "GetLimits", "Solve"] {
+        let path = format!("/slipdrive.v1.ManeuverService/{method}");
+        for rest in [framed(0, &second), framed(0, b""), vec![0]] {
+            let status = raw_call(&server, &path, &[GRPC], [framed(0, b""), rest].concat()).await;
+            assert_eq!((status.code(), code_of(&status).as_str()), (tonic::Code::InvalidArgument, "malformed_body"));
+            assert!(status.message().contains("more than the one message"), "{method}: {status:?}");
+        }
+    }
+    assert_eq!(server.service.jobs_in_flight(), 0, "no place is held");
+}
+
+#[tokio::test]
 async fn mutated_bodies_are_answered_and_never_a_fault_of_the_server() {
     let server = TestServer::start(4, instant_solver()).await;
     let original = server.get("/examples/forward-drive").await.bytes;

@@ -11,7 +11,7 @@ use axum::extract::Request;
 use axum::http::{HeaderMap, Method, header};
 
 use super::batch::instead_of_item;
-use super::framed_body::{FRAME_HEAD_BYTES, FramedBody, HeadsAndMessages, first_message};
+use super::framed_body::{FRAME_HEAD_BYTES, FramedBody, HeadsAndMessages, only_message};
 use crate::api::access::RequestContext;
 use crate::api::read_ahead::{Pace, ReadAhead};
 use crate::api::receive::{connection_of, only_probes, receive};
@@ -201,7 +201,7 @@ pub(super) async fn admit(
         Needs::MessageAndPermit(_) | Needs::Message | Needs::MessageAtAnyTime => {
             let limit = (limit, FRAME_HEAD_BYTES);
             let (message, lease) = receive(&mut body, limit, state.settings.body_timeout, &connection).await?;
-            first_message(&message).map_or(Ok(()), survey)?;
+            only_message(&message)?.map_or(Ok(()), survey)?;
             Body::from(Arc::new(lease).holding(message.into()))
         }
     };

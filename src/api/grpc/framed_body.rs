@@ -11,6 +11,7 @@ use hyper::body::Frame;
 
 use super::status;
 use crate::api::read_ahead::{Fault, Framing, ReadAhead};
+use crate::contract::{ErrorCode, Problem};
 
 /// Whole messages with their heads.
 pub(super) struct FramedBody {
@@ -43,8 +44,20 @@ pub(super) struct HeadsAndMessages {
     pub(super) instead: fn(&[u8]) -> Option<Vec<u8>>,
 }
 
+/// The message of a body that has one; none where its end is missing.
+///
+/// # Errors
+/// `malformed_body` where more follows: the framework would decode that too, and nobody has judged it.
+pub(super) fn only_message(body: &[u8]) -> Result<Option<&[u8]>, Problem> {
+    let message = first_message(body);
+    if message.is_some_and(|message| FRAME_HEAD_BYTES + message.len() < body.len()) {
+        return Err(Problem::new(ErrorCode::MalformedBody, "there is more than the one message that the method takes"));
+    }
+    Ok(message)
+}
+
 /// The first message after its head; none where its end is missing.
-pub(super) fn first_message(bytes: &[u8]) -> Option<&[u8]> {
+fn first_message(bytes: &[u8]) -> Option<&[u8]> {
     bytes.get(FRAME_HEAD_BYTES..FRAME_HEAD_BYTES + length_of_first(bytes)?)
 }
 
