@@ -42,6 +42,26 @@ async fn earlier_time_limit_outruns_the_deadline() {
 }
 
 #[tokio::test]
+async fn whole_search_whose_certificate_is_cut_off_has_not_finished() {
+    let solver = FakeSolver(|input: &SolveInput, control: &RunControl<'_>| {
+        while !control.cut().is_set() {
+            std::thread::yield_now();
+        }
+        let reasons = [StopReason::Finished, StopReason::RolloutLimit];
+        let mut solution = small_solution(reasons[usize::try_from(input.settings.seed).unwrap()]);
+        solution.report.replay = None;
+        solution
+    });
+    let server = TestServer::start(0, Arc::new(solver)).await;
+    let by_deadline = r#"{"solver": {"time_limit_s": 60, "seed": 0}}"#;
+    let by_limit = r#"{"solver": {"time_limit_s": 0.001, "seed": 1}}"#;
+    for (body, timeout_ms, stop_reason) in [(by_deadline, "50", "deadline"), (by_limit, "60000", "time_limit")] {
+        let answer = post(&server, body, timeout_ms).await;
+        assert_eq!((answer.status, &answer.json()["stop_reason"]), (200, &stop_reason.into()), "{}", answer.text());
+    }
+}
+
+#[tokio::test]
 async fn deadline_that_passes_in_the_line_is_answered_at_once_and_nothing_is_started() {
     let gate = Arc::new(Gate::default());
     let (started, mut has_started) = unbounded_channel();

@@ -56,7 +56,7 @@ pub struct Solved {
 /// Why a solve ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopReason {
-    /// The whole search asked for was done.
+    /// The whole search asked for was done, and its plan certified.
     Finished,
     /// The caller's time limit passed.
     TimeLimit,
@@ -105,7 +105,7 @@ impl Job for Solve {
         let stop = control.stop();
         let run = RunControl::new(stop.flag(), &observer).cut_off_by(stop.cut_flag()).helped_by(&workers);
         let solution = self.solver.solve(&accepted.input, &run).map_err(|_| control.cut_off())?;
-        let stop_reason = stop_reason(solution.stop_reason, stop.cause())?;
+        let stop_reason = stop_reason(&solution, control)?;
         Ok(Solved { solution, stop_reason, search_end: observer.search_end.get().copied() })
     }
 
@@ -180,14 +180,21 @@ impl Kind for Solve {
     }
 }
 
-fn stop_reason(claimed: SolverStop, cause: Option<StopCause>) -> Result<StopReason, Stopped> {
-    match (claimed, cause) {
-        (SolverStop::Finished, _) => Ok(StopReason::Finished),
-        (SolverStop::RolloutLimit, _) => Ok(StopReason::RolloutLimit),
-        (SolverStop::Stopped, Some(StopCause::TimeLimit)) => Ok(StopReason::TimeLimit),
-        (SolverStop::Stopped, Some(StopCause::Deadline)) => Ok(StopReason::Deadline),
-        (SolverStop::Stopped, Some(cause @ (StopCause::CallerGone | StopCause::Shutdown))) => Err(Stopped::By(cause)),
-        (SolverStop::Stopped, None) => {
+fn stop_reason(solution: &Solution, control: &JobControl<'_, Progressed>) -> Result<StopReason, Stopped> {
+    let stop = control.stop();
+    let is_certified = solution.report.replay.is_some();
+    let cause = match solution.stop_reason {
+        SolverStop::Finished if is_certified => return Ok(StopReason::Finished),
+        SolverStop::RolloutLimit if is_certified => return Ok(StopReason::RolloutLimit),
+        // The search was done, but what is said of its plan depends on the time there was.
+        SolverStop::Finished | SolverStop::RolloutLimit => stop.cut_cause(),
+        SolverStop::Stopped => stop.cause(),
+    };
+    match cause {
+        Some(StopCause::TimeLimit) => Ok(StopReason::TimeLimit),
+        Some(StopCause::Deadline) => Ok(StopReason::Deadline),
+        Some(cause @ (StopCause::CallerGone | StopCause::Shutdown)) => Err(Stopped::By(cause)),
+        None => {
             tracing::error!("the solver says that it was stopped, but nobody stopped it");
             Err(Stopped::Unasked)
         }

@@ -18,7 +18,7 @@ pub(super) fn request(jobs: &[Job]) -> Value {
         (
             "request_id".to_owned(),
             json!({
-                "description": "Names the item in its answer: unique among the unanswered items.",
+                "description": "Names the item in its answer: unique among the unanswered items, at most 128 bytes of UTF-8.",
                 "type": "string", "minLength": 1, "maxLength": 128,
             }),
         ),
