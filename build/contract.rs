@@ -250,10 +250,12 @@ fn in_request(field: &FieldDescriptor) -> String {
         Kind::Double if field.supports_presence() => optional("some_value", "f64"),
         Kind::String if field.supports_presence() => optional("some_value", "String"),
         Kind::Uint32 if field.supports_presence() => optional("some_count", "u32"),
-        Kind::Uint64 if field.supports_presence() => optional("some_value", "u64"),
-        // The format of any 64 bits has no sign.
-        Kind::Uint64 => {
-            "#[serde(default)]\n#[schema(format = \"uint64\", maximum = 18446744073709551615_u64)]".to_owned()
+        Kind::Uint64 if field.supports_presence() => optional("some_long_count", "u64"),
+        Kind::Uint64 | Kind::Int64 => {
+            // The format of any 64 bits has no sign.
+            let without_sign = "\n#[schema(format = \"uint64\", maximum = 18446744073709551615_u64)]";
+            let schema = if field.kind() == Kind::Uint64 { without_sign } else { "" };
+            format!("#[serde(default, deserialize_with = \"{JSON}::whole_number\")]{schema}")
         }
         _ if is_required => String::new(),
         _ => "#[serde(default)]".to_owned(),
@@ -264,14 +266,19 @@ fn in_request(field: &FieldDescriptor) -> String {
 /// send for a default, and ignore what a newer one adds, also where a message is strict in requests.
 fn in_answer(field: &FieldDescriptor, requests: &BTreeSet<String>) -> String {
     let read = |function: &str| format!("#[serde(default, deserialize_with = \"{JSON}::{function}\")]");
-    let is_strict = field.kind().as_message().is_some_and(|of| requests.contains(of.full_name()));
-    let function = if is_strict && !field.is_list() { "known_object" } else { "value_or_default" };
+    let function = match field.kind() {
+        Kind::Message(_) if field.is_list() => "objects_or_none",
+        Kind::Message(of) if requests.contains(of.full_name()) => "known_object",
+        Kind::Message(_) => "object_or_none",
+        Kind::Uint32 | Kind::Uint64 if !field.is_list() && !field.supports_presence() => "whole_or_zero",
+        _ => "value_or_default",
+    };
     let plain = read(function);
     let left_out = format!(
         "#[serde(default, deserialize_with = \"{JSON}::{function}\", skip_serializing_if = \"Option::is_none\")]"
     );
     let no_items = format!(
-        "#[serde(default, deserialize_with = \"{JSON}::value_or_default\", skip_serializing_if = \"Vec::is_empty\")]"
+        "#[serde(default, deserialize_with = \"{JSON}::{function}\", skip_serializing_if = \"Vec::is_empty\")]"
     );
     let (serde, schema) = match field.kind() {
         Kind::Enum(of) if is_listed(&NULL, field) => {

@@ -1,21 +1,33 @@
 //! Strict reading of JSON: objects are objects, nothing is null, and every fault has its place.
 
+mod answers;
+mod whole_numbers;
+
 use std::fmt;
 use std::marker::PhantomData;
+use std::mem;
 
 use serde::de::value::MapAccessDeserializer;
-use serde::de::{self, Deserialize, DeserializeOwned, Deserializer, MapAccess, Visitor};
+use serde::de::{self, Deserialize, Deserializer, MapAccess, Visitor};
 use serde::{Serialize, Serializer};
-use serde_json::Value;
 use serde_json::error::Category;
 use serde_json::value::RawValue;
+use serde_json::{Map, Value};
 use serde_path_to_error::{Path, Segment};
 
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{self, ObjectBuilder, Schema, Type};
 
+pub use self::answers::{Known, KnownField, keep_known};
+pub(super) use self::answers::{
+    known_object, object_or_none, objects_or_none, read_name_or_null, read_number, read_numbers, value_or_default,
+    whole_or_zero,
+};
+pub use self::whole_numbers::Count;
+pub(super) use self::whole_numbers::{some_count, some_long_count, whole_number};
 use super::error_table::ErrorCode;
 use super::problem::{Problem, quoted_path, shortened};
+use super::strict_value::StrictValue;
 
 /// Reads a body that must be one JSON object of the form `T`.
 ///
@@ -31,6 +43,15 @@ pub fn read_object<'de, T: Deserialize<'de>>(body: &'de [u8]) -> Result<T, Probl
         serde_path_to_error::deserialize(&mut deserializer).map_err(|error| problem_of(error.path(), error.inner()))?;
     deserializer.end().map_err(|error| malformed(&error))?;
     Ok(value)
+}
+
+/// Reads a body that must be one JSON object, of any fields, all objects in which have each field once.
+///
+/// # Errors
+/// Those of [`read_object`].
+pub fn read_any_object(body: &[u8]) -> Result<Map<String, Value>, Problem> {
+    let StrictValue(mut value) = read_object(body)?;
+    Ok(value.as_object_mut().map(mem::take).unwrap_or_default())
 }
 
 /// The fields of one JSON object, each value as it is written.
@@ -247,84 +268,6 @@ pub(crate) fn some_value<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     T::deserialize(deserializer).map(Some)
 }
 
-/// Reads a count that is present, also where a table of numbers has written it as 200.0; one beyond the type is far above every
-/// limit: the largest is refused just the same.
-pub(super) fn some_count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u32>, D::Error> {
-    struct CountVisitor;
-
-    impl Visitor<'_> for CountVisitor {
-        type Value = u32;
-
-        fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-            formatter.write_str("a whole number, at least 0")
-        }
-
-        fn visit_u64<E: de::Error>(self, count: u64) -> Result<u32, E> {
-            Ok(u32::try_from(count).unwrap_or(u32::MAX))
-        }
-
-        fn visit_f64<E: de::Error>(self, count: f64) -> Result<u32, E> {
-            if count < 0.0 || count.fract() != 0.0 {
-                return Err(E::invalid_type(de::Unexpected::Float(count), &self));
-            }
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole, and casts saturate")]
-            Ok(count as u32)
-        }
-    }
-
-    deserializer.deserialize_u64(CountVisitor).map(Some)
-}
-
-/// Reads a number of an answer; null is one that is not finite.
-pub(super) fn read_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-    Option::deserialize(deserializer).map(|number| number.unwrap_or(f64::NAN))
-}
-
-/// Reads numbers of an answer; null is one that is not finite.
-pub(super) fn read_numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
-    let numbers = Vec::<Option<f64>>::deserialize(deserializer)?;
-    Ok(numbers.into_iter().map(|number| number.unwrap_or(f64::NAN)).collect())
-}
-
-/// Reads a value of an answer; null is its default.
-pub(super) fn value_or_default<'de, D: Deserializer<'de>, T: Deserialize<'de> + Default>(
-    deserializer: D,
-) -> Result<T, D::Error> {
-    Option::deserialize(deserializer).map(Option::unwrap_or_default)
-}
-
-/// A field of an object, and how to forget what is not known in its own objects.
-pub type KnownField = (&'static str, Option<fn(&mut Value)>);
-
-/// A message that is strict in requests; implemented for all of them by the build.
-pub trait Known {
-    /// All fields.
-    const FIELDS: &'static [KnownField];
-}
-
-/// Forgets null and what is not known in an object, or in each of an array.
-pub fn keep_known<T: Known>(value: &mut Value) {
-    if let Some(object) = value.as_object_mut() {
-        object.retain(|name, value| {
-            let known = T::FIELDS.iter().find(|(field, _)| field == name);
-            if let Some((_, Some(keep_known))) = known {
-                keep_known(value);
-            }
-            known.is_some() && !value.is_null()
-        });
-    }
-    value.as_array_mut().into_iter().flatten().for_each(keep_known::<T>);
-}
-
-/// Reads an object of an answer that would be strict in a request; null is none.
-pub(super) fn known_object<'de, D: Deserializer<'de>, T: Known + DeserializeOwned>(
-    deserializer: D,
-) -> Result<Option<T>, D::Error> {
-    let Some(mut value) = Option::<Value>::deserialize(deserializer)? else { return Ok(None) };
-    keep_known::<T>(&mut value);
-    serde_json::from_value(value).map(Some).map_err(de::Error::custom)
-}
-
 /// An enum that JSON writes by name; implemented for all enums of `proto/` by the build.
 pub trait Named: TryFrom<i32> + 'static {
     /// What it is about.
@@ -369,20 +312,6 @@ pub(super) fn read_name<'de, D: Deserializer<'de>, T: Named>(deserializer: D) ->
     }
 
     deserializer.deserialize_str(NameVisitor(PhantomData::<T>))
-}
-
-/// Reads the number of an enum of an answer from its name; null is the unspecified one.
-pub(super) fn read_name_or_null<'de, D: Deserializer<'de>, T: Named>(deserializer: D) -> Result<i32, D::Error> {
-    struct Name<T>(i32, PhantomData<T>);
-
-    impl<'de, T: Named> Deserialize<'de> for Name<T> {
-        fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-            read_name::<D, T>(deserializer).map(|number| Self(number, PhantomData))
-        }
-    }
-
-    let name = Option::<Name<T>>::deserialize(deserializer)?;
-    Ok(name.map_or(0, |Name(number, _)| number))
 }
 
 /// Gives an enum the schema of its names.

@@ -219,6 +219,52 @@ async fn bodies_without_a_plan_are_refused_with_their_place() {
     }
 }
 
+/// An answer of which only the torques count.
+fn given_answer() -> Value {
+    json!({
+        "status": "converged", "final_time_s": 1.5, "report": {"steps": 200},
+        "torque_schedule": {"interval_s": 0.75, "left_n_m": [1, -1], "right_n_m": [1, -1]},
+    })
+}
+
+#[tokio::test]
+async fn objects_and_whole_numbers_of_answers_are_what_they_are_in_requests() {
+    let server = TestServer::start(4, real_solver()).await;
+    let plan = given_answer().to_string();
+    let changed = |from: &str, to: &str| {
+        assert!(plan.contains(from), "{from} in {plan}");
+        let answer = plan.replacen(from, to, 1);
+        format!(r#"{{"plans": [{{"solve": {{"request": {{}}, "answer": {answer}}}}}]}}"#)
+    };
+    for whole in
+        [r#""steps":200.0"#, r#""rollouts":1e3,"steps":2e2"#, r#""distinct_optima":[{"count":2.0}],"steps":200"#]
+    {
+        let answer = server.post("/present", changed(r#""steps":200"#, whole)).await;
+        assert_eq!(answer.status, 200, "{whole}: {}", answer.text());
+    }
+    let list = r#""torque_schedule":[0.75,[1,-1],[1,-1]],"old":{"#;
+    for (from, to, pointer, words) in [
+        (r#""steps":200"#, r#""steps":200.5"#, "report/steps", "a whole number, at least 0"),
+        (r#""report":{"steps":200}"#, r#""report":[1]"#, "report", "expected an object"),
+        (r#""report":{"#, r#""contact_modes":[[]],"report":{"#, "contact_modes/0", "expected an object"),
+        (r#""report":{"#, r#""end_state":[0,0,0,0,0,0,0,0,0,0],"report":{"#, "end_state", "expected an object"),
+        (r#""torque_schedule":{"#, list, "torque_schedule", "invalid type: list, expected an object"),
+        (
+            r#""interval_s":0.75"#,
+            r#""interval_s":0.75,"interval_s":1"#,
+            "torque_schedule/interval_s",
+            "duplicate field",
+        ),
+        (r#""interval_s":0.75,"#, "", "torque_schedule/interval_s", "missing field `interval_s`"),
+        (r#"[1,-1]"#, r#"[1,"x"]"#, "torque_schedule", "`left_n_m[1]`: invalid type: string \"x\", expected a number"),
+    ] {
+        let problem = server.post("/present", changed(from, to)).await.problem();
+        let error = &problem["errors"][0];
+        assert_eq!(error["pointer"], format!("#/plans/0/solve/answer/{pointer}"), "{problem}");
+        assert!(error["message"].as_str().unwrap().contains(words), "{problem}");
+    }
+}
+
 #[tokio::test]
 async fn body_may_have_a_mebibyte() {
     let server = TestServer::start(4, real_solver()).await;
@@ -248,11 +294,7 @@ async fn picture_does_not_wait_behind_solves() {
         tokio::time::sleep(Duration::from_millis(1)).await;
     }
     assert_eq!(server.post("/solve", "{}").await.status, 429, "the queue is full");
-    let answer = json!({
-        "status": "converged", "final_time_s": 1.5, "report": {"steps": 200},
-        "torque_schedule": {"interval_s": 0.75, "left_n_m": [1, -1], "right_n_m": [1, -1]},
-    });
-    let body = presentation(&json!({}), &answer).to_string();
+    let body = presentation(&json!({}), &given_answer()).to_string();
     let picture = timeout(HANG_BOUND, server.post("/present", body)).await.unwrap();
     assert_eq!(picture.status, 200, "{}", picture.text());
     let metrics = server.get("/metrics").await.text();

@@ -372,6 +372,28 @@ mod tests {
     }
 
     #[test]
+    fn whole_numbers_may_have_a_point() {
+        let with = |number: &str| {
+            let solver = format!(r#"{{"seed": {number}, "rollout_limit": {number}, "starts": {number}}}"#);
+            Solve::read(
+                format!(r#"{{"solver": {solver}, "grid": {{"steps": {number}}}}}"#).as_bytes(),
+                &Limits::default(),
+            )
+        };
+        assert_eq!(with("60.0").unwrap().input_hash, with("60").unwrap().input_hash);
+        assert_eq!(with("6e1").unwrap().input_hash, with("60").unwrap().input_hash);
+        assert_eq!(with("60.5").unwrap_err().errors()[0].pointer, "#/solver/seed");
+        let seed =
+            |number: &str| Solve::read(format!(r#"{{"solver": {{"seed": {number}}}}}"#).as_bytes(), &Limits::default());
+        assert!(seed("18446744073709551615").is_ok(), "the largest keeps its digits");
+        for beyond in ["18446744073709551616", "1e30", "-1", "-1.0"] {
+            assert_eq!(seed(beyond).unwrap_err().errors()[0].code, "invalid_field", "{beyond}");
+        }
+        let many = Solve::read(br#"{"solver": {"rollout_limit": 1e30}}"#, &Limits::default()).unwrap_err();
+        assert_eq!(many.errors()[0].code, "problem_too_large");
+    }
+
+    #[test]
     fn zeros_of_both_signs_have_one_hash() {
         let of = |zero: &str| {
             let body = format!(

@@ -19,9 +19,9 @@ pub(super) fn read(line: &[u8], kinds: &Kinds) -> Result<Item<Asked>, Problem> {
     let value_of = |name: &str| fields.iter().find(|(field, _)| field == name).map(|(_, value)| *value);
     let request_id = required(value_of(REQUEST_ID), REQUEST_ID)?;
     let request_id = json::read_field(REQUEST_ID, request_id)?;
-    let timeout = value_of(TIMEOUT).map(|value| json::read_field::<u64>(TIMEOUT, value)).transpose();
+    let timeout = value_of(TIMEOUT).map(|value| json::read_field::<json::Count>(TIMEOUT, value)).transpose();
     // Whatever is beyond the type is as good as no deadline.
-    let timeout_ms = timeout.as_ref().ok().copied().flatten().map(|ms| u32::try_from(ms).unwrap_or(u32::MAX));
+    let timeout_ms = timeout.as_ref().ok().and_then(Option::as_ref).map(json::Count::saturated);
     let others = fields.iter().filter(|(name, _)| name != REQUEST_ID && name != TIMEOUT);
     let others: Vec<_> = others.map(|(name, value)| (name.as_str(), value.get())).collect();
     let request = timeout.and_then(|_| asked(&others, kinds));
@@ -64,10 +64,18 @@ mod tests {
 
     #[test]
     fn line_names_an_item_and_what_it_asks() {
-        let line = r#" {"solve": { "view": "plan" } , "request_id": "a\"b", "timeout_ms": 5000000000}"#;
+        let line = r#" {"solve": { "view": "plan" } , "request_id": "a\"b", "timeout_ms": 5e3}"#;
         let item = read(line.as_bytes(), &kinds()).unwrap();
-        assert_eq!((item.request_id.as_str(), item.timeout_ms), ("a\"b", Some(u32::MAX)));
+        assert_eq!((item.request_id.as_str(), item.timeout_ms), ("a\"b", Some(5000)));
         assert_eq!(item.request.ok().unwrap().body, br#"{ "view": "plan" }"#);
+    }
+
+    #[test]
+    fn timeout_beyond_the_clock_is_none_that_ends_anything() {
+        for timeout_ms in ["5000000000", "99999999999999999999"] {
+            let line = format!(r#"{{"request_id": "a", "solve": {{}}, "timeout_ms": {timeout_ms}}}"#);
+            assert_eq!(read(line.as_bytes(), &kinds()).unwrap().timeout_ms, Some(u32::MAX));
+        }
     }
 
     #[test]
