@@ -258,7 +258,7 @@ fn with_flags(body: Vec<u8>, flags: Map<String, Value>) -> Result<Vec<u8>, Probl
     if flags.is_empty() {
         return Ok(body);
     }
-    let mut object: Map<String, Value> = json::read_object(&body)?;
+    let mut object = json::read_any_object(&body)?;
     object.extend(flags);
     Ok(json::write(&object))
 }

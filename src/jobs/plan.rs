@@ -106,9 +106,9 @@ impl AcceptedPlan {
 /// A saved plan, or a whole request about one, without what is rolled out again anyway.
 ///
 /// # Errors
-/// `malformed_body` where it is no JSON object.
+/// `malformed_body` where it is no JSON, `invalid_field` where it is no object or has one with a field twice.
 pub(super) fn without_motion(file: &[u8]) -> Result<Vec<u8>, Problem> {
-    let mut plan = Value::Object(json::read_object(file)?);
+    let mut plan = Value::Object(json::read_any_object(file)?);
     forget_motion(&mut plan);
     Ok(json::write(&plan))
 }

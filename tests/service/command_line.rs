@@ -218,6 +218,21 @@ fn saved_plans_are_presented_together_in_a_page_that_needs_nothing() {
     let final_time = format!("{:.3} s", answer["final_time_s"].as_f64().unwrap());
     let headline = format!("A  The robot reaches its goal in {final_time}.");
     assert!(table.contains(&headline) && table.contains("\nB  Given torques"), "{table}");
+    // Both as one file, and that with a further one.
+    let both = folder.file("both.json");
+    let saved = run_with_input(&["present", &one, &two, "--save", &both], b"");
+    assert_eq!(saved.status.code(), Some(0), "{}", String::from_utf8_lossy(&saved.stderr));
+    for (files, plans) in [(vec![&*both], "AB"), (vec![&*both, &*one], "ABC")] {
+        let again = run_with_input(&[&["present"], &files[..]].concat(), b"");
+        assert_eq!(again.status.code(), Some(0), "{}", String::from_utf8_lossy(&again.stderr));
+        let again = String::from_utf8(again.stdout).unwrap();
+        assert!(
+            again.starts_with(&table) && plans.chars().all(|label| again.contains(&format!("{label}  "))),
+            "{again}"
+        );
+    }
+    folder.write("both.json", &folder.read("both.json").replacen('{', r#"{"note": "ours", "#, 1));
+    assert!(refused(&["present", &both], b"").contains("unknown field `note`, expected `plans` or `report`"));
     let page = folder.read("p.html");
     for text in
         [&final_time, "<svg ", "Why to trust it", "How to repeat A", "--report report.html", "default-src 'none'"]
@@ -275,6 +290,26 @@ fn saved_plan_is_exported_into_a_folder() {
     assert!(said.contains("#/rate_hz") && said.contains("#/frame_id"), "{said}");
     assert!(refused(&["export", &plan, "--format", "csv"], b"").contains("missing field `rate_hz`"));
     assert_eq!(run_with_input(&["solve", "forward-drive", "--out", &bag], b"").status.code(), Some(64));
+}
+
+#[test]
+fn fields_that_are_given_twice_are_refused_in_files_too() {
+    let folder = Folder::new("twice");
+    let plan = saved_plan(&folder);
+    let saved = folder.read("plan.json");
+    let flags = ["--format", "csv", "--rate-hz", "50"];
+    let doubled = |field: &str| {
+        let (_, rest) = saved.split_once(&format!("\"{field}\":")).unwrap();
+        let end = rest.find([',', '}']).unwrap();
+        saved.replacen(&format!("\"{field}\":"), &format!("\"{field}\":{},\"{field}\":", &rest[..end]), 1)
+    };
+    for (command, flags) in [("export", &flags[..]), ("export", &[]), ("assess", &[]), ("present", &[])] {
+        folder.write("plan.json", &doubled("y_m"));
+        let said = refused(&[&[command, &plan], flags].concat(), b"");
+        assert!(said.contains("maneuver.goal.y_m`: duplicate field `y_m`"), "{command}: {said}");
+    }
+    let simulation = br#"{"solve": {}, "format": "csv", "format": "csv"}"#;
+    assert!(refused(&["export", "-", "--rate-hz", "50"], simulation).contains("`format`: duplicate field `format`"));
 }
 
 #[test]

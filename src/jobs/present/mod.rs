@@ -10,7 +10,7 @@ mod words;
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use super::limits::BODY_WITH_ANSWERS;
 use super::plan::{AcceptedPlan, forget_motion};
@@ -152,17 +152,23 @@ impl Kind for Present {
 
     /// Each file has one plan, or a whole request.
     fn joined(files: Vec<Vec<u8>>) -> Result<Vec<u8>, Problem> {
-        let mut plans = Vec::new();
+        let (mut request, mut plans) = (Map::new(), Vec::new());
         for file in files {
-            let mut object: Map<String, Value> = json::read_object(&file)?;
+            let mut object = json::read_any_object(&file)?;
             match object.remove("plans") {
-                Some(Value::Array(of_file)) if object.is_empty() => plans.extend(of_file),
-                Some(other) => plans.push(other),
-                None => plans.push(Value::Object(object)),
+                Some(Value::Array(of_file)) => plans.extend(of_file),
+                Some(_) => return Err(json::faulty_field("plans", "must be a list")),
+                None => {
+                    plans.push(Value::Object(object));
+                    continue;
+                }
             }
+            // What a request says beside is read with it.
+            request.append(&mut object);
         }
         plans.iter_mut().for_each(forget_motion);
-        Ok(json::write(&json!({ "plans": plans })))
+        request.insert("plans".to_owned(), Value::Array(plans));
+        Ok(json::write(&request))
     }
 
     /// What is said of each plan.
