@@ -12,7 +12,7 @@ use crate::contact::{ContactMode, ContactName, PerContact};
 use crate::motion::{ChangedParameter, LimitUse};
 use crate::robot::{Motor, Payload, PerWheel, RobotParameters, State};
 use crate::rules::Checks;
-use crate::shooting::{AisleCorners, Maneuver, ManeuverLimits, ReferencePoint, SlipPolicy};
+use crate::shooting::{AisleCorners, Maneuver, ManeuverLimits, ReferencePoint, SlipPolicy, check_state};
 use crate::simulation::{ContactMethod, ContactModeSpan, ContactSample, NormalLoad, Separation, TorqueSchedule};
 use crate::solver::{Choice, Method};
 
@@ -294,8 +294,12 @@ pub(crate) fn maneuver(
     let reference_point: message::ReferencePoint = named(reference_point, "maneuver.reference_point")?;
     let start = State::from(start.unwrap_or_default());
     let goal = goal.unwrap_or_default();
+    // A start that breaks its rules is refused as itself, not as the goal that it would be too.
+    let mut of_start = Checks::new();
+    check_state(&start, &mut of_start);
+    let stay = if of_start.count() == 0 { start } else { State::default() };
     let goal =
-        checks.within("maneuver", |checks| checks.within("goal", |checks| goal_of_message(&goal, &start, checks)));
+        checks.within("maneuver", |checks| checks.within("goal", |checks| goal_of_message(&goal, &stay, checks)));
     let default = Maneuver::default_torque_limit(robot);
     let torque_limit =
         PerWheel::new(torque_limit_left_n_m.unwrap_or(default), torque_limit_right_n_m.unwrap_or(default));

@@ -372,6 +372,13 @@ mod tests {
     }
 
     #[test]
+    fn start_that_is_refused_is_not_refused_as_the_goal_too() {
+        let problem = Solve::read(br#"{"maneuver": {"start": {"x_m": 2e4}}}"#, &Limits::default()).unwrap_err();
+        let pointers: Vec<_> = problem.errors().iter().map(|error| error.pointer.as_str()).collect();
+        assert_eq!(pointers, ["#/maneuver/start/x_m"]);
+    }
+
+    #[test]
     fn whole_numbers_may_have_a_point() {
         let with = |number: &str| {
             let solver = format!(r#"{{"seed": {number}, "rollout_limit": {number}, "starts": {number}}}"#);
