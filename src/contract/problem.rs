@@ -22,7 +22,10 @@ pub struct Problem {
     code: ErrorCode,
     detail: String,
     retry_after: Option<Duration>,
+    /// The first faults of single fields.
     errors: Vec<FieldError>,
+    /// How many there are, those that are not listed among them.
+    fault_count: usize,
 }
 
 /// How long a body may be; shorter ones come first.
@@ -58,7 +61,7 @@ pub struct FieldError {
 impl Problem {
     /// A problem without field errors.
     pub fn new(code: ErrorCode, detail: impl Into<String>) -> Self {
-        Self { code, detail: shortened(detail.into(), MAX_ECHO), retry_after: None, errors: Vec::new() }
+        Self { code, detail: shortened(detail.into(), MAX_ECHO), retry_after: None, errors: Vec::new(), fault_count: 0 }
     }
 
     /// The refusal of a body above the limit.
@@ -76,8 +79,21 @@ impl Problem {
         self.code = order.into_iter().find(|code| codes.contains(code)).unwrap_or(self.code);
         self.errors.extend(further.errors);
         self.errors.truncate(MAX_LISTED_ERRORS);
-        self.detail = format!("{} values break their rules", self.errors.len());
+        self.fault_count += further.fault_count;
+        self.detail = number_of_faults(self.fault_count);
         self
+    }
+
+    /// Both results, or all that is wrong with either.
+    ///
+    /// # Errors
+    /// One problem, or both as one: faults of single fields.
+    pub(crate) fn both<A, B>(one: Result<A, Self>, other: Result<B, Self>) -> Result<(A, B), Self> {
+        match (one, other) {
+            (Ok(one), Ok(other)) => Ok((one, other)),
+            (Err(problem), Ok(_)) | (Ok(_), Err(problem)) => Err(problem),
+            (Err(problem), Err(further)) => Err(problem.and(further)),
+        }
     }
 
     /// The same problem, worth another try after this time.
@@ -90,7 +106,7 @@ impl Problem {
     pub(crate) fn at_field(code: ErrorCode, pointer: String, message: String) -> Self {
         let message = shortened(message, MAX_OF_FIELD);
         let error = FieldError { pointer, code: code.entry().code, message: message.clone(), limit: None };
-        Self { code, detail: message, retry_after: None, errors: vec![error] }
+        Self { code, detail: message, retry_after: None, errors: vec![error], fault_count: 1 }
     }
 
     /// The same problem of an object that is at this path of the input, such as `plans[0]`.
@@ -116,9 +132,14 @@ impl Problem {
         self.code
     }
 
-    /// The faults of single fields.
+    /// The faults of single fields; the first hundred where there are more.
     pub fn errors(&self) -> &[FieldError] {
         &self.errors
+    }
+
+    /// How many faults of single fields there are, listed or not.
+    pub(crate) fn fault_count(&self) -> usize {
+        self.fault_count
     }
 
     /// What this occurrence is about.
@@ -149,25 +170,32 @@ impl From<Violations> for Problem {
         let code = if only_too_large { ErrorCode::ProblemTooLarge } else { ErrorCode::InvalidValue };
         let errors: Vec<_> = list.iter().take(MAX_LISTED_ERRORS).map(FieldError::from).collect();
         let detail = match list {
-            [only] => only.message.clone(),
-            _ if list.len() > errors.len() => {
-                format!("{} values break their rules; the first {} are listed", list.len(), errors.len())
-            }
-            _ => format!("{} values break their rules", list.len()),
+            [_] => errors[0].message.clone(),
+            _ => number_of_faults(list.len()),
         };
-        Self { errors, ..Self::new(code, detail) }
+        Self { code, detail, retry_after: None, errors, fault_count: list.len() }
     }
+}
+
+fn number_of_faults(count: usize) -> String {
+    let listed =
+        if count > MAX_LISTED_ERRORS { format!("; the first {MAX_LISTED_ERRORS} are listed") } else { String::new() };
+    format!("{count} values break their rules{listed}")
 }
 
 impl From<&Violation> for FieldError {
     fn from(violation: &Violation) -> Self {
         let Violation { field, code, message, limit } = violation;
-        Self {
-            pointer: pointer_of_path(field),
-            code: code.as_str(),
-            message: shortened(message.clone(), MAX_ECHO),
-            limit: *limit,
-        }
+        Self { pointer: pointer_of_path(field), code: code.as_str(), message: with_short_value(message), limit: *limit }
+    }
+}
+
+/// A message of the rule that a value breaks, which is not cut where the value is.
+fn with_short_value(message: &str) -> String {
+    const RULE: &str = ", must be ";
+    match message.rsplit_once(RULE) {
+        Some((value, rule)) => shortened(value.to_owned(), MAX_ECHO) + RULE + rule,
+        None => shortened(message.to_owned(), MAX_ECHO),
     }
 }
 
@@ -243,13 +271,26 @@ mod tests {
     }
 
     #[test]
-    fn long_list_of_faults_is_cut() {
-        let mut checks = Checks::new();
-        for index in 0..1000 {
-            checks.bounds(&format!("field[{index}]"), 0.0, &Rule::positive(""));
+    fn long_list_of_faults_is_cut_and_counted() {
+        let faults = |count: usize| {
+            let mut checks = Checks::new();
+            for index in 0..count {
+                checks.bounds(&format!("field[{index}]"), 0.0, &Rule::positive(""));
+            }
+            Problem::from(checks.finish().unwrap_err())
+        };
+        for problem in [faults(1000), faults(1).and(faults(999)), faults(600).and(faults(400))] {
+            assert_eq!((problem.errors().len(), problem.fault_count()), (MAX_LISTED_ERRORS, 1000));
+            assert_eq!(problem.detail(), "1000 values break their rules; the first 100 are listed");
         }
+    }
+
+    #[test]
+    fn long_value_leaves_its_rule_whole() {
+        let mut checks = Checks::new();
+        checks.require("frame_id", "x".repeat(600), false, "1 to 128 bytes", None);
         let problem = Problem::from(checks.finish().unwrap_err());
-        assert_eq!(problem.errors().len(), MAX_LISTED_ERRORS);
-        assert!(problem.to_string().contains("1000 values"));
+        assert!(problem.detail().ends_with("xxx..., must be 1 to 128 bytes"), "{problem}");
+        assert!(problem.detail() == problem.errors()[0].message && problem.detail().len() < 450);
     }
 }

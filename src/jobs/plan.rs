@@ -124,7 +124,7 @@ pub(super) fn forget_motion(plan: &mut Value) {
 
 fn accept_simulated(plan: SimulatedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {
     let SimulatedPlan { request, answer } = plan;
-    let (request, answer) = (required(request, "request")?, required(answer, "answer")?);
+    let (request, answer) = Problem::both(required(request, "request"), required(answer, "answer"))?;
     let footprint = request.robot.iter().flat_map(|robot| robot.footprint.clone()).collect::<Vec<_>>();
     let corners = aisle_corners(&request.keep_in, &footprint);
     let accepted = Simulate::accept(request, limits).map_err(|fault| fault.below("request"))?;
@@ -134,44 +134,41 @@ fn accept_simulated(plan: SimulatedPlan, limits: &Limits) -> Result<AcceptedPlan
 
 fn accept_solved(plan: SolvedPlan, limits: &Limits) -> Result<AcceptedPlan, Problem> {
     let SolvedPlan { request, answer } = plan;
-    let (request, answer) = (required(request, "request")?, required(answer, "answer")?);
+    let (request, answer) = Problem::both(required(request, "request"), required(answer, "answer"))?;
     // The plan was found already: its time limit is over.
     let limits = &Limits { clock: Clock::Limits, ..*limits };
-    let accepted = Solve::accept(request, limits).map_err(|fault| fault.below("request"))?;
+    let accepted = Solve::accept(request, limits).map_err(|fault| fault.below("request"));
+    let answered = torques_of(&answer, limits).map_err(|fault| fault.below("answer"));
+    let (accepted, (schedule, step_count)) = Problem::both(accepted, answered)?;
     let (given_robot, maneuver) = (accepted.completed.robot, accepted.completed.maneuver);
     let given_robot = given_robot.unwrap_or_default();
     let corners = aisle_corners(&maneuver.unwrap_or_default().keep_in, &given_robot.footprint);
-    let motion = motion_of(&accepted.input, &answer, limits).map_err(|fault| fault.below("answer"))?;
+    // What the plan uses of its limits is in its report.
+    let motion = accepted.input.motion_of(schedule, step_count);
+    let motion = SimulateInput { limits: ManeuverLimits::default(), aisle: None, ..motion };
     let answer = Solution { trajectory: None, contacts: None, ..answer };
     Ok(AcceptedPlan { said: Said::Solve(Box::new(accepted.input), Box::new(answer)), motion, corners })
 }
 
-/// The motion of the torques that were answered, on the grid of the plan.
-fn motion_of(asked: &SolveInput, answer: &Solution, limits: &Limits) -> Result<SimulateInput, Problem> {
+/// The torques that were answered, and the steps of the plan's grid; one where nothing moves.
+fn torques_of(answer: &Solution, limits: &Limits) -> Result<(TorqueSchedule, usize), Problem> {
     let schedule = schedule(required(answer.torque_schedule.clone(), "torque_schedule")?, "torque_schedule")?;
-    // What the plan uses of its limits is in its report.
-    let still = asked.motion_of(schedule, 1);
-    let still = SimulateInput { limits: ManeuverLimits::default(), aisle: None, ..still };
-    if still.schedule.left.is_empty() && still.schedule.right.is_empty() {
-        return Ok(still);
+    let TorqueSchedule { left, right, .. } = &schedule;
+    if left.is_empty() && right.is_empty() {
+        return Ok((schedule, 1));
     }
     let report = required(answer.report.as_ref(), "report")?;
     let mut checks = Checks::new();
-    let TorqueSchedule { left, right, .. } = &still.schedule;
     let arrays = [("torque_schedule.left_n_m", &left[..]), ("torque_schedule.right_n_m", &right[..])];
     if limits.check_arrays(&mut checks, arrays) {
         let steps = Rule::between(left.len().max(1) as f64, limits.max_steps as f64, "");
         checks.bounds("report.steps", report.steps.into(), &steps);
     }
     checks.finish()?;
-    // The reference robot in place of the joined one, which kept its rules already: those of the torques are left.
-    let parameters = SimulateParameters {
-        schedule: still.schedule.clone(),
-        step_count: report.steps as usize,
-        ..SimulateParameters::default()
-    };
-    SimulateInput::new(parameters)?;
-    Ok(SimulateInput { step_count: report.steps as usize, ..still })
+    // The reference robot in place of the joined one, which keeps its rules by itself: those of the torques are left.
+    let step_count = report.steps as usize;
+    SimulateInput::new(SimulateParameters { schedule: schedule.clone(), step_count, ..SimulateParameters::default() })?;
+    Ok((schedule, step_count))
 }
 
 #[cfg(test)]

@@ -271,8 +271,21 @@ async fn what_makes_no_sense_is_refused_by_name() {
     let mut wrong = straight();
     wrong["simulate"]["request"]["grid"]["steps"] = json!(0);
     let further = json!({"uncertain": [{"parameter": "mass", "low": 20, "high": 21}], "tolerances": {"along_m": -1}, "samples": 0});
+    let further = body(&further, &json!({"robot": {"wheel_radius_m": 0}, "payload": {"mass_kg": -1, "height_m": 0.1}}));
     let problem = server.post("/assess", body(&wrong, &further).to_string()).await.problem();
-    assert!(problem["errors"].as_array().unwrap().len() >= 5, "{problem}");
+    let pointers = problem["errors"].as_array().unwrap().iter().map(|error| error["pointer"].as_str().unwrap());
+    let expected = [
+        "#/samples",
+        "#/tolerances/along_m",
+        "#/uncertain/0/low",
+        "#/uncertain/0/high",
+        "#/robot/wheel_radius_m",
+        "#/payload/mass_kg",
+        // No step, and fewer than torques.
+        "#/simulate/request/grid/steps",
+        "#/simulate/request/grid/steps",
+    ];
+    assert_eq!(pointers.collect::<Vec<_>>(), expected);
 }
 
 #[tokio::test]

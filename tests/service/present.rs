@@ -228,6 +228,35 @@ fn given_answer() -> Value {
 }
 
 #[tokio::test]
+async fn faults_of_all_plans_are_told_at_once_by_both_transports() {
+    let server = TestServer::start(4, real_solver()).await;
+    let mut answer = given_answer();
+    answer["report"]["steps"] = json!(0);
+    let plan = |robot: Value, answer: &Value| json!({"solve": {"request": {"robot": robot}, "answer": answer}});
+    let body = json!({"plans": [
+        plan(json!({"wheel_radius_m": 0}), &answer),
+        plan(json!({}), &given_answer()),
+        plan(json!({"gravity_m_s2": 0}), &given_answer()),
+    ]});
+    let expected = [
+        "plans[0].solve.request.robot.wheel_radius_m",
+        "plans[0].solve.answer.report.steps",
+        "plans[2].solve.request.robot.gravity_m_s2",
+    ];
+    let problem = server.post("/present", body.to_string()).await.problem();
+    assert_eq!((&problem["status"], &problem["detail"]), (&422.into(), &"3 values break their rules".into()));
+    let pointers = problem["errors"].as_array().unwrap().iter().map(|error| error["pointer"].as_str().unwrap());
+    let pointer = |path: &str| format!("#/{}", path.replace(['.', '['], "/").replace(']', ""));
+    assert_eq!(pointers.collect::<Vec<_>>(), expected.map(pointer));
+    let message: pb::PresentRequest = serde_json::from_value(body).unwrap();
+    let status = server.grpc().await.present(message).await.unwrap_err();
+    assert_eq!(
+        (code_of(&status).as_str(), fields_of(&status)),
+        ("invalid_value", expected.map(str::to_owned).to_vec())
+    );
+}
+
+#[tokio::test]
 async fn objects_and_whole_numbers_of_answers_are_what_they_are_in_requests() {
     let server = TestServer::start(4, real_solver()).await;
     let plan = given_answer().to_string();

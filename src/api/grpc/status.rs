@@ -37,7 +37,7 @@ fn status(problem: &Problem, request_id: &str, violation_bytes: usize) -> Status
     let mut metadata = HashMap::from([("retryable".to_owned(), entry.retryable.to_string())]);
     if !problem.errors().is_empty() {
         let violations = violations(problem, violation_bytes);
-        let left_out = problem.errors().len() - violations.len();
+        let left_out = problem.fault_count() - violations.len();
         if left_out > 0 {
             metadata.insert(LEFT_OUT.to_owned(), left_out.to_string());
         }
@@ -154,6 +154,18 @@ mod tests {
         let trailers = status.clone().into_http::<()>().headers().iter().map(|(_, value)| value.len()).sum::<usize>();
         assert!(trailers < 6 * 1024, "{trailers}");
         assert!(message_of(&problem, "id-1").encoded_len() > 6 * 1024, "answers carry them all");
+    }
+
+    #[test]
+    fn violations_that_are_listed_nowhere_are_counted_too() {
+        let mut checks = Checks::new();
+        for index in 0..1000 {
+            checks.bounds(&format!("torque_left_n_m[{index}]"), 9e9, &Rule::between(-1.0, 1.0, "N m"));
+        }
+        let problem = Problem::from(checks.finish().unwrap_err());
+        let details = of_problem(&problem, "id-1").get_error_details();
+        let listed = details.bad_request().unwrap().field_violations.len();
+        assert_eq!(details.error_info().unwrap().metadata[LEFT_OUT], (1000 - listed).to_string());
     }
 
     #[test]

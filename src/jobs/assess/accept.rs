@@ -13,7 +13,7 @@ use crate::jobs::Limits;
 use crate::jobs::plan::{AcceptedPlan, Said};
 use crate::jobs::table::word;
 use crate::motion::{ChangedParameter, Undisturbed};
-use crate::robot::{Payload, RobotParameters};
+use crate::robot::{Payload, RobotParameters, check_robot};
 use crate::rules::{Checks, Number, Rule, RuleSet};
 use crate::shooting::AisleCorners;
 use crate::solver::SolveInput;
@@ -118,15 +118,13 @@ pub(super) fn accept(request: AssessRequest, limits: &Limits) -> Result<Accepted
             check_together(&input, &mut checks);
             Ok((input, footprint, Box::new(plan.without_report())))
         }
-        Err(problem) => Err(problem),
-    };
-    match (input, checks.finish().map_err(Problem::from)) {
-        (Ok((input, footprint, plan)), Ok(())) => {
-            Ok(AcceptedAssess { plan, input, footprint, time_limit: limits.time_limit() })
+        Err(problem) => {
+            check_by_themselves((robot, payload), &mut checks)?;
+            Err(problem)
         }
-        (Err(problem), Ok(())) | (Ok(_), Err(problem)) => Err(problem),
-        (Err(of_plan), Err(problem)) => Err(problem.and(of_plan)),
-    }
+    };
+    let ((), (input, footprint, plan)) = Problem::both(checks.finish().map_err(Problem::from), input)?;
+    Ok(AcceptedAssess { plan, input, footprint, time_limit: limits.time_limit() })
 }
 
 fn checked_tolerances(given: Tolerances, checks: &mut Checks) -> [Option<f64>; 5] {
@@ -247,6 +245,20 @@ fn assessed(
         seed: 0,
     };
     Ok((input, footprint))
+}
+
+/// What robot and payload break where there is no plan whose own they are in place of.
+fn check_by_themselves(
+    (given_robot, given_payload): (Option<message::Robot>, Option<message::Payload>),
+    checks: &mut Checks,
+) -> Result<(), Problem> {
+    let payload = given_payload.map(payload).transpose()?;
+    match (given_robot, payload) {
+        (Some(given), payload) => check_robot(&robot(&given, checks), payload.as_ref(), checks),
+        (None, Some(payload)) => checks.within("payload", |checks| payload.check(checks)),
+        (None, None) => {}
+    }
+    Ok(())
 }
 
 /// That what is uncertain is there, that delays fit, and that it is not too much.

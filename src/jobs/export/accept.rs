@@ -83,11 +83,8 @@ pub(super) fn accept(request: ExportRequest, limits: &Limits) -> Result<Accepted
     if let Ok(plan) = &plan {
         check_plan(plan, rate, &mut checks);
     }
-    let (plan, start_ns) = match (plan, checks.finish().map_err(Problem::from)) {
-        (Ok(plan), Ok(())) => (plan, start_time.sec.unsigned_abs() * 1_000_000_000 + start_time.nanosec.unsigned_abs()),
-        (Err(problem), Ok(())) | (Ok(_), Err(problem)) => return Err(problem),
-        (Err(of_plan), Err(problem)) => return Err(problem.and(of_plan)),
-    };
+    let ((), plan) = Problem::both(checks.finish().map_err(Problem::from), plan)?;
+    let start_ns = start_time.sec.unsigned_abs() * 1_000_000_000 + start_time.nanosec.unsigned_abs();
     let Ok(joint_names) = <[String; 2]>::try_from(joint_names) else { return required(None, "joint_names") };
     let labels = Labels { start_ns, frame_id, joint_names };
     Ok(AcceptedExport { plan, format, rate, labels, time_limit: limits.light_time_limit() })

@@ -125,7 +125,11 @@ impl Kind for Present {
         let accept_plan = |(index, PresentedPlan { solve, simulate })| {
             AcceptedPlan::of(solve, simulate, limits).map_err(|fault| fault.below(&format!("plans[{index}]")))
         };
-        let plans: Result<_, _> = request.plans.into_iter().enumerate().map(accept_plan).collect();
+        let plans = request.plans.into_iter().enumerate().map(accept_plan).fold(Ok(Vec::new()), |plans, plan| {
+            let (mut plans, plan) = Problem::both(plans, plan)?;
+            plans.push(plan);
+            Ok(plans)
+        });
         Ok(AcceptedPlans { plans: plans?, quoted, time_limit: limits.light_time_limit() })
     }
 
