@@ -285,7 +285,7 @@ async fn objects_and_whole_numbers_of_answers_are_what_they_are_in_requests() {
             "duplicate field",
         ),
         (r#""interval_s":0.75,"#, "", "torque_schedule/interval_s", "missing field `interval_s`"),
-        (r#"[1,-1]"#, r#"[1,"x"]"#, "torque_schedule", "`left_n_m[1]`: invalid type: string \"x\", expected a number"),
+        ("[1,-1]", r#"[1,"x"]"#, "torque_schedule", "`left_n_m[1]`: invalid type: string \"x\", expected a number"),
     ] {
         let problem = server.post("/present", changed(from, to)).await.problem();
         let error = &problem["errors"][0];

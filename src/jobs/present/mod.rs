@@ -122,14 +122,16 @@ impl Kind for Present {
         let mut checks = Checks::new();
         checks.length("plans", request.plans.len(), &PLANS_RULE);
         checks.finish()?;
-        let accept_plan = |(index, PresentedPlan { solve, simulate })| {
-            AcceptedPlan::of(solve, simulate, limits).map_err(|fault| fault.below(&format!("plans[{index}]")))
-        };
-        let plans = request.plans.into_iter().enumerate().map(accept_plan).fold(Ok(Vec::new()), |plans, plan| {
-            let (mut plans, plan) = Problem::both(plans, plan)?;
-            plans.push(plan);
-            Ok(plans)
-        });
+        let mut plans = Ok(Vec::new());
+        for (index, PresentedPlan { solve, simulate }) in request.plans.into_iter().enumerate() {
+            let plan = AcceptedPlan::of(solve, simulate, limits);
+            let plan = plan.map_err(|fault| fault.below(&format!("plans[{index}]")));
+            // A faulty one hides no other.
+            plans = Problem::both(plans, plan).map(|(mut plans, plan)| {
+                plans.push(plan);
+                plans
+            });
+        }
         Ok(AcceptedPlans { plans: plans?, quoted, time_limit: limits.light_time_limit() })
     }
 
