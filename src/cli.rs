@@ -11,7 +11,7 @@ mod worker;
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -55,7 +55,7 @@ pub(crate) fn run(name: &str, matches: &ArgMatches) -> anyhow::Result<ExitCode> 
 /// Prints an example of a request or of a sweep.
 ///
 /// # Errors
-/// When there is nobody to read it.
+/// When standard output cannot be written.
 pub(crate) fn example(name: Option<&str>) -> anyhow::Result<ExitCode> {
     let mut examples = Examples(Vec::new());
     jobs(&Metrics::new()).each(&mut examples);
@@ -66,18 +66,18 @@ pub(crate) fn example(name: Option<&str>) -> anyhow::Result<ExitCode> {
         let fault = format!("there is no example `{}`, but {}", name.unwrap_or_default(), known.join(", "));
         return Ok(refused(&fault));
     };
-    io::stdout().lock().write_all(body)?;
+    say(body)?;
     Ok(ExitCode::SUCCESS)
 }
 
 /// Prints what completes the commands in a shell.
 ///
 /// # Errors
-/// When there is nobody to read it.
+/// When standard output cannot be written.
 pub(crate) fn completions(shell: clap_complete::Shell, mut command: Command) -> anyhow::Result<ExitCode> {
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut command, "slipdrive", &mut script);
-    io::stdout().lock().write_all(&script)?;
+    say(&script)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -121,7 +121,7 @@ impl Visitor for Commands {
         let command = command.mut_arg("out", |argument| argument.hide(!K::HAS_FILES));
         let flag =
             |flag: &Flag| Arg::new(flag.field).long(flag.field.replace('_', "-")).value_name("VALUE").help(flag.help);
-        let command = command.args(K::FLAGS.iter().map(flag));
+        let command = command.args(K::TEXT_FLAGS.iter().chain(K::FLAGS).map(flag));
         self.0 = self.0.take().map(|all| all.subcommand(command));
     }
 }
@@ -150,14 +150,13 @@ impl Visitor for Run<'_> {
     }
 }
 
-/// The fields of the request that are given as flags: JSON, or else a text.
+/// The fields of the request that are given as flags: texts, and JSON, of which what cannot be read is refused as a text.
 fn flags<K: Kind>(matches: &ArgMatches) -> Map<String, Value> {
-    let given = |flag: &Flag| {
-        let text: &String = matches.get_one(flag.field)?;
-        let value = serde_json::from_str(text).unwrap_or_else(|_| Value::from(text.as_str()));
-        Some((flag.field.to_owned(), value))
-    };
-    K::FLAGS.iter().filter_map(given).collect()
+    let given = |flag: &Flag| matches.get_one::<String>(flag.field).map(String::as_str);
+    let json = |text: &str| serde_json::from_str(text).unwrap_or_else(|_| Value::from(text));
+    let texts = K::TEXT_FLAGS.iter().filter_map(|flag| Some((flag.field.to_owned(), Value::from(given(flag)?))));
+    let others = K::FLAGS.iter().filter_map(|flag| Some((flag.field.to_owned(), json(given(flag)?))));
+    texts.chain(others).collect()
 }
 
 /// Runs one job; the exit code says whether there is what was asked for.
@@ -173,6 +172,10 @@ fn run_job<K: Kind>(
     }
     if arguments.out.is_some() && !K::HAS_FILES {
         return Ok(refused(&format!("there are no files of `{}`", K::NAME)));
+    }
+    let to_output = output_files(arguments).filter(|path| is_standard_output(path)).count();
+    if to_output > 1 {
+        return Ok(refused(&format!("{to_output} outputs are `-`, must be at most one")));
     }
     let (given, most) = (arguments.input.len(), K::SAVED_FILES.max(1));
     if given > most {
@@ -198,19 +201,16 @@ fn run_job<K: Kind>(
             Err(error) => return Err(error),
         },
     };
-    write_answer(arguments.json.as_deref(), &json::write(&made.answer), &made.table)?;
-    if let Some(folder) = &arguments.out {
-        fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
-        made.files.iter().try_for_each(|(name, content)| write_file(&folder.join(name), content))?;
-    } else if K::HAS_FILES && arguments.json.is_none() {
-        // The table lists them. The JSON answer has their content.
-        tell(&"nothing was written: `--out DIR` writes these files");
-    }
-    if shows {
+    let is_success = made.is_success;
+    // What was computed is not lost with the first place that cannot be written: all are tried.
+    let (answer, files) = (write_answer(arguments, &made), write_files(arguments, &made));
+    let show = || {
         let request = K::presentation(&body, made.answer).context("the answer cannot be shown")?;
-        shown::write(&request, jobs, &service, arguments)?;
-    }
-    Ok(if made.is_success { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO_SUCCESS) })
+        shown::write(&request, jobs, &service, arguments)
+    };
+    let shown = if shows { show() } else { Ok(()) };
+    answer.and(files).and(shown)?;
+    Ok(if is_success { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO_SUCCESS) })
 }
 
 /// What a command writes.
@@ -290,23 +290,53 @@ fn refuse(problem: &Problem) -> ExitCode {
     ExitCode::from(EXIT_BAD_INPUT)
 }
 
-/// Prints the table, and the JSON answer where it is asked for.
-fn write_answer(path: Option<&Path>, answer: &[u8], table: &str) -> anyhow::Result<()> {
-    let mut output = io::stdout().lock();
-    match path {
-        Some(path) if path == Path::new("-") => {
-            output.write_all(answer)?;
-            writeln!(output)?;
-        }
-        Some(path) => {
-            write_file(path, answer)?;
-            output.write_all(table.as_bytes())?;
-        }
-        None => output.write_all(table.as_bytes())?,
+/// Prints the table, where standard output is for nothing else, and writes the JSON answer where it is asked for.
+fn write_answer<K: Kind>(arguments: &JobArguments, made: &Made<K>) -> anyhow::Result<()> {
+    let written = arguments.json.as_deref().map_or(Ok(()), |path| {
+        let end: &[u8] = if is_standard_output(path) { b"\n" } else { b"" };
+        write_file(path, &[&json::write(&made.answer), end].concat())
+    });
+    let is_free = output_files(arguments).all(|path| !is_standard_output(path));
+    let printed = if is_free { say(made.table.as_bytes()) } else { Ok(()) };
+    written.and(printed)
+}
+
+/// Writes the files of the answer.
+fn write_files<K: Kind>(arguments: &JobArguments, made: &Made<K>) -> anyhow::Result<()> {
+    if let Some(folder) = &arguments.out {
+        fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+        return made.files.iter().try_for_each(|(name, content)| write_file(&folder.join(name), content));
+    }
+    if K::HAS_FILES && arguments.json.is_none() {
+        // The table lists them. The JSON answer has their content.
+        tell(&"nothing was written: `--out DIR` writes these files");
     }
     Ok(())
 }
 
+/// The files that are asked for, each of which may be standard output.
+fn output_files(arguments: &JobArguments) -> impl Iterator<Item = &Path> {
+    let JobArguments { json, save, report, csv, .. } = arguments;
+    [json, save, report, csv].into_iter().flatten().map(PathBuf::as_path)
+}
+
+fn is_standard_output(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
 fn write_file(path: &Path, content: &[u8]) -> anyhow::Result<()> {
+    if is_standard_output(path) {
+        return say(content);
+    }
     fs::write(path, content).with_context(|| format!("{} cannot be written", path.display()))
+}
+
+/// Writes to standard output; where its reader has left, nobody is to be told.
+fn say(words: &[u8]) -> anyhow::Result<()> {
+    let mut output = io::stdout().lock();
+    let written = output.write_all(words).and_then(|()| output.flush());
+    let has_left = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;
+    written
+        .or_else(|error| if has_left(&error) { Ok(()) } else { Err(error) })
+        .context("standard output cannot be written")
 }

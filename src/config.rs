@@ -40,7 +40,7 @@ const EXIT_CODES: &str = "\
 Exit codes:
   0   there is what was asked for
   1   a job without an answer, or a file that cannot be read or written
-  2   an answer that is not what was asked for: the goal is missed or impossible, or a limit exceeded
+  2   the answer of `solve` is not what was asked for: the goal is missed or impossible, or a limit exceeded
   75  a sweep that ended before its end: the same command goes on
   64  input that cannot be used: the command line, a request, or a setting";
 
@@ -163,7 +163,7 @@ pub(crate) struct JobArguments {
     /// Writes the JSON answer of the server here; `-` is standard output, in place of the table.
     #[arg(long, value_name = "OUT")]
     pub(crate) json: Option<PathBuf>,
-    /// Keeps request and answer here, for `slipdrive present`, `export` and `assess`.
+    /// Keeps request and answer here, for `slipdrive present`, `export` and `assess`; `-` is standard output, here and below.
     #[arg(long, value_name = "OUT")]
     pub(crate) save: Option<PathBuf>,
     /// Writes a page with the answer in words and figures here; it needs nothing beside it.

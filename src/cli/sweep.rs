@@ -17,7 +17,7 @@ use slipdrive::sweep::{
 };
 
 use super::progress_of_rows::ProgressOfRows;
-use super::refused;
+use super::{refused, say};
 use crate::config::{SweepArguments, thread_count};
 use crate::shutdown::Signals;
 use crate::{EXIT_BAD_INPUT, tell};
@@ -75,21 +75,11 @@ fn read(file: &Path, jobs: &Jobs) -> anyhow::Result<Result<Sweep, Problem>> {
 /// Says how much there is, and judges all of it.
 fn counted(sweep: &Sweep, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
     let (rows, chunks, hash) = (sweep.row_count(), sweep.chunk_count(), sweep.hash());
-    say(&format!("rows    {rows}\nchunks  {chunks}\nhash    {hash}\n"))?;
+    say(format!("rows    {rows}\nchunks  {chunks}\nhash    {hash}\n").as_bytes())?;
     Ok(match sweep.check(arguments.shard, workers(arguments)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(faults) => refused_rows(&faults),
     })
-}
-
-/// Writes to standard output; where its reader has left, nobody is to be told.
-pub(super) fn say(words: &str) -> anyhow::Result<()> {
-    let mut output = io::stdout().lock();
-    let written = output.write_all(words.as_bytes()).and_then(|()| output.flush());
-    let has_left = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;
-    written
-        .or_else(|error| if has_left(&error) { Ok(()) } else { Err(error) })
-        .context("standard output cannot be written")
 }
 
 pub(super) fn refused_rows(faults: &RowFaults) -> ExitCode {
@@ -181,9 +171,9 @@ fn shown(arguments: &SweepArguments, folders: &[PathBuf]) -> anyhow::Result<Exit
     };
     let (header, progress) = (&status.index.header, &status.index.progress);
     let (job, hash, version) = (&header.job, &header.sweep, &header.solver_version);
-    say(&format!("{progress}\njob     {job}\nhash    {hash}\nsolver  {version}\n"))?;
+    say(format!("{progress}\njob     {job}\nhash    {hash}\nsolver  {version}\n").as_bytes())?;
     for folder in &status.in_use {
-        say(&format!("{} is written to by another process\n", folder.display()))?;
+        say(format!("{} is written to by another process\n", folder.display()).as_bytes())?;
     }
     Ok(write_shown(&status.index, &folders[0], arguments)?.unwrap_or_else(|| code_of(progress)))
 }

@@ -9,8 +9,8 @@ use slipdrive::sweep::{Results, Shard, Sweep};
 use tokio::time::sleep;
 
 use super::progress_of_rows::{ProgressLine, ProgressOfRows};
-use super::refused;
-use super::sweep::{complete, refused_folder, refused_rows, say, to_be_continued, workers};
+use super::sweep::{complete, refused_folder, refused_rows, to_be_continued, workers};
+use super::{refused, say};
 use crate::config::{NatsArguments, SweepArguments};
 use crate::shutdown::Signals;
 use crate::tell;
@@ -128,6 +128,6 @@ async fn collect(
 
 async fn cancel(sweep: &Sweep, arguments: &NatsArguments) -> anyhow::Result<ExitCode> {
     let taken = nats::cancel(sweep.hash(), &connected(arguments).await?).await?;
-    say(&format!("{taken} chunks are taken back; the results stay\n"))?;
+    say(format!("{taken} chunks are taken back; the results stay\n").as_bytes())?;
     Ok(ExitCode::SUCCESS)
 }

@@ -21,7 +21,7 @@ pub struct Example<T> {
     pub request: fn() -> T,
 }
 
-/// A field of a request that is a flag of the command too. Its value is JSON, or else a text.
+/// A field of a request that is a flag of the command too.
 #[derive(Debug, Clone, Copy)]
 pub struct Flag {
     /// The name of the field.
@@ -67,8 +67,10 @@ pub trait Kind: Job {
     const EXAMPLES: &'static [Example<Self::Request>] = &[];
     /// How many files that `--save` wrote its command takes at most; 0: it takes one body, which has nothing beside.
     const SAVED_FILES: usize = 0;
-    /// Fields of the request that its command takes as flags too.
+    /// Fields of the request that its command takes as flags too, in JSON.
     const FLAGS: &'static [Flag] = &[];
+    /// The same of fields that are texts or names, as they are.
+    const TEXT_FLAGS: &'static [Flag] = &[];
     /// Whether its answer has files ([`Kind::files`]).
     const HAS_FILES: bool = false;
     /// Whether a request with its answer can be presented ([`Kind::presentation`]).

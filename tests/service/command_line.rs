@@ -290,6 +290,12 @@ fn saved_plan_is_exported_into_a_folder() {
     assert!(said.contains("#/rate_hz") && said.contains("#/frame_id"), "{said}");
     assert!(refused(&["export", &plan, "--format", "csv"], b"").contains("missing field `rate_hz`"));
     assert_eq!(run_with_input(&["solve", "forward-drive", "--out", &bag], b"").status.code(), Some(64));
+    // Texts that would be JSON too.
+    for frame in ["123", "true", "null", "{}"] {
+        let flags = ["--format", "ros2_json", "--rate-hz", "1", "--frame-id", frame, "--out", &bag];
+        assert_eq!(run_with_input(&[&["export", &plan], &flags[..]].concat(), b"").status.code(), Some(0));
+        assert!(folder.read("bag/trajectory.json").contains(&format!("\"frame_id\":\"{frame}\"")), "{frame}");
+    }
 }
 
 #[test]
@@ -336,6 +342,48 @@ fn page_escapes_what_callers_wrote() {
     assert_eq!(presented.status.code(), Some(0), "{}", String::from_utf8_lossy(&presented.stderr));
     let page = folder.read("p.html");
     assert!(page.contains("&lt;img src=x onerror=alert(1)&gt;$(reboot) drives") && !page.contains("<img"), "{page}");
+}
+
+#[test]
+fn answer_that_nobody_reads_is_saved_all_the_same() {
+    let folder = Folder::new("unread");
+    let body = br#"{"torque_schedule": {"interval_s": 0.1, "left_n_m": [0.1], "right_n_m": [0.1]}}"#;
+    folder.write("body.json", std::str::from_utf8(body).unwrap());
+    let (request, plan, out) = (folder.file("body.json"), folder.file("plan.json"), folder.file("out"));
+    let unread = |arguments: &[&str]| {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let output = slipdrive().args(arguments).stdout(writer).stderr(Stdio::piped()).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    unread(&["simulate", &request, "--save", &plan]);
+    unread(&["export", &plan, "--format", "csv", "--rate-hz", "100", "--out", &out]);
+    unread(&["example"]);
+    assert!(folder.read("plan.json").contains("end_state") && folder.read("out/trajectory.csv").starts_with("time_s"));
+
+    let (nowhere, other) = (folder.file("none/answer.json"), folder.file("other.json"));
+    let failed = run_with_input(&["simulate", &request, "--json", &nowhere, "--save", &other], b"");
+    assert_eq!(failed.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&failed.stderr).contains("answer.json cannot be written"));
+    assert_eq!(folder.read("other.json"), folder.read("plan.json"));
+}
+
+#[test]
+fn dash_is_standard_output_for_one_of_the_outputs() {
+    let folder = Folder::new("dash");
+    let body = br#"{"torque_schedule": {"interval_s": 0.1, "left_n_m": [0.1], "right_n_m": [0.1]}}"#;
+    for (flag, begin) in
+        [("--json", "{"), ("--save", "{\"simulate\""), ("--csv", "plan,time_s"), ("--report", "<!doctype")]
+    {
+        let mut command = slipdrive();
+        command.current_dir(&folder.0).args(["simulate", "-", flag, "-"]).stdin(Stdio::piped());
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+        child.stdin.take().unwrap().write_all(body).unwrap();
+        let printed = String::from_utf8(child.wait_with_output().unwrap().stdout).unwrap();
+        assert!(printed.starts_with(begin), "{flag}: {printed}");
+        assert!(!folder.path("-").exists(), "{flag}");
+    }
+    assert!(refused(&["simulate", "-", "--json", "-", "--csv", "-"], body).contains("2 outputs are `-`"));
 }
 
 #[test]

@@ -91,10 +91,12 @@ impl Kind for Export {
     const SUMMARY: &'static str = "writes a plan as files for controllers";
     const METHODS: &'static [&'static str] = &["Export"];
     const SAVED_FILES: usize = 1;
-    const FLAGS: &'static [Flag] = &[
+    const TEXT_FLAGS: &'static [Flag] = &[
         Flag { field: "format", help: "Which files: csv, ros2_json or ros2_mcap" },
-        Flag { field: "rate_hz", help: "Points per second" },
         Flag { field: "frame_id", help: "The frame of the poses [default: odom]" },
+    ];
+    const FLAGS: &'static [Flag] = &[
+        Flag { field: "rate_hz", help: "Points per second" },
         Flag { field: "start_time", help: "When the plan begins, such as {\"sec\": 5} [default: 0]" },
         Flag {
             field: "joint_names",
