@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 use slipdrive::api::grpc::pb;
-use slipdrive::jobs::Limits;
+use slipdrive::jobs::export::Export;
+use slipdrive::jobs::{Kind as _, Limits};
 
 use crate::support::cdr::Cdr;
 use crate::support::protobuf::{code_of, fields_of};
@@ -329,11 +330,15 @@ async fn what_is_no_plan_and_what_has_too_many_points_is_refused_by_name() {
     let answer = server.post("/solve", impossible.to_string()).await.json();
     assert_eq!(answer["status"], "infeasible");
     let impossible = json!({"solve": {"request": impossible, "answer": answer}});
+    let mut with_torques = impossible.clone();
+    with_torques["solve"]["answer"]["torque_schedule"] = left_turn()["simulate"]["request"]["torque_schedule"].clone();
+    with_torques["solve"]["answer"]["report"]["steps"] = json!(40);
     let mut slow = left_turn();
     slow["simulate"]["request"]["torque_schedule"]["interval_s"] = json!(25);
     let both = body(&left_turn(), &impossible);
     let cases = [
         (body(&impossible, &csv), "#/solve/answer/status", "infeasible and there are no torques"),
+        (body(&with_torques, &csv), "#/solve/answer/status", "infeasible, must be that of a plan"),
         (
             body(&slow, &csv),
             "#/rate_hz",
@@ -358,12 +363,47 @@ async fn what_is_no_plan_and_what_has_too_many_points_is_refused_by_name() {
     let (files, _) = exported(&server, &body(&slow, &csv)).await;
     assert_eq!(columns(&files["trajectory.csv"])["time_s"].len(), 10_000);
     // The longest format with as many intervals as there may be.
-    let torques = json!(vec![0.1; 1000]);
-    slow["simulate"]["request"] =
-        json!({"torque_schedule": {"interval_s": 0.009_999, "left_n_m": torques, "right_n_m": torques}});
+    slow["simulate"]["request"] = many_torques();
     let answer =
         server.post("/export", body(&slow, &json!({"format": "ros2_json", "rate_hz": 1000})).to_string()).await;
     assert_eq!(answer.status, 200, "{}", answer.text());
+}
+
+/// As many torques as there may be, all different.
+fn many_torques() -> Value {
+    let torques: Vec<_> = (0..1000).map(|interval| 0.1 * f64::from(interval).sin()).collect();
+    json!({"start": {"x_m": 1234.567, "y_m": -4321.1, "heading_rad": 0.3},
+           "torque_schedule": {"interval_s": 0.009_999, "left_n_m": torques, "right_n_m": torques}})
+}
+
+#[tokio::test]
+async fn answer_is_no_longer_than_what_is_reserved_for_it() {
+    let server = TestServer::start(4, real_solver()).await;
+    let plan = json!({"simulate": {"request": many_torques(), "answer": {}}});
+    for format in ["csv", "ros2_mcap", "ros2_json"] {
+        for frame in ["odom", &"\"".repeat(128)] {
+            let body = body(&plan, &json!({"format": format, "rate_hz": 100, "frame_id": frame})).to_string();
+            let answer = server.post("/export", body.clone()).await;
+            assert_eq!(answer.status, 200, "{}", answer.text());
+            let input = Export::read(body.as_bytes(), &Limits::default()).unwrap();
+            let (length, reserved) = (answer.text().len(), Export::answer_bytes(&input, 18));
+            assert!(length <= reserved, "{format}, {frame}: {length} bytes, {reserved} reserved");
+        }
+    }
+}
+
+#[tokio::test]
+async fn motion_of_less_than_a_microsecond_begins_at_zero() {
+    let server = TestServer::start(4, real_solver()).await;
+    let mut short = left_turn();
+    short["simulate"]["request"]["torque_schedule"]["interval_s"] = json!(1e-7);
+    let (files, _) = exported(&server, &body(&short, &json!({"format": "csv", "rate_hz": 100}))).await;
+    assert_eq!(columns(&files["trajectory.csv"])["time_s"], [0.0, 4e-7]);
+    let (files, _) = exported(&server, &body(&short, &json!({"format": "ros2_json", "rate_hz": 100}))).await;
+    let joints: Value = serde_json::from_slice(&files["joint_trajectory.json"]).unwrap();
+    let of = |point: &Value| point["time_from_start"]["nanosec"].as_u64().unwrap();
+    let times: Vec<_> = joints["points"].as_array().unwrap().iter().map(of).collect();
+    assert!(times[0] == 0 && times.is_sorted_by(|a, b| a < b) && times.last() == Some(&400), "{times:?}");
 }
 
 #[tokio::test]

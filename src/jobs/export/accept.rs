@@ -98,15 +98,16 @@ const INTERVAL_RULE: &str = ">= 1e-9: times in files are whole nanoseconds";
 fn check_plan(plan: &AcceptedPlan, rate: f64, checks: &mut Checks) {
     let final_time = plan.motion.schedule.final_time;
     if let Said::Solve(_, answer) = &plan.said {
-        // Where the start is the goal the plan is to stay.
-        let is_plan = answer.status() == Status::Converged || !plan.motion.schedule.left.is_empty();
-        checks.require(
-            "solve.answer.status",
-            format!("{} and there are no torques", word::<Status>(answer.status())),
-            is_plan,
-            "that of a plan",
-            None,
-        );
+        let has_torques = !plan.motion.schedule.left.is_empty();
+        let is_plan = match answer.status() {
+            // Where the start is the goal the plan is to stay.
+            Status::Converged => true,
+            Status::Feasible | Status::NotConverged | Status::Unspecified => has_torques,
+            Status::Infeasible => false,
+        };
+        let torques = if has_torques { "" } else { " and there are no torques" };
+        let found = format!("{}{torques}", word::<Status>(answer.status()));
+        checks.require("solve.answer.status", found, is_plan, "that of a plan", None);
     }
     check_interval(plan, checks);
     let largest = (MAX_POINTS - 1.0) / final_time;

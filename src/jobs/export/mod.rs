@@ -24,7 +24,7 @@ use super::plan::without_motion;
 use super::table::{line, row};
 use super::{File, Flag, Kind, Limits, ManeuverSolver};
 use crate::contract::message::{ExportFormat, ExportRequest, ExportResponse, ExportedFile};
-use crate::contract::{BodyLimit, Problem};
+use crate::contract::{BodyLimit, Problem, json};
 use crate::metrics::Metrics;
 use crate::rules::RuleSet;
 use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
@@ -34,6 +34,9 @@ use crate::stop::Stop;
 const STEP_S: f64 = 3e-6;
 /// What a point takes there to be written, s.
 const POINT_S: f64 = 10e-6;
+
+/// What files hold beside their points, bytes in base64: names of columns, and definitions of messages.
+const FURTHER_BYTES: f64 = 10e3;
 
 /// Exports plans.
 pub struct Export(Arc<dyn ManeuverSolver>);
@@ -121,15 +124,19 @@ impl Kind for Export {
     }
 
     fn answer_bytes(export: &AcceptedExport, _number_bytes: usize) -> usize {
-        // In base64; two points more for each interval. 10,000 points of 1,000 intervals fit into the share of a connection.
-        let by_point = match export.format {
-            ExportFormat::Csv | ExportFormat::Unspecified => 300.0,
-            ExportFormat::Ros2Mcap => 400.0,
-            ExportFormat::Ros2Json => 1_000.0,
+        // In base64: points with their frame, and those of the joints, two more for each interval. 10,000 points of 1,000 intervals
+        // fit into the share of a connection.
+        let frame = &export.labels.frame_id;
+        let base64 = |length: usize| 4.0 / 3.0 * length as f64;
+        let (by_point, by_joint_point) = match export.format {
+            ExportFormat::Csv | ExportFormat::Unspecified => (400.0, 0.0),
+            ExportFormat::Ros2Mcap => (300.0 + base64(frame.len()), 120.0),
+            ExportFormat::Ros2Json => (750.0 + base64(json::write(frame).len()), 340.0),
         };
-        let point_count = export.point_count() + 2.0 * export.plan.motion.schedule.control_count() as f64;
+        let joint_point_count = export.point_count() + 2.0 * export.plan.motion.schedule.control_count() as f64;
+        let bytes = FURTHER_BYTES + export.point_count() * by_point + joint_point_count * by_joint_point;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 12,000 points")]
-        let bytes = (point_count * by_point) as usize;
+        let bytes = bytes as usize;
         bytes
     }
 

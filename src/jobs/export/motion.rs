@@ -80,12 +80,12 @@ impl Motion {
         Self { time, state, to_axle: ReferencePoint::AxleMidpoint.offset(robot), torques }
     }
 
-    /// Points at a constant rate, Hz, and one at the final time. A point that would be less than the length of a torque step before
-    /// the last one is left out.
+    /// Points at a constant rate, Hz, and one at the final time. A point after the first that would be less than the length of a
+    /// torque step before the last one is left out.
     pub(super) fn points(&self, rate: f64) -> Vec<Point> {
         let end = self.end();
         let regular = (0_u32..).map(|index| nanoseconds(f64::from(index) / rate));
-        let regular = regular.take_while(|time| time + TORQUE_STEP_NS <= end);
+        let regular = regular.take_while(|time| time + TORQUE_STEP_NS <= end || *time == 0 && end > 0);
         regular.chain([end]).map(|time| self.at(time)).collect()
     }
 
