@@ -12,9 +12,11 @@ mod simplify;
 mod svg;
 mod time;
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 
-use crate::contact::ContactMode;
+use crate::contact::{ContactMode, ContactName};
 use crate::robot::{PerWheel, Robot, State};
 use crate::shooting::{Goal, ManeuverLimits, ReferencePoint};
 use crate::simulation::{ContactSample, TorqueSchedule, Trajectory};
@@ -26,6 +28,8 @@ pub use svg::escaped;
 pub const TOLERANCE: f64 = 0.25;
 /// A figure that would be larger has coarser curves, bytes.
 pub const LARGEST_FIGURE: usize = 100_000;
+/// How many figures there are at most.
+pub const MOST_FIGURES: usize = 7;
 
 /// Rules for a page in light and dark that holds these figures.
 pub const STYLE: &str = include_str!("figures.css");
@@ -37,7 +41,7 @@ pub struct Plan<'a> {
     pub name: &'a str,
     /// What came out in two or three words, for legends.
     pub outcome: String,
-    /// Why it misses its goal, in a sentence.
+    /// Why it misses its goal or cannot be drawn, in sentences.
     pub fault: Option<String>,
     /// The robot that moves.
     pub robot: &'a Robot,
@@ -73,11 +77,23 @@ impl Plan<'_> {
         self.moves() && self.trajectory.contact.iter().any(|step| is_slip(&step.left) || is_slip(&step.right))
     }
 
+    /// The steps in which a contact slips, by spans.
+    fn slip_spans(&self, contact: ContactName) -> Vec<Range<usize>> {
+        let modes: Vec<_> = self.trajectory.contact.iter().map(|step| step.get(contact).mode).enumerate().collect();
+        let slips = modes.chunk_by(|a, b| a.1 == b.1).filter(|span| span[0].1 == ContactMode::Slip);
+        slips.map(|span| span[0].0..span[0].0 + span.len()).collect()
+    }
+
     /// Whether there is a motion that can be drawn.
     fn moves(&self) -> bool {
-        let is_finite = |state: &State| state.to_vector().iter().all(|value| value.abs() < 1e9);
-        self.trajectory.step_count() > 0 && self.trajectory.state.iter().all(is_finite)
+        self.trajectory.step_count() > 0 && !diverges(self.trajectory)
     }
+}
+
+/// Whether a motion leaves all bounds, or ends in no numbers.
+pub fn diverges(motion: &Trajectory) -> bool {
+    let is_finite = |state: &State| state.to_vector().iter().all(|value| value.abs() < 1e9);
+    !motion.state.iter().all(is_finite)
 }
 
 /// A figure, complete by itself.

@@ -1,5 +1,6 @@
 //! One pair of axes: what is drawn in it, its range, its ticks, and where its data lie.
 
+use super::sheet::WIDTH;
 use super::simplify::{columns, simplified};
 use super::svg::{Anchor, Paint, Svg};
 use super::{AxesMap, AxisMap};
@@ -13,13 +14,14 @@ const ZERO: Paint = Paint::line("sd-axis", "#4d4d4d", 0.6).faint(0.6);
 const PADDING: f64 = 0.06;
 
 /// Something drawn in the coordinates of the data.
+#[derive(Debug, PartialEq)]
 pub(super) enum Shape {
     /// A curve; a point that is no number interrupts it.
     Curve { points: Vec<[f64; 2]>, paint: Paint },
     /// A closed outline.
     Outline { corners: Vec<[f64; 2]>, paint: Paint },
-    /// A span across, over the whole height or in one of some rows above the lower edge.
-    Band { from: f64, to: f64, row: Option<usize>, paint: Paint },
+    /// Spans across in their order, over the whole height or in one of some rows above the lower edge.
+    Bands { spans: Vec<[f64; 2]>, row: Option<usize>, paint: Paint },
     /// A dot of this radius in px.
     Dot { at: [f64; 2], radius: f64, paint: Paint },
     /// An arrow of this length in px towards a direction, rad from across.
@@ -78,7 +80,7 @@ impl Panel {
                 range_of(points.iter().map(|point| point[axis]))
             }
             Shape::Dot { at, .. } | Shape::Arrow { at, .. } => range_of([at[axis]].into_iter()),
-            Shape::Band { .. } => None,
+            Shape::Bands { .. } => None,
         };
         self.shapes.iter().map(of_shape).fold(range_of(self.shown[axis].iter().copied()), joined)
     }
@@ -116,11 +118,9 @@ impl Frame {
         svg.text([left, upper - 7.0], Anchor::Start, 12.0, &panel.title);
         self.draw_ticks(panel, svg);
         for shape in &panel.shapes {
-            if let Shape::Band { from, to, row, paint } = shape {
-                let [from, to] = [*from, *to].map(|value| self.place([value, self.data[1][0]])[0]);
-                let [low, high] =
-                    row.map_or([lower, upper], |row| [lower - 5.0 * row as f64, lower - 5.0 * row as f64 - 4.0]);
-                svg.rectangle([from, low], [to, high], paint);
+            if let Shape::Bands { spans, row, paint } = shape {
+                let up = row.map_or(self.px[1], |row| [lower - 5.0 * row as f64, lower - 5.0 * row as f64 - 4.0]);
+                self.draw_bands((spans, up), tolerance, paint, svg);
             }
         }
         for shape in &panel.shapes {
@@ -148,7 +148,11 @@ impl Frame {
         for tick in &across.values {
             let [x, _] = self.place([*tick, self.data[1][0]]);
             svg.lines([&[[x, lower], [x, upper]][..]].into_iter(), false, &GRID);
-            svg.text([x, lower + 15.0], Anchor::Middle, 11.0, &across.label(*tick));
+            let label = across.label(*tick);
+            // At the edge of the figure it would be cut off.
+            if x + 0.5 * width_of(&label) <= WIDTH {
+                svg.text([x, lower + 15.0], Anchor::Middle, 11.0, &label);
+            }
         }
         for tick in &up.values {
             let [_, y] = self.place([self.data[0][0], *tick]);
@@ -159,12 +163,25 @@ impl Frame {
         svg.text([f64::midpoint(left, right), lower + 31.0], Anchor::Middle, 12.0, &panel.across.label());
     }
 
+    /// Draws spans across from one height to another, px, as one path. Gaps within the tolerance are closed.
+    fn draw_bands(&self, (spans, [low, high]): (&[[f64; 2]], [f64; 2]), tolerance: f64, paint: &Paint, svg: &mut Svg) {
+        let mut joined: Vec<[f64; 2]> = Vec::new();
+        for [from, to] in spans.iter().map(|span| span.map(|value| self.place([value, self.data[1][0]])[0])) {
+            match joined.last_mut() {
+                Some(last) if from - last[1] <= tolerance => last[1] = to,
+                _ => joined.push([from, to]),
+            }
+        }
+        let outlines: Vec<_> =
+            joined.into_iter().map(|[from, to]| [[from, low], [to, low], [to, high], [from, high]]).collect();
+        svg.lines(outlines.iter().map(|outline| &outline[..]), true, paint);
+    }
+
     fn draw_shape(&self, shape: &Shape, tolerance: f64, svg: &mut Svg) {
         match shape {
             Shape::Curve { points, paint } => {
-                let parts = points.split(|point| !(point[0] + point[1]).is_finite());
-                let parts: Vec<_> = parts.map(|part| self.curve(part, tolerance)).collect();
-                svg.lines(parts.iter().map(Vec::as_slice), false, paint);
+                let parts = self.parts(points, tolerance).into_iter().map(|part| curve(part, tolerance));
+                svg.lines(parts.collect::<Vec<_>>().iter().map(Vec::as_slice), false, paint);
             }
             Shape::Outline { corners, paint } => {
                 let corners: Vec<_> = corners.iter().map(|corner| self.place(*corner)).collect();
@@ -180,18 +197,32 @@ impl Frame {
                 let barb = |side: f64| towards(tip, direction + side * 2.6, 0.4 * length);
                 svg.lines([&[from, tip][..], &[barb(1.0), tip, barb(-1.0)][..]].into_iter(), false, paint);
             }
-            Shape::Band { .. } => {}
+            Shape::Bands { .. } => {}
         }
     }
 
-    /// The picture of a curve.
-    fn curve(&self, points: &[[f64; 2]], tolerance: f64) -> Vec<[f64; 2]> {
-        let mut places: Vec<_> = points.iter().map(|point| self.place(*point)).collect();
-        if tolerance > super::TOLERANCE && places.is_sorted_by(|a, b| a[0] <= b[0]) {
-            places = columns(&places, tolerance);
+    /// The places of the points between interruptions, of which those within the tolerance are none.
+    fn parts(&self, points: &[[f64; 2]], tolerance: f64) -> Vec<Vec<[f64; 2]>> {
+        let mut parts: Vec<Vec<[f64; 2]>> = Vec::new();
+        for part in points.split(|point| !(point[0] + point[1]).is_finite()).filter(|part| !part.is_empty()) {
+            let places = part.iter().map(|point| self.place(*point));
+            let begin = self.place(part[0]);
+            let is_near = |end: &[f64; 2]| (end[0] - begin[0]).hypot(end[1] - begin[1]) <= tolerance;
+            match parts.last_mut() {
+                Some(last) if last.last().is_some_and(is_near) => last.extend(places),
+                _ => parts.push(places.collect()),
+            }
         }
-        simplified(&places, tolerance - ROUNDING)
+        parts
     }
+}
+
+/// The picture of a curve through these places.
+fn curve(mut places: Vec<[f64; 2]>, tolerance: f64) -> Vec<[f64; 2]> {
+    if tolerance > super::TOLERANCE && places.is_sorted_by(|a, b| a[0] <= b[0]) {
+        places = columns(&places, tolerance);
+    }
+    simplified(&places, tolerance - ROUNDING)
 }
 
 /// Distance of the ticks across, px.
@@ -232,11 +263,15 @@ pub(super) fn ticks_across(range: [f64; 2], width: f64) -> Ticks {
     if spacing <= TICK_SPACING { usual } else { ticks(range, width / spacing) }
 }
 
+/// The width of a number in the widest usual font, px.
+fn width_of(number: &str) -> f64 {
+    7.0 * number.chars().count() as f64
+}
+
 impl Ticks {
-    /// The width of the longest number in the widest usual font, px.
+    /// The width of the longest number, px.
     pub(super) fn label_width(&self) -> f64 {
-        let longest = self.values.iter().map(|tick| self.label(*tick).chars().count()).max();
-        7.0 * longest.unwrap_or_default() as f64
+        self.values.iter().map(|tick| width_of(&self.label(*tick))).fold(0.0, f64::max)
     }
 
     /// What stands beside a tick.

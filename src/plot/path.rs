@@ -107,14 +107,22 @@ fn tracks(plan: &Plan, view: View, (stick, slip): (Option<Paint>, Paint)) -> [Ve
     for (wheel, side) in [(ContactName::Left, -half), (ContactName::Right, half)] {
         let at = |state: &State| view.place(from_axle(plan, state)(Vector2::new(side, 0.0)));
         let points: Vec<_> = plan.trajectory.state.iter().map(at).collect();
-        let steps: Vec<_> = plan.trajectory.contact.iter().map(|step| step.get(wheel).mode).enumerate().collect();
-        for span in steps.chunk_by(|a, b| a.1 == b.1).filter(|span| span[0].1 == ContactMode::Slip) {
-            let points = points[span[0].0..=span[span.len() - 1].0 + 1].to_vec();
-            tracks[0].push(Shape::Curve { points, paint: slip });
-        }
+        let spans = plan.slip_spans(wheel).into_iter();
+        let slipping = spans.flat_map(|steps| points[steps.start..=steps.end].iter().chain([&[f64::NAN; 2]]).copied());
+        tracks[0].push(Shape::Curve { points: slipping.collect(), paint: slip });
         tracks[1].extend(stick.map(|paint| Shape::Curve { points, paint }));
     }
     tracks
+}
+
+/// Start, aisle and goal: what is below the path, and what is above.
+fn ends(plan: &Plan, view: View) -> [Vec<Shape>; 2] {
+    let mut below = robot(plan, &plan.start, view, (START.faint(0.35), None));
+    let corners: Vec<_> = plan.keep_in.iter().map(|corner| view.place(*corner)).collect();
+    below.extend((!corners.is_empty()).then_some(Shape::Outline { corners, paint: KEEP_IN }));
+    let mut above = robot(plan, &plan.start, view, (BODY, Some(WHEEL)));
+    above.extend(goal(plan, view));
+    [below, above]
 }
 
 /// Shapes of all plans, from the lowest to the topmost.
@@ -122,20 +130,18 @@ fn shapes(plans: &[Plan], view: View) -> Vec<Shape> {
     let (mut low, mut middle, mut top) = (Vec::new(), Vec::new(), Vec::new());
     let is_single = plans.len() == 1;
     let (stick, slip) = if is_single { (Some(TRACK), SLIP.faint(0.85)) } else { (None, SLIP.wide(2.4).faint(0.7)) };
-    let mut ends = Vec::new();
-    for (index, plan) in plans.iter().enumerate() {
-        let end = (plan.start, goal_pose(plan), plan.keep_in);
-        if !ends.contains(&end) {
-            ends.push(end);
-            low.extend(robot(plan, &plan.start, view, (START.faint(0.35), None)));
-            top.extend(robot(plan, &plan.start, view, (BODY, Some(WHEEL))));
-            let corners: Vec<_> = plan.keep_in.iter().map(|corner| view.place(*corner)).collect();
-            low.extend((!corners.is_empty()).then_some(Shape::Outline { corners, paint: KEEP_IN }));
-            top.extend(goal(plan, view));
+    let mut drawn: Vec<[Vec<Shape>; 2]> = Vec::new();
+    for ends in plans.iter().map(|plan| ends(plan, view)) {
+        // What looks the same is drawn once.
+        if !drawn.contains(&ends) {
+            drawn.push(ends);
         }
-        if !plan.moves() {
-            continue;
-        }
+    }
+    for [below, above] in drawn {
+        low.extend(below);
+        top.extend(above);
+    }
+    for (index, plan) in plans.iter().enumerate().filter(|(_, plan)| plan.moves()) {
         let [slipping, sticking] = tracks(plan, view, (stick, slip));
         low.extend(slipping.into_iter().chain(sticking));
         let at = |state: &State| view.place(Vector2::new(state.configuration.x, state.configuration.y));
@@ -184,12 +190,14 @@ pub(super) fn path(plans: &[Plan]) -> Figure {
         Some(if plans.len() == 1 { fault.clone() } else { format!("{}. {fault}", plan.name) })
     });
     let notes: Vec<_> = notes.collect();
-    let caption = match plans.first().map(|plan| plan.reference_point) {
-        Some(ReferencePoint::AxleMidpoint) => "The path of the axle midpoint",
-        Some(ReferencePoint::ChassisCenterOfMass) | None => "The path of the chassis centre of mass",
+    let points: Vec<_> = plans.iter().map(|plan| plan.reference_point).collect();
+    let point = match points.first() {
+        Some(first) if points.iter().any(|point| point != first) => "each plan's reference point",
+        Some(ReferencePoint::AxleMidpoint) => "the axle midpoint",
+        Some(ReferencePoint::ChassisCenterOfMass) | None => "the chassis centre of mass",
     };
     let caption = format!(
-        "{caption} in true scale, with the heading at equal times and the tracks of the wheels where they slip."
+        "The path of {point} in true scale, with the heading at equal times and the tracks of the wheels where they slip."
     );
     Sheet {
         name: "path",

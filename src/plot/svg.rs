@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 /// How something is painted. Its class lets the style sheet of a page replace the colours.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Paint {
     class: &'static str,
     stroke: &'static str,

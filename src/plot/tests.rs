@@ -177,6 +177,67 @@ fn path_has_one_scale() {
 }
 
 #[test]
+fn slips_of_any_number_stay_within_the_largest_figure() {
+    let mut drive = drive(10_000);
+    // Every other step slips, on a path that winds.
+    for (index, step) in drive.trajectory.contact.iter_mut().enumerate() {
+        for wheel in [&mut step.left, &mut step.right] {
+            wheel.mode = if index % 2 == 0 { ContactMode::Slip } else { ContactMode::Stick };
+            wheel.lateral_force = wheel.normal_force * f64::from(index as u32 * 7919 % 101) / 101.0;
+        }
+    }
+    for (index, state) in drive.trajectory.state.iter_mut().enumerate() {
+        state.configuration.x = (0.7 * index as f64).sin();
+    }
+    for count in [1, 4] {
+        let figures = figures(&(0..count).map(|_| plan(&drive)).collect::<Vec<_>>());
+        for Figure { name, svg, .. } in &figures {
+            assert!(svg.len() <= LARGEST_FIGURE, "{name} of {count} plans has {} bytes", svg.len());
+        }
+        assert!(figures.len() <= MOST_FIGURES);
+    }
+}
+
+#[test]
+fn spans_of_a_panel_are_one_path_without_gaps_that_nobody_sees() {
+    let mut drive = drive(200);
+    for (index, step) in drive.trajectory.contact.iter_mut().enumerate() {
+        let slips = index < 30 && index != 19 || index >= 180;
+        step.left.mode = if slips { ContactMode::Slip } else { ContactMode::Stick };
+    }
+    // A tenth of a pixel between the first two spans.
+    drive.trajectory.time[20] = drive.trajectory.time[19] + 0.001;
+    let figures = figures(&[plan(&drive)]);
+    let contact = figure(&figures, "contact");
+    let (bands, map) = (paths(contact, "sd-slip-area"), &contact.maps[0].x);
+    // Beside what shows the key before it.
+    let band = bands.iter().find(|points| points.len() > 2).unwrap();
+    assert_eq!(band.len(), 2 * 4, "two outlines: {band:?}");
+    let [from, to] = [band[0][0], band[1][0]].map(|x| data(map, x));
+    assert!(from.abs() < 1e-3 && (to - drive.trajectory.time[30]).abs() < 1e-3, "{from} {to}");
+}
+
+#[test]
+fn every_robot_is_drawn_at_its_start() {
+    let drive = drive(200);
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]].map(Vector2::from);
+    let bodies = |plans: &[Plan]| {
+        let figure = path::path(plans);
+        (paths(&figure, "sd-body").len(), figure.caption)
+    };
+    let one = plan(&drive);
+    let wide = Plan { footprint: &corners, ..one.clone() };
+    let axle = Plan { reference_point: ReferencePoint::AxleMidpoint, ..one.clone() };
+    let (same, caption) = bodies(&[one.clone(), one.clone()]);
+    assert!(caption.starts_with("The path of the chassis centre of mass in"), "{caption}");
+    // The start and its outline.
+    assert_eq!(bodies(&[one.clone(), wide]).0, same + 2);
+    let (moved, caption) = bodies(&[one, axle]);
+    assert_eq!(moved, same + 2);
+    assert!(caption.starts_with("The path of each plan's reference point in"), "{caption}");
+}
+
+#[test]
 fn impossible_plan_says_so_over_start_and_goal() {
     let input = SolveInput::new(SolveParameters::default()).unwrap();
     let motion = input.motion_of(TorqueSchedule::empty(), 1);
@@ -207,12 +268,36 @@ fn long_numbers_have_room_and_goals_without_a_place_have_no_key() {
 }
 
 #[test]
+fn numbers_at_the_right_edge_are_not_cut() {
+    let mut drive = drive(200);
+    for state in &mut drive.trajectory.state {
+        state.configuration.x = 5000.0 + 0.32 * state.configuration.y;
+        state.configuration.y = -7000.0;
+    }
+    drive.motion.start = drive.trajectory.state[0];
+    let path = path::path(&[Plan { goal: None, ..plan(&drive) }]);
+    let numbers =
+        path.svg.split("<text ").filter(|text| text.contains("text-anchor=\"middle\"") && text.contains(">5"));
+    let mut count = 0;
+    for text in numbers {
+        let attribute = |name: &str| text.split(&format!(" {name}=\"")).nth(1).unwrap().split('"').next().unwrap();
+        let number = text.split('>').nth(1).unwrap().split('<').next().unwrap();
+        // Digits of the usual fonts are up to 0.64 as wide as high.
+        let half = 0.5 * 0.64 * 11.0 * number.chars().count() as f64;
+        assert!(attribute("x").parse::<f64>().unwrap() + half <= 680.0, "{number} in {}", path.svg);
+        count += 1;
+    }
+    assert!(count > 3, "{}", path.svg);
+}
+
+#[test]
 fn diverging_motion_is_no_picture() {
     let mut drive = drive(200);
     drive.trajectory.state[150].velocity.x = f64::NAN;
     let figures = figures(&[plan(&drive)]);
     assert_eq!(figures.len(), 1);
     assert!(!figures[0].svg.contains("NaN"));
+    assert!(diverges(&drive.trajectory));
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::panel::{Panel, Quantity, Shape};
 use super::sheet::{GOAL, Key, LIMIT, Shared, Sheet, band_of, paint_of};
 use super::svg::Paint;
 use super::{Figure, Plan};
-use crate::contact::{ContactMode, ContactName};
+use crate::contact::ContactName;
 use crate::robot::{PerWheel, State};
 use crate::shooting::{StateComponent, wrapped_angle};
 use crate::simulation::ContactSample;
@@ -72,18 +72,15 @@ fn component(plan: &Plan, of: StateComponent) -> Vec<[f64; 2]> {
     plan.trajectory.time.iter().copied().zip(values).map(|(time, value)| [time, value]).collect()
 }
 
-/// The spans in which a contact slips.
+/// The spans in which a contact slips, by plan.
 fn bands(plans: &[Plan], contact: ContactName) -> Vec<Shape> {
-    let mut bands = Vec::new();
-    for (index, plan) in moving(plans) {
+    let of_plan = |(index, plan): (usize, &Plan)| {
         let (row, paint) = band_of(index, plans.len());
-        let steps: Vec<_> = plan.trajectory.contact.iter().map(|step| step.get(contact).mode).enumerate().collect();
-        for span in steps.chunk_by(|a, b| a.1 == b.1).filter(|span| span[0].1 == ContactMode::Slip) {
-            let (from, to) = (plan.trajectory.time[span[0].0], plan.trajectory.time[span[span.len() - 1].0 + 1]);
-            bands.push(Shape::Band { from, to, row, paint });
-        }
-    }
-    bands
+        let time = &plan.trajectory.time;
+        let spans = plan.slip_spans(contact).into_iter().map(|steps| [time[steps.start], time[steps.end]]).collect();
+        Shape::Bands { spans, row, paint }
+    };
+    moving(plans).map(of_plan).collect()
 }
 
 /// Lines at a magnitude and its opposite, over the longest plan.

@@ -31,8 +31,10 @@ const PLANS_RULE: Rule = Rule::between(1.0, 4.0, Rule::ITEMS);
 const DRAWING_S: f64 = 5e-3;
 /// What a step of a rollout takes there, s, its share of the curves included.
 const STEP_S: f64 = 5e-6;
-/// What the figures of a plan hold at most, in numbers of some 18 bytes.
-const NUMBERS_OF_FIGURES: usize = 20_000;
+/// Most bytes of all figures in JSON, whose quotes are escaped, with where their data lie: measured 1.1 of their SVG.
+const FIGURES_BYTES: usize = plot::MOST_FIGURES * plot::LARGEST_FIGURE / 10 * 12;
+/// What is said of a plan, bytes.
+const WORDS_BYTES: usize = 10_000;
 
 /// Presents plans.
 pub struct Present(Arc<dyn ManeuverSolver>);
@@ -118,7 +120,7 @@ impl Kind for Present {
     }
 
     fn validate(request: PresentRequest, limits: &Limits) -> Result<AcceptedPlans, Problem> {
-        let quoted = request.report.then(|| request.plans.clone());
+        let quoted = request.report.then(|| request.plans.iter().cloned().map(report::quoted).collect());
         let mut checks = Checks::new();
         checks.length("plans", request.plans.len(), &PLANS_RULE);
         checks.finish()?;
@@ -139,9 +141,10 @@ impl Kind for Present {
         BODY_WITH_ANSWERS
     }
 
-    fn answer_bytes(input: &AcceptedPlans, number_bytes: usize) -> usize {
-        // A report has the figures again.
-        number_bytes * input.plans.len() * NUMBERS_OF_FIGURES * if input.quoted.is_some() { 2 } else { 1 }
+    fn answer_bytes(input: &AcceptedPlans, _number_bytes: usize) -> usize {
+        let shown = FIGURES_BYTES + input.plans.len() * WORDS_BYTES;
+        // A report has figures and words again.
+        shown + input.quoted.as_deref().map_or(0, |quoted| shown + report::further_bytes(quoted))
     }
 
     fn answer(input: &AcceptedPlans, done: &Done<Presented>) -> PresentResponse {

@@ -1,12 +1,51 @@
 //! A page about plans that needs nothing beside it: answer and certificate in words, figures, request, how to repeat it.
 
 use std::fmt::Write as _;
+use std::io;
 
 use crate::contract::indented;
-use crate::contract::message::{Figure, PlanInWords, PresentResponse, PresentedPlan, SimulateResponse, Solution};
+use crate::contract::message::{Figure, PlanInWords, PresentResponse, PresentedPlan};
 use crate::plot::{STYLE, escaped};
 
 const PAGE_STYLE: &str = include_str!("report.css");
+
+/// What a quote has of its length in JSON: indented, with quotes escaped for the page, which is escaped once more.
+const QUOTE_FACTOR: usize = 3;
+/// The styles and the words around, bytes.
+const FRAME_BYTES: usize = 20_000;
+
+/// What the page quotes of a plan: its motion is in the figures.
+pub(super) fn quoted(mut plan: PresentedPlan) -> PresentedPlan {
+    if let Some(answer) = plan.solve.as_mut().and_then(|solve| solve.answer.as_mut()) {
+        (answer.trajectory, answer.contacts) = (None, None);
+    }
+    if let Some(answer) = plan.simulate.as_mut().and_then(|simulate| simulate.answer.as_mut()) {
+        (answer.trajectory, answer.contacts) = (None, None);
+    }
+    plan
+}
+
+/// What the page has beside figures and words that the answer has too, bytes.
+pub(super) fn further_bytes(quoted: &[PresentedPlan]) -> usize {
+    let mut length = Length(0);
+    // Messages are names and numbers, and counting cannot fail.
+    let _ = serde_json::to_writer(&mut length, quoted);
+    FRAME_BYTES + QUOTE_FACTOR * length.0
+}
+
+/// How many bytes were written to it.
+struct Length(usize);
+
+impl io::Write for Length {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0 += bytes.len();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
 
 /// The page about plans that were asked for, and are presented.
 pub(super) fn page(asked: &[PresentedPlan], response: &PresentResponse) -> String {
@@ -73,15 +112,11 @@ fn write_repetition(plan: &PresentedPlan, label: &str, count: usize, page: &mut 
         _ => (escaped(label), format!(" {}", escaped(label))),
     };
     let (command, request, answer) = match plan {
-        PresentedPlan { solve: Some(solve), .. } => {
-            let stripped = solve.answer.clone().map(|answer| Solution { trajectory: None, contacts: None, ..answer });
-            ("solve", indented(&solve.request), indented(&stripped))
-        }
+        PresentedPlan { solve: Some(solve), .. } => ("solve", indented(&solve.request), indented(&solve.answer)),
         PresentedPlan { simulate, .. } => {
-            let simulate = simulate.clone().unwrap_or_default();
-            let stripped =
-                simulate.answer.map(|answer| SimulateResponse { trajectory: None, contacts: None, ..answer });
-            ("simulate", indented(&simulate.request), indented(&stripped))
+            let simulate = simulate.as_deref();
+            let (request, answer) = (simulate.map(|it| &it.request), simulate.map(|it| &it.answer));
+            ("simulate", indented(&request), indented(&answer))
         }
     };
     let _ = writeln!(
