@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use slipdrive::api::grpc::pb;
+use slipdrive::jobs::present::Present;
+use slipdrive::jobs::{Kind as _, Limits};
 use tokio::time::timeout;
 
 use crate::support::protobuf::{code_of, fields_of};
@@ -172,6 +174,44 @@ async fn certificate_needs_the_end_that_the_answer_states() {
     endless["end_state"] = Value::Null;
     let endless = presented(&server, &presentation(&request, &endless)).await["plans"][0].clone();
     assert_eq!((&endless["certificate"], &endless["end_difference"]), (&json!([]), &Value::Null));
+}
+
+#[tokio::test]
+async fn nothing_is_claimed_for_a_motion_that_diverges() {
+    let server = TestServer::start(4, real_solver()).await;
+    let torques = json!({"interval_s": 10, "left_n_m": vec![1.0; 20], "right_n_m": vec![-1.0; 20]});
+    let request = json!({"torque_schedule": torques, "grid": {"steps": 60}});
+    let answer = server.post("/simulate", request.to_string()).await.json();
+    assert_eq!(answer["end_state"]["x_m"], Value::Null);
+    let body = json!({"plans": [{"simulate": {"request": request, "answer": answer}}]});
+    let presented = presented(&server, &body).await;
+    let words = &presented["plans"][0];
+    assert_eq!(words["details"], json!(["The motion diverges."]));
+    let certificate = texts(&words["certificate"]);
+    assert!(!certificate.contains("Contact law") && !certificate.contains("unknown"), "{certificate}");
+    assert!(presented["figures"][0]["svg"].as_str().unwrap().contains(">The motion diverges.<"), "{words}");
+}
+
+#[tokio::test]
+async fn answer_of_many_slips_is_no_longer_than_what_is_reserved_for_it() {
+    let server = TestServer::start(4, real_solver()).await;
+    let torques: Vec<_> = (0..1000).map(|interval| [3.0, 0.0, -3.0, 0.0][interval % 4]).collect();
+    let torques = json!({"interval_s": 0.01, "left_n_m": torques, "right_n_m": torques});
+    let request = json!({"torque_schedule": torques, "grid": {"steps": 4000}});
+    let mut answer = server.post("/simulate", request.to_string()).await.json();
+    assert!(answer["contact_modes"].as_array().unwrap().len() > 1000, "{}", answer["contact_modes"]);
+    answer.as_object_mut().unwrap().retain(|field, _| field != "trajectory" && field != "contacts");
+    let plan = json!({"simulate": {"request": request, "answer": answer}});
+    for (count, report) in [(1, false), (4, false), (1, true), (4, true)] {
+        let body = json!({"plans": vec![&plan; count], "report": report}).to_string();
+        let answer = server.post("/present", body.clone()).await;
+        assert_eq!(answer.status, 200, "{}", answer.text());
+        let input = Present::read(body.as_bytes(), &Limits::default()).unwrap();
+        let (length, reserved) = (answer.text().len(), Present::answer_bytes(&input, 18));
+        assert!(length <= reserved, "{length} bytes, {reserved} reserved");
+        // The least memory of a server holds it.
+        assert!(reserved <= (24 << 20) / 16 * 3, "{reserved}");
+    }
 }
 
 #[tokio::test]

@@ -24,7 +24,7 @@ fn shown<'a>((plan, trajectory): &(&'a AcceptedPlan, &'a Trajectory), name: &'a 
     plot::Plan {
         name,
         outcome: words::outcome(plan),
-        fault: words::fault(plan),
+        fault: words::fault(plan, trajectory),
         robot: &motion.robot,
         reference_point: motion.reference_point,
         start: motion.start,

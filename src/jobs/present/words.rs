@@ -7,6 +7,7 @@ use crate::contract::message::{
     Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
 };
 use crate::jobs::plan::{AcceptedPlan, Said, claims_goal, largest_goal_error, other_end};
+use crate::plot;
 use crate::simulation::Trajectory;
 use crate::solver::{Reason, Refinement as Grid, SolveInput, SolverSettings};
 
@@ -14,6 +15,8 @@ use crate::solver::{Reason, Refinement as Grid, SolveInput, SolverSettings};
 const OF_NO_PLAN: &str = "The answer does not belong to its request.";
 /// A contact residual up to this is rounding: what `converged` asks for.
 const RESIDUAL_TOLERANCE: f64 = 1e-10;
+/// What is said of a motion without an end.
+const DIVERGES: &str = "The motion diverges.";
 /// How many other optima are named.
 const NAMED_OPTIMA: usize = 5;
 
@@ -26,7 +29,7 @@ pub(super) fn of_plan(label: &str, plan: &AcceptedPlan, motion: &Trajectory) -> 
             let headline = if contradictions.is_empty() { headline(answer) } else { OF_NO_PLAN.to_owned() };
             (headline, details(asked, answer, motion), certificate(asked, answer, error))
         }
-        Said::Simulate(answer) => (duration(motion), motion_in_words(motion), certificate_of_motion(answer)),
+        Said::Simulate(answer) => (duration(motion), motion_in_words(motion), certificate_of_motion(answer, motion)),
     };
     let end_difference = plan.end_difference(motion);
     // An answer that states no end contradicts nothing, and nothing speaks for it.
@@ -42,13 +45,13 @@ pub(super) fn of_plan(label: &str, plan: &AcceptedPlan, motion: &Trajectory) -> 
 
 /// The outcome, for legends too: the final time, or what is missing.
 pub(super) fn outcome(plan: &AcceptedPlan) -> String {
-    let time = plan.motion.schedule.final_time;
+    let time = seconds(plan.motion.schedule.final_time);
     match &plan.said {
-        Said::Simulate(_) => format!("{time:.3} s, simulated"),
+        Said::Simulate(_) => format!("{time}, simulated"),
         Said::Solve(_, answer) => match answer.status() {
-            Status::Converged if time == 0.0 => "start is goal".to_owned(),
-            Status::Converged => format!("{time:.3} s"),
-            Status::Feasible => format!("{time:.3} s, feasible"),
+            Status::Converged if plan.step_count() == 0 => "start is goal".to_owned(),
+            Status::Converged => time,
+            Status::Feasible => format!("{time}, feasible"),
             Status::NotConverged if exceeds_limit(answer) => "limit exceeded".to_owned(),
             Status::NotConverged => "goal missed".to_owned(),
             Status::Infeasible => "infeasible".to_owned(),
@@ -57,21 +60,23 @@ pub(super) fn outcome(plan: &AcceptedPlan) -> String {
     }
 }
 
-/// Why the goal is missed or a limit exceeded, where that is so.
-pub(super) fn fault(plan: &AcceptedPlan) -> Option<String> {
-    match &plan.said {
+/// Why the goal is missed or a limit exceeded, and that the motion diverges, where that is so.
+pub(super) fn fault(plan: &AcceptedPlan, motion: &Trajectory) -> Option<String> {
+    let missed = match &plan.said {
         Said::Solve(_, answer) => reason(answer).map(|reason| format!("{} {reason}", headline(answer))),
         Said::Simulate(_) => None,
-    }
+    };
+    let diverges = plot::diverges(motion).then(|| DIVERGES.to_owned());
+    let faults: Vec<_> = missed.into_iter().chain(diverges).collect();
+    (!faults.is_empty()).then(|| faults.join(" "))
 }
 
 fn headline(answer: &Solution) -> String {
+    let time = seconds(answer.final_time_s);
     match answer.status() {
         Status::Converged if answer.final_time_s == 0.0 => "The start is the goal: there is nothing to do.".to_owned(),
-        Status::Converged => format!("The robot reaches its goal in {:.3} s.", answer.final_time_s),
-        Status::Feasible => {
-            format!("The robot reaches its goal in {:.3} s, but that is not shown to be optimal.", answer.final_time_s)
-        }
+        Status::Converged => format!("The robot reaches its goal in {time}."),
+        Status::Feasible => format!("The robot reaches its goal in {time}, but that is not shown to be optimal."),
         Status::NotConverged if exceeds_limit(answer) => "The goal is met, but a limit is exceeded.".to_owned(),
         Status::NotConverged => "The goal is missed.".to_owned(),
         Status::Infeasible => "The goal is impossible.".to_owned(),
@@ -96,8 +101,8 @@ fn sentence(words: &str) -> String {
 }
 
 fn duration(motion: &Trajectory) -> String {
-    let time = motion.time.last().copied().unwrap_or_default();
-    format!("Given torques for {time:.3} s, integrated in {} steps.", motion.step_count())
+    let time = seconds(motion.time.last().copied().unwrap_or_default());
+    format!("Given torques for {time}, integrated in {} steps.", motion.step_count())
 }
 
 fn details(asked: &SolveInput, answer: &Solution, motion: &Trajectory) -> Vec<String> {
@@ -126,10 +131,10 @@ fn motion_in_words(motion: &Trajectory) -> Vec<String> {
     if motion.step_count() == 0 {
         return Vec::new();
     }
-    let end = &motion.end_state.configuration;
-    if !(end.x + end.y + end.heading).is_finite() {
-        return vec!["The motion diverges.".to_owned()];
+    if plot::diverges(motion) {
+        return vec![DIVERGES.to_owned()];
     }
+    let end = &motion.end_state.configuration;
     let (x, y, heading) = (rounded(end.x), rounded(end.y), rounded(end.heading));
     vec![format!("It ends at x = {x} m, y = {y} m, heading {heading} rad."), slip(motion)]
 }
@@ -143,10 +148,11 @@ fn slip(motion: &Trajectory) -> String {
     let wheels = [ContactName::Left, ContactName::Right].map(|wheel| {
         let modes: Vec<_> = motion.contact.iter().map(|contacts| contacts.get(wheel).mode).collect();
         let spans = modes.chunk_by(|a, b| a == b).filter(|span| span[0] == ContactMode::Slip).count();
+        let (wheel, time) = (wheel.as_str(), seconds(motion.slip_time(wheel)));
         match spans {
-            0 => format!("the {} wheel never slips", wheel.as_str()),
-            1 => format!("the {} wheel slips once, for {:.3} s", wheel.as_str(), motion.slip_time(wheel)),
-            _ => format!("the {} wheel slips {spans} times, for {:.3} s", wheel.as_str(), motion.slip_time(wheel)),
+            0 => format!("the {wheel} wheel never slips"),
+            1 => format!("the {wheel} wheel slips once, for {time}"),
+            _ => format!("the {wheel} wheel slips {spans} times, for {time}"),
         }
     });
     let [left, right] = wheels;
@@ -183,7 +189,11 @@ fn certificate(asked: &SolveInput, answer: &Solution, error: (&str, f64)) -> Vec
     said
 }
 
-fn certificate_of_motion(answer: &SimulateResponse) -> Vec<String> {
+fn certificate_of_motion(answer: &SimulateResponse, motion: &Trajectory) -> Vec<String> {
+    // Steps without numbers keep no law and break none.
+    if plot::diverges(motion) {
+        return separations(&answer.separations).into_iter().collect();
+    }
     let mut said = vec![contact_law(answer.worst_contact_residual, Some(answer.indeterminate_steps))];
     said.push(separations(&answer.separations).unwrap_or_else(|| "Loads: no contact ever has to pull.".to_owned()));
     said.extend(answer.limits.iter().map(limit_used));
@@ -215,7 +225,7 @@ fn loads(report: &Report) -> String {
     }
     let least = report.least_normal_load.as_ref().map(|load| {
         let share = short(100.0 * load.share);
-        format!("; the {} carries least, {share} % of the weight at {:.3} s", named(load.contact()), load.time_s)
+        format!("; the {} carries least, {share} % of the weight at {}", named(load.contact()), seconds(load.time_s))
     });
     format!("Loads: no contact ever has to pull{}.", least.unwrap_or_default())
 }
@@ -226,8 +236,8 @@ fn separations(separations: &[Separation]) -> Option<String> {
     let count = separations.chunk_by(|one, other| one.time_s == other.time_s).count();
     let contact = named(first.contact());
     Some(format!(
-        "Loads: in {count} steps a contact would have to pull, first the {contact} at {:.3} s: the motion is outside the model.",
-        first.time_s
+        "Loads: in {count} steps a contact would have to pull, first the {contact} at {}: the motion is outside the model.",
+        seconds(first.time_s)
     ))
 }
 
@@ -251,7 +261,7 @@ fn lower_bound(final_time: f64, report: &Report) -> Option<String> {
     };
     let slower = short(100.0 * (final_time / bound - 1.0));
     let gap = if bound > 0.0 { format!("; this plan takes {slower} % longer") } else { String::new() };
-    Some(format!("Lower bound: no plan on this grid is faster than {bound:.3} s, {why}{gap}."))
+    Some(format!("Lower bound: no plan on this grid is faster than {}, {why}{gap}.", seconds(bound)))
 }
 
 fn criticality(report: &Report) -> Option<String> {
@@ -259,6 +269,7 @@ fn criticality(report: &Report) -> Option<String> {
     report.replay.as_ref()?;
     let signs = match report.switching_sign_violations {
         0 => String::new(),
+        1 => "; 1 torque is off the limit at which it would gain".to_owned(),
         count => format!("; {count} torques are off the limit at which they would gain"),
     };
     // Before, a linear program could end a rounding error below zero, and answers are kept in files.
@@ -268,22 +279,27 @@ fn criticality(report: &Report) -> Option<String> {
 
 fn limit_used(used: &LimitUse) -> String {
     let LimitUse { limit, value, largest, time_s, excess, replay_excess } = used;
+    let time = seconds(*time_s);
     let verdict = if *excess <= 1e-6 { "kept" } else { "exceeded" };
+    // Of an aisle the report has how far a corner is outside; negative inside. Its excesses are shares of the robot's size.
+    if limit.ends_with("keep_in") {
+        let place = |outside: f64| {
+            let side = if outside > 0.0 { "outside" } else { "inside" };
+            format!("{} mm {side}", short(1e3 * outside.abs()))
+        };
+        let replayed = match replay_excess {
+            None => String::new(),
+            Some(finer) if *excess != 0.0 => format!(", on the finer grid to {}", place(largest * finer / excess)),
+            Some(finer) => format!("; on the finer grid it is {}", if *finer <= 0.0 { "kept too" } else { "exceeded" }),
+        };
+        return format!("Limit {limit}: {verdict}; at {time} a corner comes to {}{replayed}.", place(*largest));
+    }
     let replayed = match replay_excess {
         None => String::new(),
         Some(excess) if *excess <= 0.0 => ", on the finer grid too".to_owned(),
         Some(excess) => format!(", on the finer grid exceeded by {} %", short(100.0 * excess)),
     };
-    // Of an aisle the report has how far a corner is outside; negative inside.
-    if limit.ends_with("keep_in") {
-        let (distance, side) = (short(1e3 * largest.abs()), if *largest > 0.0 { "outside" } else { "inside" });
-        return format!("Limit {limit}: {verdict}{replayed}; at {time_s:.3} s a corner comes to {distance} mm {side}.");
-    }
-    format!(
-        "Limit {limit} = {}: {verdict}{replayed}; the largest use is {} at {time_s:.3} s.",
-        short(*value),
-        short(*largest)
-    )
+    format!("Limit {limit} = {}: {verdict}{replayed}; the largest use is {} at {time}.", short(*value), short(*largest))
 }
 
 /// What less friction does to the end; nothing where the answer does not say.
@@ -302,22 +318,28 @@ fn sensitivity(report: &Report) -> Option<String> {
 fn other_optima(final_time: f64, report: &Report) -> Option<String> {
     let optima = &report.distinct_optima;
     let list: Vec<_> =
-        optima.iter().take(NAMED_OPTIMA).map(|of| format!("{:.3} s ({})", of.final_time_s, of.count)).collect();
+        optima.iter().take(NAMED_OPTIMA).map(|of| format!("{} ({})", seconds(of.final_time_s), of.count)).collect();
     let more = optima.len().saturating_sub(NAMED_OPTIMA);
     let more = if more > 0 { format!(" and {more} slower ones") } else { String::new() };
     match optima.len() {
         0 => None,
         1 if report.starts_tried == 1 => Some("Other optima: only one start was tried.".to_owned()),
         1 => Some(format!(
-            "Other optima: none; {} starts were tried, and {} of them or of their spins led to this plan.",
+            "Other optima: none; {} starts were tried, and {} of them or of their spins led, on the first grid, to this plan.",
             report.starts_tried, optima[0].count
         )),
         count => Some(format!(
-            "Other optima: the starts led to {count} local optima, by final time and how often found: {}{more}; this plan takes \
-             {final_time:.3} s. A faster one may exist that no start led to.",
-            list.join(", ")
+            "Other optima: the starts and their spins led, on the first grid, to {count} local optima, by final time and how often \
+             found: {}{more}; this plan takes {}. A faster one may exist that no start led to.",
+            list.join(", "),
+            seconds(final_time)
         )),
     }
+}
+
+/// With its unit: to a millisecond, or what is less than ten of them to three digits.
+fn seconds(time: f64) -> String {
+    if time == 0.0 || time.abs() >= 0.01 { format!("{time:.3} s") } else { format!("{} s", short(time)) }
 }
 
 /// Three digits, as short as they can be read.
@@ -347,6 +369,41 @@ fn scientific(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contract::message::{DistinctOptimum, Replay};
+
+    #[test]
+    fn short_times_keep_their_digits() {
+        let times = [0.0, 0.000_132_4, 0.009, 0.01, 2.930_04, 1e-9];
+        assert_eq!(times.map(seconds), ["0.000 s", "0.000132 s", "0.009 s", "0.010 s", "2.930 s", "1e-9 s"]);
+        let answer = Solution { status: Status::Converged.into(), final_time_s: 0.000_132, ..Solution::default() };
+        assert_eq!(headline(&answer), "The robot reaches its goal in 0.000132 s.");
+    }
+
+    #[test]
+    fn corner_of_an_aisle_is_said_in_its_own_unit_on_both_grids() {
+        let limit = "maneuver.keep_in".to_owned();
+        let used = LimitUse { limit, largest: -1e-3, excess: -2.5e-3, time_s: 0.5, ..LimitUse::default() };
+        let said = |used: &LimitUse| limit_used(used);
+        assert_eq!(said(&used), "Limit maneuver.keep_in: kept; at 0.500 s a corner comes to 1 mm inside.");
+        let finer = LimitUse { replay_excess: Some(0.43), ..used.clone() };
+        let end = "a corner comes to 1 mm inside, on the finer grid to 172 mm outside.";
+        assert!(said(&finer).ends_with(end), "{}", said(&finer));
+        let on_edge = LimitUse { largest: 0.0, excess: 0.0, ..finer };
+        assert!(said(&on_edge).ends_with("0 mm inside; on the finer grid it is exceeded."), "{}", said(&on_edge));
+    }
+
+    #[test]
+    fn other_optima_are_counted_where_they_were_found() {
+        let optimum = |final_time_s, count| DistinctOptimum { final_time_s, count, ..DistinctOptimum::default() };
+        let distinct_optima = vec![optimum(2.0, 40), optimum(2.5, 3)];
+        let report = Report { starts_tried: 36, distinct_optima, ..Report::default() };
+        let said = other_optima(1.9, &report).unwrap();
+        let begin = "Other optima: the starts and their spins led, on the first grid, to 2 local optima, by final time and how \
+                     often found: 2.000 s (40), 2.500 s (3); this plan takes 1.900 s.";
+        assert!(said.starts_with(begin), "{said}");
+        let report = Report { switching_sign_violations: 1, replay: Some(Replay::default()), ..report };
+        assert!(criticality(&report).unwrap().ends_with("; 1 torque is off the limit at which it would gain."));
+    }
 
     #[test]
     fn numbers_have_three_digits() {
