@@ -52,10 +52,10 @@ pub(super) fn row(table: &mut String, label: &str, value: &str) {
     line(table, &format!("{label:<LABEL_WIDTH$} {value}"));
 }
 
-/// A line of its own.
+/// A line of its own; what would command a terminal, as texts of saved plans may, is left out.
 pub(super) fn line(table: &mut String, text: &str) {
     // Writing to a string cannot fail.
-    let _ = writeln!(table, "{}", text.trim_end());
+    let _ = writeln!(table, "{}", text.trim_end().replace(char::is_control, " "));
 }
 
 #[cfg(test)]
@@ -84,6 +84,13 @@ mod tests {
         let lines: Vec<_> = table.lines().skip(3).map(|line| line.split_whitespace().collect::<Vec<_>>()).collect();
         assert_eq!(lines[0], [limit, "1.5000", "1.5000", "0.2500", "1.0e-9", "-"]);
         assert_eq!(lines[1].last(), Some(&"-2.0e-3"));
+    }
+
+    #[test]
+    fn lines_command_no_terminal() {
+        let mut table = String::new();
+        row(&mut table, "reason", "\u{1b}[31mred\u{0}\nforged\u{9b}2J");
+        assert_eq!(table, "reason            [31mred  forged 2J\n");
     }
 
     #[test]
