@@ -208,16 +208,21 @@ fn cells(entries: &[Entry], [across, up]: &[Vec<f64>; 2]) -> Result<Vec<MapCell>
     Ok(cells)
 }
 
-/// A path as words with its unit: `maneuver.goal.y_m` as `goal y (m)`.
+/// Objects that no reader misses before their fields.
+const NOT_NAMED: [&str; 4] = ["maneuver.", "report.", "robot.", "solver."];
+
+/// A path as words with its unit: `maneuver.goal.y_m` as `goal y (m)`, `left_n_m[3]` as `left [3] (N m)`.
 fn label(path: &str) -> String {
-    let words = path.split_once('.').map_or(path, |(_, rest)| rest);
+    let words = NOT_NAMED.iter().find_map(|of| path.strip_prefix(of)).unwrap_or(path);
+    let (words, index) = words.find('[').filter(|_| words.ends_with(']')).map_or((words, ""), |at| words.split_at(at));
+    let index = if index.is_empty() { String::new() } else { format!(" {index}") };
     let unit = UNITS.iter().find_map(|(end, unit)| Some((words.strip_suffix(end)?, *unit)));
     // Its name ends as that of a torque rate.
     let unit = unit.map(|(name, unit)| (name, if name.ends_with("viscous_friction") { "N m s/rad" } else { unit }));
     let spaced = |words: &str| words.replace(['.', '_'], " ");
     match unit {
-        Some((words, unit)) => format!("{} ({unit})", spaced(words)),
-        None => spaced(words),
+        Some((words, unit)) => format!("{}{index} ({unit})", spaced(words)),
+        None => format!("{}{index}", spaced(words)),
     }
 }
 
@@ -242,6 +247,8 @@ mod tests {
         assert_eq!(labels.map(label), expected);
         assert_eq!(label("maneuver.limits.torque_rate_n_m_s"), "limits torque rate (N m/s)");
         assert_eq!(label("robot.wheel_viscous_friction_n_m_s"), "wheel viscous friction (N m s/rad)");
+        assert_eq!(label("goal_error.y_m"), "goal error y (m)");
+        assert_eq!(label("torque_schedule.left_n_m[0]"), "torque schedule left [0] (N m)");
         assert_eq!(label("robot.gravity_m_s2"), "gravity (m/s\u{b2})");
     }
 
