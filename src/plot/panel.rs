@@ -180,7 +180,8 @@ impl Frame {
     fn draw_shape(&self, shape: &Shape, tolerance: f64, svg: &mut Svg) {
         match shape {
             Shape::Curve { points, paint } => {
-                let parts = self.parts(points, tolerance).into_iter().map(|part| curve(part, tolerance));
+                let parts = self.parts(points, tolerance.min(COARSEST)).into_iter().step_by(stride(tolerance));
+                let parts = parts.map(|part| curve(&part, tolerance));
                 svg.lines(parts.collect::<Vec<_>>().iter().map(Vec::as_slice), false, paint);
             }
             Shape::Outline { corners, paint } => {
@@ -217,12 +218,25 @@ impl Frame {
     }
 }
 
+/// Beyond this tolerance curves that do not run to the right are drawn by fewer of their points, px: so noise keeps its extent.
+const COARSEST: f64 = 4.0;
+
+/// One point of so many is drawn.
+fn stride(tolerance: f64) -> usize {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "tolerances are few pixels")]
+    let stride = (tolerance / COARSEST) as usize;
+    stride.max(1)
+}
+
 /// The picture of a curve through these places.
-fn curve(mut places: Vec<[f64; 2]>, tolerance: f64) -> Vec<[f64; 2]> {
+fn curve(places: &[[f64; 2]], tolerance: f64) -> Vec<[f64; 2]> {
+    let allowed = tolerance.min(COARSEST) - ROUNDING;
     if tolerance > super::TOLERANCE && places.is_sorted_by(|a, b| a[0] <= b[0]) {
-        places = columns(&places, tolerance);
+        return simplified(&columns(places, tolerance), allowed);
     }
-    simplified(&places, tolerance - ROUNDING)
+    let kept = simplified(places, allowed);
+    let end = kept.last().copied().filter(|_| !(kept.len() - 1).is_multiple_of(stride(tolerance)));
+    kept.into_iter().step_by(stride(tolerance)).chain(end).collect()
 }
 
 /// Distance of the ticks across, px.

@@ -15,7 +15,7 @@ const ABOVE: f64 = 26.0;
 const BELOW: f64 = 38.0;
 /// Height of a line of text, px.
 pub(super) const LINE: f64 = 17.0;
-/// Coarser where a figure would be too large; the last leaves nothing of what no other makes small.
+/// Coarser where a figure would be too large; the last leaves hardly anything.
 const COARSER: [f64; 9] = [0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0, 256.0, 1024.0];
 
 /// Colours and dashes of the plans: those of Okabe and Ito that stand out from white and from dark grounds.

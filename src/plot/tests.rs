@@ -183,7 +183,7 @@ fn slips_of_any_number_stay_within_the_largest_figure() {
     for (index, step) in drive.trajectory.contact.iter_mut().enumerate() {
         for wheel in [&mut step.left, &mut step.right] {
             wheel.mode = if index % 2 == 0 { ContactMode::Slip } else { ContactMode::Stick };
-            wheel.lateral_force = wheel.normal_force * f64::from(index as u32 * 7919 % 101) / 101.0;
+            wheel.lateral_force = wheel.normal_force * (index * 7919 % 101) as f64 / 101.0;
         }
     }
     for (index, state) in drive.trajectory.state.iter_mut().enumerate() {
