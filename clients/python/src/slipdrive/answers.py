@@ -81,15 +81,17 @@ Refinement = Literal["fixed", "within_tolerance", "step_limit", "goal_lost", "in
 SearchPhase = Literal["start", "polish", "refinement", "certificate"]
 
 # How good a plan is.
-# - `converged`: Goal met within the limits, first-order measure small, no separation, contact law kept.
-# - `feasible`: Goal met within the limits, but not shown to be a local optimum: it is none, or the certificate was cut
-# off by the time limit or the deadline.
+# - `converged`: Goal met within the limits, `normal_load_share` kept, first-order measure small, no separation, contact
+# law kept.
+# - `feasible`: Goal met within the limits, but not shown to be a local optimum (it is none, or the certificate was cut
+# off by the time limit or the deadline), or a contact carries less than `normal_load_share`, separates, or breaks the
+# contact law.
 # - `not_converged`: Best iterate; the goal is missed, or a limit on the way exceeded.
 # - `infeasible`: Shown to be impossible.
 Status = Literal["converged", "feasible", "not_converged", "infeasible"]
 
 # Why a solve ended.
-# - `finished`: The whole search asked for was done.
+# - `finished`: The whole search asked for was done, and its plan certified.
 # - `time_limit`: The time limit passed.
 # - `deadline`: The deadline of the call came near.
 # - `rollout_limit`: The rollout limit was used up.
