@@ -69,7 +69,7 @@ async fn answers_of_hardly_any_time_are_taken_back() {
     let coasting = body(&rolling, &json!({"free": ["x_m", "y_m"]}));
     let spinning = json!({"wheel_rate_right_rad_s": -100_000});
     for request in [
-        json!({"maneuver": {"goal": {"wheel_rate_right_rad_s": 0.05}}, "solver": {"starts": 1}, "grid": {"steps": 200}}),
+        json!({"maneuver": {"goal": {"wheel_rate_right_rad_s": 2e-5}}, "solver": {"starts": 1}, "grid": {"steps": 200}}),
         json!({"maneuver": {"goal": coasting}, "solver": {"starts": 1, "goal_tolerance": 1e-7}}),
         // Its motions diverge.
         json!({"maneuver": {"start": spinning, "goal": {"y_m": -10_000}}, "solver": {"starts": 1}, "grid": {"steps": 200}}),

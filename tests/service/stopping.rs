@@ -89,19 +89,26 @@ pub(crate) async fn impatient_server() -> TestServer {
 
 #[tokio::test]
 async fn certificate_that_is_cut_off_has_neither_replay_nor_bound() {
-    let solver = FakeSolver(|_: &SolveInput, _: &RunControl<'_>| {
+    let solver = FakeSolver(|_: &SolveInput, control: &RunControl<'_>| {
+        while !control.cut().is_set() {
+            std::thread::yield_now();
+        }
         let solution = small_solution(StopReason::Finished);
         let report = Report { replay: None, lower_bound: None, lower_bound_assumption: None, ..solution.report };
         Solution { status: Status::Feasible, replay_confirmed: false, report, ..solution }
     });
     let server = TestServer::start(1, Arc::new(solver)).await;
-    let answer = server.post("/solve", "{}").await.json();
+    let answer = server.post("/solve", r#"{"solver": {"time_limit_s": 0.05}}"#).await.json();
     assert_eq!((&answer["status"], &answer["replay_confirmed"]), (&json!("feasible"), &json!(false)));
     let report = answer["report"].as_object().unwrap();
     for field in ["replay", "lower_bound_s", "lower_bound_assumption"] {
         assert_eq!(report.get(field), Some(&Value::Null), "{field}");
     }
-    let answer = server.grpc().await.solve(pb::SolveRequest::default()).await.unwrap().into_inner();
+    let request = pb::SolveRequest {
+        solver: Some(pb::Solver { time_limit_s: Some(0.05), ..pb::Solver::default() }),
+        ..pb::SolveRequest::default()
+    };
+    let answer = server.grpc().await.solve(request).await.unwrap().into_inner();
     let report = answer.solution.unwrap().report.unwrap();
     assert!(report.replay.is_none() && report.lower_bound_s.is_nan());
     assert_eq!(report.lower_bound_assumption(), pb::LowerBoundAssumption::Unspecified);
