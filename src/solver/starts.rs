@@ -116,13 +116,12 @@ fn coasting(input: &SolveInput) -> impl Iterator<Item = Start> {
     let (control_count, maneuver) = (input.settings.control_count, &input.maneuver);
     let (velocity, error) = (maneuver.start.velocity, maneuver.goal_error(&maneuver.start));
     let yaw_rate = velocity.yaw_rate;
-    let turn =
-        if yaw_rate == 0.0 { -error[2] } else { (-error[2] * yaw_rate.signum()).rem_euclid(TAU).copysign(yaw_rate) };
+    let turn = (-error[2] * yaw_rate.signum()).rem_euclid(TAU);
     let goal_heading = move |time: f64| {
         let heading = maneuver.start.configuration.heading + yaw_rate * time;
         maneuver.goal.value(StateComponent::Heading).map(|goal| heading + wrapped_angle(goal - heading))
     };
-    let ways = [(velocity.x, -error[0]), (velocity.y, -error[1]), (yaw_rate, turn)];
+    let ways = [(velocity.x, -error[0]), (velocity.y, -error[1]), (yaw_rate.abs(), turn)];
     let times = ways.into_iter().map(|(rate, way)| way / rate);
     let time = times.filter(|time| time.is_finite()).fold(0.0, f64::max);
     let time = if time > 0.0 { time } else { 1.0 };

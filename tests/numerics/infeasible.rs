@@ -268,6 +268,10 @@ fn what_is_impossible_is_found_without_search() {
             "{kind}: {}",
             reason.message
         );
+        if kind == "wheels that viscous friction lets lift" {
+            let rate = case.maneuver.start.velocity.wheel_rate.left;
+            assert!(reason.message.contains(&format!("is {rate},")), "{}", reason.message);
+        }
     }
 }
 

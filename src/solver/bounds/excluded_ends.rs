@@ -247,14 +247,14 @@ impl End {
             (["start_below_load_share", "goal_below_load_share"], least[contact as usize], "unloads", help)
         };
         let is_by_spin = least[contact as usize] - forces(0.0)[contact as usize] > ROUNDING * weight;
-        let (component, rate, cause) = if is_by_spin {
+        let (component, rate, slower) = if is_by_spin {
             (StateComponent::YawRate, yaw_rate, "a slower spin or a lower centre of mass helps")
         } else {
             let PerWheel { left, right } = velocity.wheel_rate;
-            let faster =
-                if right.abs() > left.abs() { StateComponent::WheelRateRight } else { StateComponent::WheelRateLeft };
-            let help = "slower wheels, less `robot.wheel_viscous_friction_n_m_s` or larger torque limits help";
-            (faster, left.abs().max(right.abs()), help)
+            let is_right = right.abs() > left.abs();
+            let (component, rate) =
+                if is_right { (StateComponent::WheelRateRight, right) } else { (StateComponent::WheelRateLeft, left) };
+            (component, rate, "slower wheels, less `robot.wheel_viscous_friction_n_m_s` or larger torque limits help")
         };
         let field = format!("maneuver.{}.{}", self.name, component.field());
         let name = match contact {
@@ -263,7 +263,7 @@ impl End {
         };
         let message = format!(
             "`{field}` is {rate}, which {effect} the {name} whatever the torques: its normal force is at most {force} N, \
-             must be >= {limit} N; {help}{cause}"
+             must be >= {limit} N; {help}{slower}"
         );
         Some(self.reason(codes, (&field, message), (force, limit)))
     }

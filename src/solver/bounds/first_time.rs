@@ -118,9 +118,10 @@ fn middle(from: f64, to: f64) -> f64 {
     (from.max(SHORTEST) * to).sqrt()
 }
 
-/// Whether nothing covers as much as `required` at a time; if something does, the first time that does is no later.
-pub(super) fn rules_out(time: f64, required: f64, cover: &impl Fn(f64, f64) -> Cover) -> bool {
-    cover(time, time).within < required
+/// As [`first_time`] from the beginning; zero where it is no later than the floor, as something covers as much by then.
+pub(super) fn first_time_beyond(floor: Floor, required: f64, cover: impl Fn(f64, f64) -> Cover) -> f64 {
+    let matters = cover(floor.time, floor.time).within < required;
+    if matters { first_time(0.0, required, floor, cover) } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::ceiling::{KEPT, PointCeiling};
-use super::first_time::{Cover, Floor, first_time, rules_out};
+use super::first_time::{Cover, Floor, first_time_beyond};
 use super::{Bounds, LowerBound};
 use crate::shooting::StateComponent;
 use crate::solver::solution::LowerBoundAssumption;
@@ -40,8 +40,7 @@ impl Bounds<'_> {
         };
         let (direction, way) = self.directions().into_iter().map(way).max_by(|a, b| a.1.total_cmp(&b.1))?;
         let cover = |_, duration| Cover::growing(point.furthest(&self.error(duration), duration));
-        let matters = rules_out(floor.time, way, &cover);
-        let time = if matters { first_time(0.0, way, floor, cover) } else { 0.0 };
+        let time = first_time_beyond(floor, way, cover);
         let is_x = direction.x.abs() > direction.y.abs();
         let component = if is_x { StateComponent::X } else { StateComponent::Y };
         Some(LowerBound { time, assumption: LowerBoundAssumption::Limits, component })
@@ -53,8 +52,7 @@ impl Bounds<'_> {
         let (least, largest) = self.targets.end_speed_at(self.distance_of_point())?;
         let least_time = |required: f64, change: fn((f64, f64)) -> f64| {
             let cover = |_, duration| Cover::growing(change(point.largest_changes(&self.error(duration), duration)));
-            let matters = rules_out(floor.time, required, &cover);
-            if matters { first_time(0.0, required, floor, cover) } else { 0.0 }
+            first_time_beyond(floor, required, cover)
         };
         let rise = least_time(least - point.start_speed, |(growth, _)| growth);
         let fall = least_time(point.start_speed - largest, |(_, fall)| fall);

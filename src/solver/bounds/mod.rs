@@ -31,7 +31,7 @@ pub(super) use self::capacity::LAW_ERROR;
 use self::ceiling::{Ceiling, SpeedLevel};
 use self::curve::Curve;
 pub(super) use self::excluded_ends::slip_by_wheel_rates;
-use self::first_time::{Cover, Floor, first_time, rules_out};
+use self::first_time::{Cover, Floor, first_time_beyond};
 pub(super) use self::grid_error::Grid;
 use self::grid_error::{GridError, KnownRates};
 pub(super) use self::impossibility::impossibility;
@@ -181,14 +181,14 @@ impl<'a> Bounds<'a> {
         let speed = self.targets.start_velocity();
         let end = |direction| middle(self.targets.end_velocity(direction));
         let change = Vector2::new(end(Vector2::x()), end(Vector2::y())) - speed;
-        let mut directions: Vec<_> = displacement.try_normalize(0.0).into_iter().collect();
-        let along = [displacement, speed, change].into_iter().find_map(|vector| vector.try_normalize(0.0));
-        if let Some(along) = along
-            && (speed != Vector2::zeros() || change != Vector2::zeros())
-        {
+        // Of the maneuver, not of the world: a bound does not depend on how that lies.
+        let ahead = [displacement, speed, change].into_iter().find_map(|vector| vector.try_normalize(0.0));
+        let Some(ahead) = ahead else { return Vec::new() };
+        let mut directions = vec![ahead];
+        if speed != Vector2::zeros() || change != Vector2::zeros() {
             let left = |vector: Vector2<f64>| Vector2::new(-vector.y, vector.x);
-            let across = left(along);
-            let further = [along, across, along + across, along - across, speed, left(speed), change];
+            let across = left(ahead);
+            let further = [across, ahead + across, ahead - across, speed, left(speed), change];
             directions.extend(further.into_iter().filter_map(|vector| vector.try_normalize(0.0)));
         }
         directions.retain(|direction| direction.norm().is_finite());
@@ -369,8 +369,7 @@ impl<'a> Bounds<'a> {
             let rise = |drive: &Curve| drive.end() - self.rates.start_norm + error.of_end_norm();
             Cover::growing(error.drive().map_or(f64::INFINITY, rise))
         };
-        let matters = rules_out(floor.time, required, &cover);
-        let time = if matters { first_time(0.0, required, floor, cover) } else { 0.0 };
+        let time = first_time_beyond(floor, required, cover);
         let weights = [
             (StateComponent::VelocityX, self.capacity.mass),
             (StateComponent::VelocityY, self.capacity.mass),

@@ -15,8 +15,7 @@ use async_nats::{Client, ConnectOptions, Event, ServerAddr};
 use futures_util::TryStreamExt as _;
 use tokio::time::sleep;
 
-use super::publish::RETRY_PAUSE;
-use super::subjects;
+use super::{RETRY_PAUSE, subjects};
 use crate::sweep::SOLVER_VERSION;
 
 /// Chunks that may be on lease at once: more than workers of any cluster take.

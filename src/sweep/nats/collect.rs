@@ -7,8 +7,8 @@ use futures_util::StreamExt as _;
 use tokio::time::{Instant, interval, sleep, timeout};
 
 use super::broker::{Broker, NatsError};
-use super::publish::{RETRY_PAUSE, why};
-use super::{cancel, result, subjects};
+use super::publish::why;
+use super::{RETRY_PAUSE, cancel, result, subjects};
 use crate::sweep::results::{Progress, Results};
 use crate::sweep::runner::SYNC_INTERVAL;
 

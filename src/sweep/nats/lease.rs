@@ -6,8 +6,8 @@ use async_nats::jetstream::AckKind;
 use async_nats::jetstream::message::Acker;
 use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep};
 
+use super::RETRY_PAUSE;
 use super::metrics::WorkerMetrics;
-use super::publish::RETRY_PAUSE;
 
 /// How long a chunk is a worker's without a sign of life.
 pub(super) const DEFAULT_LEASE: Duration = Duration::from_secs(30);

@@ -27,9 +27,14 @@ mod subjects;
 mod watchdog;
 mod worker;
 
+use std::time::Duration;
+
 pub use broker::{Access, Broker, NatsError, StreamLimits};
 pub use cancel::cancel;
 pub use collect::{Collected, collect};
 pub use metrics::WorkerMetrics;
 pub use publish::{Published, Sending, publish};
 pub use worker::{Worker, WorkerSettings};
+
+/// How long to wait until something is tried again, a full queue for instance.
+const RETRY_PAUSE: Duration = Duration::from_millis(500);

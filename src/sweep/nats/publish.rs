@@ -1,7 +1,6 @@
 //! The chunks of a sweep on their way into the queue.
 
 use std::cell::RefCell;
-use std::time::Duration;
 
 use async_nats::jetstream::context::PublishError;
 use async_nats::jetstream::message::PublishMessage;
@@ -11,15 +10,13 @@ use tokio::time::{MissedTickBehavior, interval, sleep};
 
 use super::broker::{Broker, NatsError};
 use super::chunk::Chunk;
-use super::{cancel, subjects};
+use super::{RETRY_PAUSE, cancel, subjects};
 use crate::sweep::results::RowSet;
 use crate::sweep::runner::SYNC_INTERVAL;
 use crate::sweep::{SOLVER_VERSION, Sweep};
 
 /// Chunks that are sent before the first of them is confirmed.
 const SENT_AHEAD: usize = 64;
-/// How long to wait until something is tried again, a full queue for instance.
-pub(super) const RETRY_PAUSE: Duration = Duration::from_millis(500);
 
 /// Whether chunks that were sent a moment ago are sent again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

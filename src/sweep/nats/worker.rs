@@ -19,9 +19,8 @@ use self::run::Outcome;
 use super::broker::{Broker, NatsError};
 use super::chunk::Chunk;
 use super::metrics::WorkerMetrics;
-use super::publish::RETRY_PAUSE;
 use super::watchdog::{LastSign, PULL_EXPIRY};
-use super::{cancel, lease, subjects};
+use super::{RETRY_PAUSE, cancel, lease, subjects};
 use crate::jobs::Jobs;
 use crate::service::Service;
 

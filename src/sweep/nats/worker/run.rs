@@ -9,11 +9,11 @@ use tokio::sync::watch;
 use tokio::time::{Instant, sleep, timeout};
 
 use super::{LAST_RESULTS, LAST_WORD, Worker};
+use crate::sweep::nats::RETRY_PAUSE;
 use crate::sweep::nats::broker::NatsError;
 use crate::sweep::nats::cancel;
 use crate::sweep::nats::chunk::Chunk;
 use crate::sweep::nats::marks::{self, FIRST_SUSPECT_DELIVERY, MOST_BEGINNINGS, Mark};
-use crate::sweep::nats::publish::RETRY_PAUSE;
 use crate::sweep::nats::result::{self, RowResult};
 use crate::sweep::row_job;
 use crate::sweep::runner::Guesses;
