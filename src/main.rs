@@ -38,7 +38,20 @@ fn failure(error: &anyhow::Error) -> ExitCode {
     };
     // Nothing is left to do when the terminal is gone.
     let _ = usage.print();
+    if cfg!(not(feature = "nats")) && is_of_nats(usage) {
+        tell(&"\nthis program was built without the feature `nats`");
+    }
     if usage.use_stderr() { ExitCode::from(EXIT_BAD_INPUT) } else { ExitCode::SUCCESS }
+}
+
+/// Whether a command or argument was not known that the feature `nats` adds.
+fn is_of_nats(usage: &clap::Error) -> bool {
+    use clap::error::{ContextKind, ContextValue};
+    usage.context().any(|(kind, value)| match (kind, value) {
+        (ContextKind::InvalidSubcommand, ContextValue::String(name)) => name == "worker",
+        (ContextKind::InvalidArg, ContextValue::String(name)) => name.starts_with("--nats"),
+        _ => false,
+    })
 }
 
 /// Writes a line to standard error; where that fails, nobody is to be told.

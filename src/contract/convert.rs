@@ -303,8 +303,12 @@ pub(crate) fn maneuver(
     let default = Maneuver::default_torque_limit(robot);
     let torque_limit =
         PerWheel::new(torque_limit_left_n_m.unwrap_or(default), torque_limit_right_n_m.unwrap_or(default));
-    let limits = limits.unwrap_or_default().into();
-    let slip = named::<message::SlipPolicy>(slip, "maneuver.slip")?.into();
+    let limits: ManeuverLimits = limits.unwrap_or_default().into();
+    let slip: message::SlipPolicy = named(slip, "maneuver.slip")?;
+    let contradicts = slip == message::SlipPolicy::Allowed && limits.grip_utilization.is_some();
+    let rule = "forbidden, or left out, beside `maneuver.limits.grip_utilization`";
+    checks.within("maneuver", |checks| checks.require("slip", "allowed", !contradicts, rule, None));
+    let slip = slip.into();
     Ok(Maneuver { reference_point: reference_point.into(), start, goal, torque_limit, limits, slip })
 }
 

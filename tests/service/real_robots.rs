@@ -131,6 +131,18 @@ async fn share_of_the_grip_completes_to_forbidden_slip() {
 }
 
 #[tokio::test]
+async fn slip_that_is_allowed_contradicts_a_share_of_the_grip() {
+    let server = TestServer::start(4, instant_solver()).await;
+    let body =
+        json!({"maneuver": {"slip": "allowed", "limits": {"grip_utilization": 0.9}, "torque_limit_left_n_m": -1}});
+    let problem = server.post("/validate", body.to_string()).await.problem();
+    let errors = problem["errors"].as_array().unwrap();
+    let rule = "`maneuver.slip` is allowed, must be forbidden, or left out, beside `maneuver.limits.grip_utilization`";
+    assert!(errors.iter().any(|error| error["detail"] == rule), "{problem}");
+    assert_eq!(errors.len(), 2, "all at once: {problem}");
+}
+
+#[tokio::test]
 async fn torque_limit_is_the_stall_torque_where_none_is_given() {
     let server = TestServer::start(4, instant_solver()).await;
     let limits = async |body: Value| {

@@ -370,3 +370,15 @@ async fn a_panic_of_a_solve_is_a_failed_row() {
     assert_eq!((failed.len(), &failed[0]["row"]), (1, &json!(2)));
     assert_eq!(failed[0]["problem"]["code"], "solver_panic");
 }
+
+#[cfg(not(feature = "nats"))]
+#[test]
+fn program_without_nats_says_so() {
+    for arguments in [&["worker"][..], &["sweep", "--nats", "nats://localhost"]] {
+        let output = slipdrive().args(arguments).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(64));
+        assert!(said.ends_with("this program was built without the feature `nats`\n"), "{said}");
+    }
+    assert!(!refused(&["--natz"]).contains("nats`"));
+}
