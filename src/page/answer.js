@@ -1,6 +1,6 @@
 // The answer in words and numbers.
 
-import { byId, html, signed } from "./dom.js";
+import { brief, byId, html, signed } from "./dom.js";
 import { durationOf, forceAt, hasEnded, slipsAt, stepAt, torqueOf, valueOf } from "./motion.js";
 import { labelOf } from "./schema.js";
 
@@ -77,7 +77,7 @@ function missOf({ replay, limits }, { replay_tolerance_m: most_m, replay_toleran
   const exceeded = (limits ?? []).filter(({ replay_excess }) => (replay_excess ?? 0) > REPLAY_EXCESS);
   return [
     ...misses.map(([name, miss, , factor, unit]) => {
-      return name + (miss == null ? "not known" : `${(factor * miss).toPrecision(3)} ${unit}`);
+      return name + (miss == null ? "not known" : `${brief(factor * miss, 3)} ${unit}`);
     }),
     ...exceeded.map(exceededBy),
     ...(replay.separations ? ["a contact lifts"] : []),
@@ -88,10 +88,10 @@ function missOf({ replay, limits }, { replay_tolerance_m: most_m, replay_toleran
 function exceededBy({ limit, largest, excess, replay_excess }) {
   const share = replay_excess ?? 0;
   if (limit !== "maneuver.keep_in") {
-    return `${labelOf(limit.split(".")).toLowerCase()} ${(100 * share).toPrecision(2)} % above its limit`;
+    return `${labelOf(limit.split(".")).toLowerCase()} ${brief(100 * share, 2)} % above its limit`;
   }
   // Both excesses are distances in one unit, of which `largest` tells the length in metres.
-  const by = excess && largest ? ` by ${((1000 * largest * share) / excess).toPrecision(3)} mm` : "";
+  const by = excess && largest ? ` by ${brief((1000 * largest * share) / excess, 3)} mm` : "";
   return `outside the aisle${by}`;
 }
 

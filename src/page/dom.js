@@ -61,3 +61,6 @@ export function signed(value, digits) {
   const text = value.toFixed(digits);
   return Number(text) === 0 ? (0).toFixed(digits) : text.replace("-", "\u2212");
 }
+
+/** A number of so many digits for people, without a power of ten where it is large. @param {number} value @param {number} digits */
+export const brief = (value, digits) => String(Number(value.toPrecision(digits)));

@@ -55,10 +55,10 @@ export function savedRequest(content, names) {
 /**
  * @param {string} name
  * @param {string} type
- * @param {string} text
+ * @param {BlobPart} content
  */
-export function download(name, type, text) {
-  const url = URL.createObjectURL(new Blob([text], { type }));
+export function download(name, type, content) {
+  const url = URL.createObjectURL(new Blob([content], { type }));
   html("a", { href: url, download: name }).click();
   // Firefox reads it after the click.
   setTimeout(() => URL.revokeObjectURL(url), 10_000);

@@ -6,6 +6,7 @@ import { Figures } from "./figures.js";
 import { contentOf, download, savedPlan, savedRequest } from "./files.js";
 import { Floor } from "./floor.js";
 import { Form } from "./form.js";
+import { offerFiles } from "./handover.js";
 import { asCsv, durationOf } from "./motion.js";
 import { planOf, stripped } from "./plan.js";
 import { Player } from "./player.js";
@@ -267,6 +268,10 @@ byId("redraw", HTMLElement).addEventListener("click", () => {
   showPictures();
 });
 byId("alone", HTMLElement).addEventListener("click", () => showBeside(null));
+offerFiles(
+  () => shownPlans()[0],
+  (error) => problem.show("No files", error),
+);
 onFile(byId("open", HTMLInputElement), open);
 onFile(byId("compare", HTMLInputElement), compare);
 onSheet("link", "A link that fills the form", "Who opens it sees this maneuver, and solves it by a click.", linkTo);
@@ -274,5 +279,11 @@ onSheet("curl", "The same in a shell", "The key, where the service asks for one,
 onSheet("python", "The same in Python", "With the package of this service: clients/python.", asPython);
 addEventListener("hashchange", () => openLink(location.hash));
 
+// Whoever comes back to the page, or loads it again, finds what was typed.
+const [visit] = performance.getEntriesByType("navigation");
+const left = sessionStorage.getItem("request");
+addEventListener("pagehide", () => sessionStorage.setItem("request", JSON.stringify(current().request)));
+
 begin(presets[0]);
-openLink(location.hash);
+if (left && visit instanceof PerformanceNavigationTiming && visit.type !== "navigate") replace(JSON.parse(left));
+else openLink(location.hash);

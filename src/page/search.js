@@ -1,6 +1,6 @@
 // One search at a time: asked for, watched and cancelled.
 
-import { byId, setAttributes } from "./dom.js";
+import { brief, byId, setAttributes } from "./dom.js";
 import { solve } from "./transport.js";
 
 /** @typedef {import("./state.js").SolveRequest} SolveRequest */
@@ -79,7 +79,7 @@ export class Search {
     } else if (name === "progress") {
       const { start, start_count: count, best_final_time_s: time, best_goal_error: error, phase } = data;
       const best = time == null ? "" : `, best ${time.toFixed(3)} s`;
-      const missed = error > TOLD_ERROR ? ` with ${error.toPrecision(2)} still missing` : "";
+      const missed = error > TOLD_ERROR ? ` with ${brief(error, 2)} still missing` : "";
       this.say(`${PHASES[phase] ?? "Solving"}: start ${start} of ${count}${best}${missed}`);
       [this.#progress.max, this.#progress.value] = [count, start - 1];
     }

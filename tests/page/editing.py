@@ -62,6 +62,24 @@ def what_is_typed_outlives_the_api(browser: Browser, service: Service) -> None:
     visit.close()
 
 
+def what_is_typed_outlives_a_reload(browser: Browser, service: Service) -> None:
+    """A link that is opened anew still fills the form."""
+    visit = Visit(browser, service, fragment_of({"maneuver": {"goal": {"y_m": 7}}}))
+    page = visit.page
+    goal = page.locator("#maneuver-goal-y_m")
+    expect(goal).to_have_value("7")
+    goal.fill("3")
+    page.reload()
+    expect(goal).to_have_value("3")
+    page.goto("about:blank")
+    page.go_back()
+    expect(goal).to_have_value("3")
+    page.goto("about:blank")
+    page.goto(f"{service.url}/{fragment_of({'maneuver': {'goal': {'y_m': 7}}})}")
+    expect(goal).to_have_value("7")
+    visit.close()
+
+
 def enter_solves(browser: Browser, service: Service) -> None:
     visit = Visit(browser, service)
     with visit.page.expect_response("**/solve"):
@@ -126,6 +144,6 @@ def solve_is_at_hand(browser: Browser, service: Service) -> None:
 
 
 CHECKS = [
-    faulty_text_stays, wheel_angle_is_typed_again, what_is_typed_outlives_the_api, enter_solves, only_what_moves_changes,
-    handle_that_is_held_stays, solve_is_at_hand,
+    faulty_text_stays, wheel_angle_is_typed_again, what_is_typed_outlives_the_api,
+    what_is_typed_outlives_a_reload, enter_solves, only_what_moves_changes, handle_that_is_held_stays, solve_is_at_hand,
 ]  # fmt: skip

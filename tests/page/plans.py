@@ -2,10 +2,12 @@
 
 import csv
 import json
+import math
+import re
 import tempfile
 from pathlib import Path
 
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Download, expect
 from service import Service
 from visit import LONG, Visit, fragment_of, says_what_was_answered, shown
 
@@ -95,8 +97,34 @@ def damaged_plans(browser: Browser, service: Service) -> None:
     visit.close()
 
 
+def files_for_a_controller(browser: Browser, service: Service) -> None:
+    """As `export` makes them, and what the twist alone would miss."""
+    visit = Visit(browser, service, fragment_of({"solver": {"starts": 1}}))
+    page = visit.page
+    end_s = visit.solve()["final_time_s"]
+    page.fill("#rate", "20")
+    with page.expect_download() as download:
+        page.click("text=Export")
+    rows = list(csv.DictReader(Path(download.value.path()).read_text().splitlines()))
+    assert download.value.suggested_filename == "trajectory.csv"
+    assert (len(rows), float(rows[-1]["time_s"])) == (math.floor(20 * end_s) + 2, end_s), rows[-1]
+    expect(page.locator("#handed-over")).to_have_text(re.compile(r"^trajectory\.csv: .* ends [\d.]+ mm and [\de.-]+ rad off\.$"))
+    page.select_option("#format", "ros2_mcap")
+    downloads: list[Download] = []
+    page.on("download", downloads.append)
+    page.click("text=Export")
+    service.wait_until(lambda: len(downloads) == 2 or page.wait_for_timeout(50), "both files of a bag come")
+    bag = {each.suggested_filename: Path(each.path()).read_bytes() for each in downloads}
+    assert bag["plan.mcap"].startswith(b"\x89MCAP0\r\n") and b"rosbag2" in bag["metadata.yaml"], bag.keys()
+    page.fill("#rate", "10000")
+    page.click("text=Export")
+    expect(page.locator("#problem")).to_contain_text("rate_hz")
+    visit.close()
+
+
 def open_file(visit: Visit, button: str, content: object) -> None:
     visit.page.set_input_files(f"#{button}", {"name": "plan.json", "mimeType": "application/json", "buffer": json.dumps(content).encode()})
 
 
-CHECKS = [torques_are_those_of_steps, aisle_is_left_by_a_distance, shorter_plan_ends, opened_plan_stays, damaged_plans]
+CHECKS = [torques_are_those_of_steps, aisle_is_left_by_a_distance, shorter_plan_ends, opened_plan_stays, damaged_plans,
+          files_for_a_controller]  # fmt: skip

@@ -32,6 +32,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/page/floor.js", SCRIPT, include_str!("../../page/floor.js")),
     ("/page/form.js", SCRIPT, include_str!("../../page/form.js")),
     ("/page/handle.js", SCRIPT, include_str!("../../page/handle.js")),
+    ("/page/handover.js", SCRIPT, include_str!("../../page/handover.js")),
     ("/page/main.js", SCRIPT, include_str!("../../page/main.js")),
     ("/page/motion.js", SCRIPT, include_str!("../../page/motion.js")),
     ("/page/plan.js", SCRIPT, include_str!("../../page/plan.js")),
