@@ -52,7 +52,7 @@ use crate::stop::{Stop, Stopped};
 /// The answer depends on the input alone, unless `control` stops the search.
 ///
 /// # Errors
-/// When `control` cuts off the certificate before the motion of the plan is known: there is nothing to answer.
+/// When `control` cuts it off before there is a plan to answer.
 pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopped> {
     if let Some(reason) = bounds::impossibility(input) {
         return Ok(certificate::certified_impossible(input, reason));
@@ -76,6 +76,8 @@ pub fn solve(input: &SolveInput, control: &RunControl) -> Result<Solution, Stopp
 
 /// The decision to answer, with its motion: the best one, or the first start of a solve that was stopped before its first rollout, where
 /// that diverges no torque. The motion alone decides: rollouts of the search follow others, and may stay finite where it does not.
+///
+/// That of a plan that was found is not cut off: it takes milliseconds, and the plan would be lost.
 fn answered(
     input: &SolveInput,
     simulator: &Simulator,
@@ -83,19 +85,20 @@ fn answered(
     stop: Stop,
 ) -> Result<(Candidate, Motion), Stopped> {
     let step_count = result.step_count;
-    let moving = |candidate: Candidate| {
+    let moving = |candidate: Candidate, stop: Stop| {
         let schedule = schedule_from_decision(&candidate.decision);
         Motion::of_plan(input, simulator, (schedule, step_count), stop).map(|motion| (candidate, motion))
     };
-    for candidate in result.best.take().into_iter().chain(iter::once_with(|| first_start(input))) {
-        let (candidate, motion) = moving(candidate)?;
+    let found = result.best.take().map(|best| (best, Stop::never()));
+    for (candidate, stop) in found.into_iter().chain(iter::once_with(|| (first_start(input), stop))) {
+        let (candidate, motion) = moving(candidate, stop)?;
         if motion.is_finite() {
             return Ok((candidate, motion));
         }
         // It is that of the best one.
         result.replayed = None;
     }
-    moving(standing_still(input))
+    moving(standing_still(input), stop)
 }
 
 fn first_start(input: &SolveInput) -> Candidate {

@@ -7,8 +7,8 @@ use slipdrive::robot::{Robot, RobotParameters, State};
 use slipdrive::shooting::StateComponent;
 use slipdrive::simulation::{ContactMethod, Rollout, Simulator};
 use slipdrive::solver::{
-    Method, ProgressObserver, Refinement, RefinementOutcome, RunControl, Solution, SolveInput, SolveProgress,
-    SolverSettings, Status, StopReason, solve,
+    Method, NoProgress, ProgressObserver, Refinement, RefinementOutcome, RunControl, Solution, SolveInput,
+    SolveProgress, SolverSettings, Status, StopReason, solve,
 };
 use slipdrive::stop::{Stop, Stopped};
 
@@ -188,12 +188,18 @@ fn stopped_search_ends_within_one_rollout() {
 }
 
 #[test]
-fn solve_that_is_cut_off_in_its_search_has_no_answer() {
-    let flag = AtomicBool::new(false);
-    let observer = StopAt { flag: &flag, at: 3, heard: AtomicU64::new(0) };
-    let control = RunControl::new(&flag, &observer).cut_off_by(&flag);
-    assert_eq!(solve(&SolveInput::forward_drive(), &control), Err(Stopped));
-    assert_eq!(observer.heard.load(Ordering::Relaxed), 3, "no rollout after the flag");
+fn solve_that_is_cut_off_answers_the_best_plan_that_it_found() {
+    for at in [1, 3] {
+        let flag = AtomicBool::new(false);
+        let observer = StopAt { flag: &flag, at, heard: AtomicU64::new(0) };
+        let control = RunControl::new(&flag, &observer).cut_off_by(&flag);
+        let solution = solve(&SolveInput::forward_drive(), &control).unwrap();
+        assert_eq!((solution.stop_reason, solution.report.replay), (StopReason::Stopped, None));
+        assert_eq!(observer.heard.load(Ordering::Relaxed), at, "no rollout of the search after the flag");
+    }
+    let flag = AtomicBool::new(true);
+    let control = RunControl::new(&flag, &NoProgress).cut_off_by(&flag);
+    assert_eq!(solve(&SolveInput::forward_drive(), &control), Err(Stopped), "nothing was found");
 }
 
 #[test]
