@@ -332,7 +332,7 @@ fn write_file(path: &Path, content: &[u8]) -> anyhow::Result<()> {
 }
 
 /// Writes to standard output; where its reader has left, nobody is to be told.
-fn say(words: &[u8]) -> anyhow::Result<()> {
+pub(crate) fn say(words: &[u8]) -> anyhow::Result<()> {
     let mut output = io::stdout().lock();
     let written = output.write_all(words).and_then(|()| output.flush());
     let has_left = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;

@@ -197,6 +197,8 @@ pub(crate) fn log_settings(matches: &ArgMatches) -> anyhow::Result<Result<LogSet
     let given = Given::<LogSettings>::from_arg_matches(matches)?;
     let mut faults = Faults::default();
     let log = Sources::new(None, &mut faults).read(&given, &mut faults);
+    #[cfg(feature = "otel")]
+    crate::telemetry::check(&mut faults);
     Ok(faults.into_result(log))
 }
 
@@ -222,6 +224,8 @@ impl ServeArguments {
         sources.check_keys(&[ServeSettings::TABLE, LogSettings::TABLE], &mut faults);
         let settings: Option<ServeSettings> = sources.read(&self.server.given, &mut faults);
         let log_settings = sources.read(log, &mut faults);
+        #[cfg(feature = "otel")]
+        crate::telemetry::check(&mut faults);
         let checked = settings.as_ref().and_then(|settings| {
             settings.check(&mut faults);
             let keys = settings.keys(env::var_os(API_KEYS_VARIABLE), &mut faults);

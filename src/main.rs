@@ -28,10 +28,6 @@ fn main() -> ExitCode {
 }
 
 fn failure(error: &anyhow::Error) -> ExitCode {
-    #[cfg(feature = "otel")]
-    if let Some(unusable) = error.downcast_ref::<telemetry::NoUrl>() {
-        return cli::refused(&unusable.to_string());
-    }
     let Some(usage) = error.downcast_ref::<clap::Error>() else {
         tell(&format_args!("error: {error:#}"));
         return ExitCode::FAILURE;
@@ -69,12 +65,12 @@ fn run(matches: &ArgMatches) -> anyhow::Result<ExitCode> {
     match &arguments.command {
         Command::Serve(serve) => match arguments.server_config(serve) {
             Ok(config) if serve.print_config => {
-                io::stdout().lock().write_all(config.to_toml().as_bytes())?;
+                cli::say(config.to_toml().as_bytes())?;
                 Ok(ExitCode::SUCCESS)
             }
             Ok(config) => {
                 let telemetry = telemetry::start(&config.log)?;
-                shutdown::serve_until_stopped(&config, telemetry.dropped_lines()).map(|()| ExitCode::SUCCESS)
+                shutdown::serve_until_stopped(&config, telemetry.lost_lines()).map(|()| ExitCode::SUCCESS)
             }
             Err(faults) => Ok(cli::refused(&faults.to_string())),
         },

@@ -23,7 +23,6 @@ use tokio::net::{TcpListener, TcpSocket};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
-use tracing_appender::non_blocking::ErrorCounter;
 
 use crate::config::{ServerConfig, for_probes};
 use crate::heap;
@@ -40,21 +39,24 @@ const BACKLOG: u32 = 4096;
 ///
 /// # Errors
 /// When the address cannot be bound or the server fails.
-pub(crate) fn serve_until_stopped(config: &ServerConfig, dropped_lines: ErrorCounter) -> anyhow::Result<()> {
+pub(crate) fn serve_until_stopped(
+    config: &ServerConfig,
+    lost_lines: impl Fn() -> u64 + Send + Sync + 'static,
+) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().thread_name("slipdrive-http").build()?;
-    let result = runtime.block_on(serve(config, dropped_lines));
+    let result = runtime.block_on(serve(config, lost_lines));
     // Without waiting: connections that are still open have had their timeout.
     runtime.shutdown_background();
     result
 }
 
-async fn serve(config: &ServerConfig, dropped_lines: ErrorCounter) -> anyhow::Result<()> {
+async fn serve(config: &ServerConfig, lost_lines: impl Fn() -> u64 + Send + Sync + 'static) -> anyhow::Result<()> {
     let (mut signals, hangups) = (Signals::listen()?, Hangups::listen()?);
     let listeners = Listeners::bind(config)?;
     let settings = config.service_settings();
     let threads = || format!("the threads of {} workers cannot be started", settings.workers);
     let service = Arc::new(Service::start(settings).with_context(threads)?);
-    service.metrics().follow_dropped_lines(move || dropped_lines.dropped_lines() as u64);
+    service.metrics().follow_dropped_lines(lost_lines);
     listeners.report(&settings)?;
     tokio::spawn(heap::give_back_regularly());
     tokio::spawn(Reload::of(config, service.metrics()).run(hangups));

@@ -2,11 +2,13 @@
 //! collector, in builds with the feature `otel`.
 //!
 //! A thread of its own writes the log: whoever does not read it blocks that thread alone. Lines that find no room are
-//! dropped and counted.
+//! dropped, and counted with those that cannot be written.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
-use std::io::{self, IsTerminal as _};
+use std::io::{self, IsTerminal as _, Write as _};
 use std::panic::{self, PanicHookInfo};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
@@ -22,7 +24,7 @@ use crate::config::{LogFormat, LogSettings};
 #[cfg(feature = "otel")]
 mod export;
 #[cfg(feature = "otel")]
-pub(crate) use export::NoUrl;
+pub(crate) use export::check;
 
 /// Lines that wait to be written: those of a second under full load, less than a MB.
 const WAITING_LINES: usize = 1024;
@@ -38,16 +40,40 @@ pub(crate) struct Telemetry {
 }
 
 impl Telemetry {
-    /// The number of lines that were dropped so far.
-    pub(crate) fn dropped_lines(&self) -> ErrorCounter {
-        self.lines.dropped.clone()
+    /// Gives the number of lines that were lost so far: those that found no room, and those that could not be written.
+    pub(crate) fn lost_lines(&self) -> impl Fn() -> u64 + Send + Sync + use<> {
+        let (dropped, failed) = (self.lines.dropped.clone(), Arc::clone(&self.lines.failed));
+        move || dropped.dropped_lines() as u64 + failed.load(Ordering::Relaxed)
     }
 }
 
 /// The writer of the log; writes what is left when it is dropped.
 struct Lines {
     dropped: ErrorCounter,
+    failed: Arc<AtomicU64>,
     writer: Option<WorkerGuard>,
+}
+
+/// Standard error, with the number of lines that it did not take: it may be a full disk, or a pipe whose reader has gone.
+#[derive(Default)]
+struct StandardError {
+    failed: Arc<AtomicU64>,
+}
+
+impl io::Write for StandardError {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        io::stderr().write(bytes)
+    }
+
+    fn write_all(&mut self, line: &[u8]) -> io::Result<()> {
+        let written = io::stderr().write_all(line);
+        self.failed.fetch_add(u64::from(written.is_err()), Ordering::Relaxed);
+        written
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        io::stderr().flush()
+    }
 }
 
 impl Drop for Lines {
@@ -76,8 +102,10 @@ pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Telemetry> {
     let filter = EnvFilter::try_new(&settings.log)
         .with_context(|| format!("the log filter `{}` cannot be understood", settings.log))?;
     let writer = NonBlockingBuilder::default().lossy(true).buffered_lines_limit(WAITING_LINES);
-    let (writer, guard) = writer.thread_name("slipdrive-log").finish(io::stderr());
-    let written = Lines { dropped: writer.error_counter(), writer: Some(guard) };
+    let output = StandardError::default();
+    let failed = Arc::clone(&output.failed);
+    let (writer, guard) = writer.thread_name("slipdrive-log").finish(output);
+    let written = Lines { dropped: writer.error_counter(), failed, writer: Some(guard) };
     let lines = tracing_subscriber::fmt::layer().with_writer(writer).with_ansi(has_colors());
     let lines: BoxedLayer = match settings.log_format {
         LogFormat::Text => lines.with_filter(filter).boxed(),

@@ -4,8 +4,10 @@
 //! driven here: HTTP/1 and HTTP/2 on the same port, distinguished by their first bytes.
 
 use std::collections::hash_map::RandomState;
+use std::error::Error;
 use std::hash::BuildHasher as _;
 use std::io;
+use std::iter;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -173,7 +175,11 @@ async fn receive(stream: TcpStream, router: Router, place: Place) {
     #[cfg(feature = "tls")]
     if let Some(identity) = &connection.connections.settings.identity {
         let shaken = tokio::select! {
-            shaken = identity.shake_hands(stream, connection.connections.settings.head_timeout) => shaken,
+            shaken = identity.shake_hands(stream) => shaken,
+            () = sleep(connection.connections.settings.head_timeout) => {
+                slow(connection);
+                None
+            }
             () = connection.connections.closing() => None,
             () = connection.ended() => None,
         };
@@ -214,6 +220,9 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
             ended = &mut served => {
                 if let Err(error) = ended {
                     tracing::debug!(error = %error, "a connection failed");
+                    if is_slow(error.as_ref(), connection) {
+                        slow(connection);
+                    }
                 }
                 return;
             }
@@ -254,6 +263,16 @@ async fn drive<S: AsyncRead + AsyncWrite + Unpin + Send + 'static>(
             served.as_mut().graceful_shutdown();
         }
     }
+}
+
+/// Whether the peer was waited for in vain: to read, or for the head of its first request. Between requests it may be silent.
+fn is_slow(error: &(dyn Error + 'static), connection: &Connection) -> bool {
+    let is_timed_out = |error: &io::Error| error.kind() == io::ErrorKind::TimedOut;
+    iter::successors(Some(error), |&error| error.source()).any(|error| {
+        error.downcast_ref().is_some_and(is_timed_out)
+            || error.downcast_ref().and_then(h2::Error::get_io).is_some_and(is_timed_out)
+            || error.downcast_ref().is_some_and(hyper::Error::is_timeout) && !connection.had_request()
+    })
 }
 
 fn slow(connection: &Connection) {

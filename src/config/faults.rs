@@ -7,7 +7,7 @@ use std::fmt;
 pub(crate) struct Faults(pub(super) Vec<String>);
 
 impl Faults {
-    pub(super) fn add(&mut self, fault: String) {
+    pub(crate) fn add(&mut self, fault: String) {
         self.0.push(fault);
     }
 

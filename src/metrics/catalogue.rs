@@ -131,8 +131,11 @@ pub(super) const HELD_BYTES: Family = gauge(
     &[],
     "Memory that is reserved for requests: bodies being received, and answers not yet taken.",
 );
-pub(super) const LOG_LINES_DROPPED: Family =
-    counter("slipdrive_log_lines_dropped_total", &[], "Lines of the log that were dropped because nobody read it.");
+pub(super) const LOG_LINES_DROPPED: Family = counter(
+    "slipdrive_log_lines_dropped_total",
+    &[],
+    "Lines of the log that were lost: nobody read it, or it could not be written.",
+);
 pub(super) const CALLER_REQUESTS: Family = counter(
     "slipdrive_caller_requests_total",
     &["caller"],

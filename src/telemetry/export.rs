@@ -15,33 +15,28 @@ use opentelemetry_sdk::trace::SdkTracerProvider;
 use tracing_subscriber::filter::filter_fn;
 use tracing_subscriber::{Layer, Registry};
 
+use crate::config::Faults;
+
 const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT"];
 const SERVICE_NAME: &str = "OTEL_SERVICE_NAME";
 
 /// The pipeline from spans to the collector.
 pub(super) struct Provider(SdkTracerProvider);
 
-/// A variable whose value cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[error("`{name}` is \"{value}\", must be a URL, such as http://localhost:4318")]
-pub(crate) struct NoUrl {
-    name: &'static str,
-    value: String,
+/// Adds the endpoints that are no URLs.
+pub(crate) fn check(faults: &mut Faults) {
+    for (name, value) in endpoints().into_iter().filter(|(_, value)| !is_url(value)) {
+        faults.add(format!("`{name}` is \"{value}\", must be a URL, such as http://localhost:4318"));
+    }
 }
 
 /// The pipeline; none where no collector is named, or where nothing is to be exported.
 ///
 /// # Errors
-/// [`NoUrl`] of an endpoint, and when the exporter cannot be built.
+/// When the exporter cannot be built.
 pub(super) fn provider() -> anyhow::Result<Option<Provider>> {
-    let endpoints: Vec<_> = ENDPOINTS.iter().filter_map(|name| Some((*name, given(name)?))).collect();
-    let is_off = given("OTEL_SDK_DISABLED").is_some_and(|value| value.eq_ignore_ascii_case("true"));
-    let is_for_nobody = given("OTEL_TRACES_EXPORTER").is_some_and(|value| value == "none");
-    if endpoints.is_empty() || is_off || is_for_nobody {
+    if endpoints().is_empty() {
         return Ok(None);
-    }
-    if let Some((name, value)) = endpoints.into_iter().find(|(_, value)| !is_url(value)) {
-        return Err(NoUrl { name, value }.into());
     }
     let exporter = SpanExporter::builder().with_http().build().context("the exporter of spans cannot be built")?;
     let resource = Resource::builder();
@@ -51,6 +46,14 @@ pub(super) fn provider() -> anyhow::Result<Option<Provider>> {
     };
     let provider = SdkTracerProvider::builder().with_batch_exporter(exporter).with_resource(resource.build());
     Ok(Some(Provider(provider.build())))
+}
+
+/// The variables that name a collector, where anything is to be exported.
+fn endpoints() -> Vec<(&'static str, String)> {
+    let is_off = given("OTEL_SDK_DISABLED").is_some_and(|value| value.eq_ignore_ascii_case("true"));
+    let is_for_nobody = given("OTEL_TRACES_EXPORTER").is_some_and(|value| value == "none");
+    let named = ENDPOINTS.into_iter().filter_map(|name| Some((name, given(name)?)));
+    named.filter(|_| !is_off && !is_for_nobody).collect()
 }
 
 /// The value of a variable that is set and not empty.

@@ -214,6 +214,17 @@ async fn draining_server_ends_batches_after_the_answers_in_flight() {
 }
 
 #[tokio::test]
+async fn plain_http_on_this_port_is_no_success() {
+    let server = TestServer::start(4, instant_solver()).await;
+    let url = |path: &str| format!("http://{}{path}", server.grpc_address);
+    for path in ["/", "/readyz", "/solve", "/slipdrive.v1.ManeuverService/None"] {
+        assert_eq!(server.client.get(url(path)).send().await.unwrap().status(), 404, "{path}");
+    }
+    let solve = server.client.post(url("/slipdrive.v1.ManeuverService/Solve")).body("{}").send().await.unwrap();
+    assert_eq!((solve.status().as_u16(), solve.headers()["grpc-accept-encoding"].to_str()), (415, Ok("identity")));
+}
+
+#[tokio::test]
 async fn health_is_told_for_the_server_and_the_service_and_ends_first() {
     let server = TestServer::start(4, instant_solver()).await;
     let mut health = HealthClient::new(server.channel().await);

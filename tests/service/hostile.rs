@@ -49,6 +49,17 @@ async fn is_closed_after(address: SocketAddr, bytes: &[u8]) -> Vec<u8> {
     answer
 }
 
+/// Waits until so many connections have counted as too slow.
+async fn slow_ones_are(server: &TestServer, count: usize) {
+    let line = format!("slipdrive_connections_ended_total{{cause=\"slow\"}} {count}");
+    let counted = async {
+        while !String::from_utf8(server.service.metrics_text()).unwrap().lines().any(|found| found == line) {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    timeout(HANG_BOUND, counted).await.unwrap_or_else(|_| panic!("never {line}"));
+}
+
 #[tokio::test]
 async fn silent_and_half_spoken_connections_are_closed() {
     let server = impatient().await;
@@ -65,6 +76,7 @@ async fn silent_and_half_spoken_connections_are_closed() {
             assert!(answer.len() < 1000, "{}", String::from_utf8_lossy(&answer));
         }
     }
+    slow_ones_are(&server, 2 * half_spoken.len()).await;
     assert_eq!(server.get("/livez").await.status, 200);
 }
 
@@ -73,6 +85,8 @@ async fn idle_connections_are_closed() {
     let server = impatient().await;
     let answer = is_closed_after(server.address, b"GET /livez HTTP/1.1\r\nhost: h\r\n\r\n").await;
     assert!(answer.starts_with(b"HTTP/1.1 200"), "{}", String::from_utf8_lossy(&answer));
+    // It may be silent between requests.
+    slow_ones_are(&server, 0).await;
     // The preface and empty settings, then nothing: pings stay unanswered.
     let preface = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\x00\x00\x00\x04\x00\x00\x00\x00\x00";
     is_closed_after(server.grpc_address, preface).await;
@@ -99,6 +113,7 @@ async fn caller_who_does_not_read_is_dropped() {
     };
     timeout(HANG_BOUND, closed).await.expect("the server gives up");
     assert_eq!(server.get("/livez").await.status, 200);
+    slow_ones_are(&server, 1).await;
 }
 
 const SOLVE: [&str; 2] = ["/solve", "/slipdrive.v1.ManeuverService/Solve"];

@@ -10,6 +10,9 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 use tonic::Code;
 use tonic::transport::Endpoint;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_check_response::ServingStatus;
+use tonic_health::pb::health_client::HealthClient;
 
 use crate::support::HANG_BOUND;
 use crate::support::process::{ServerProcess, sample};
@@ -100,6 +103,22 @@ async fn no_accepted_request_is_lost_in_a_drain() {
     }
     assert!(served > 4, "{served} were served after the signal");
     assert_eq!(server.wait().code(), Some(0));
+}
+
+#[tokio::test]
+async fn nobody_waits_for_watches_of_the_health() {
+    let mut server = ServerProcess::start(&[], &[]);
+    let channel = Endpoint::from_shared(format!("http://{}", server.grpc)).unwrap().connect().await.unwrap();
+    let watched = HealthClient::new(channel).watch(HealthCheckRequest::default()).await;
+    let mut watched = watched.unwrap().into_inner();
+    let mut next = async || timeout(HANG_BOUND, watched.message()).await.unwrap();
+    assert_eq!(next().await.unwrap().unwrap().status(), ServingStatus::Serving);
+    server.signal("TERM");
+    assert_eq!(next().await.unwrap().unwrap().status(), ServingStatus::NotServing);
+    assert_eq!(next().await.unwrap_err().code(), Code::Unavailable);
+    assert_eq!(server.wait().code(), Some(0));
+    let log = server.lines_so_far();
+    assert!(!log.iter().any(|line| line.contains("last answer")), "{log:?}");
 }
 
 #[tokio::test]

@@ -158,6 +158,12 @@ fn endpoint_that_is_no_url_is_refused_unless_nothing_is_exported() {
         code == Some(64) && said.contains("`OTEL_EXPORTER_OTLP_ENDPOINT` is \"collector:4318\""),
         "{code:?} {said}"
     );
+    let shown = slipdrive().args(["serve", "--print-config", "--workers", "0"]).env(wrong.0, wrong.1).output().unwrap();
+    let said = String::from_utf8(shown.stderr).unwrap();
+    assert!(
+        shown.status.code() == Some(64) && said.contains(wrong.0) && said.contains("workers"),
+        "all at once: {said}"
+    );
     let off = [("OTEL_SDK_DISABLED", "true"), ("OTEL_TRACES_EXPORTER", "none"), ("OTEL_EXPORTER_OTLP_ENDPOINT", "")];
     for variable in off {
         let (code, said) = start(&[wrong, variable]);

@@ -1,5 +1,8 @@
 //! One line of the log for each request, in both forms, and what the health command says.
 
+#[cfg(target_os = "linux")]
+use std::io::{Read as _, Write as _};
+
 use serde_json::Value;
 use tonic::transport::Endpoint;
 use tonic_health::pb::HealthCheckRequest;
@@ -95,6 +98,32 @@ async fn log_that_nobody_reads_holds_nothing_up_and_its_lines_are_counted() {
         server.signal("TERM");
         assert_eq!(server.wait().code(), Some(0), "nobody reads the last lines either");
     }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn log_that_cannot_be_written_is_counted() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    drop(listener);
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let arguments = ["serve", "--http", &address, "--grpc", "127.0.0.1:0"];
+    let mut server = slipdrive().args(arguments).stderr(full).spawn().unwrap();
+    let deadline = std::time::Instant::now() + HANG_BOUND;
+    let asked = || {
+        let mut stream = std::net::TcpStream::connect(&address).ok()?;
+        stream.write_all(b"GET /metrics HTTP/1.1\r\nhost: h\r\nconnection: close\r\n\r\n").ok()?;
+        let mut text = String::new();
+        stream.read_to_string(&mut text).ok()?;
+        text.lines().find_map(|line| line.strip_prefix("slipdrive_log_lines_dropped_total ")?.parse::<f64>().ok())
+    };
+    // The line that it listens is lost.
+    while asked().is_none_or(|lost| lost == 0.0) {
+        assert!(std::time::Instant::now() < deadline, "no lost line is counted");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    server.kill().unwrap();
+    server.wait().unwrap();
 }
 
 #[cfg(unix)]

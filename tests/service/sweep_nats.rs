@@ -56,6 +56,11 @@ struct Nats {
 impl Nats {
     /// None where no server is installed.
     async fn start(name: &str) -> Option<Self> {
+        Self::guarded(name, &[], "", ConnectOptions::new()).await
+    }
+
+    /// With these flags of its own, for clients whose URL begins with `user`.
+    async fn guarded(name: &str, flags: &[&str], user: &str, options: ConnectOptions) -> Option<Self> {
         let program = ["nats-server", "/usr/sbin/nats-server"].into_iter().find(|program| {
             Command::new(program).arg("--version").stdout(Stdio::null()).status().is_ok_and(|status| status.success())
         });
@@ -68,19 +73,19 @@ impl Nats {
         let (store, port) = (folder.file("store"), port.to_string());
         let server = Command::new(program)
             .args(["-a", "127.0.0.1", "-p", &port, "-js", "-sd", &store])
+            .args(flags)
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        let url = format!("nats://127.0.0.1:{port}");
         let patience_ends = Instant::now() + PATIENCE;
         let client = loop {
-            match async_nats::connect(&url).await {
+            match options.clone().connect(format!("127.0.0.1:{port}")).await {
                 Ok(client) => break client,
                 Err(error) => assert!(Instant::now() < patience_ends, "{error}"),
             }
             sleep(Duration::from_millis(20)).await;
         };
-        Some(Self { folder, url, client, server: Running(server) })
+        Some(Self { folder, url: format!("nats://{user}127.0.0.1:{port}"), client, server: Running(server) })
     }
 
     fn file(&self, name: &str, sweep: &Value) -> String {
@@ -273,6 +278,20 @@ async fn worker_says_whether_it_is_connected_and_what_it_did() {
         sleep(Duration::from_millis(50)).await;
     }
     assert_eq!(get("/livez").await.0, 200);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn users_and_tokens_stand_in_the_url() {
+    let by_password = ConnectOptions::with_user_and_password("fleet".to_owned(), "p@ss:word".to_owned());
+    let by_token = ConnectOptions::with_token("t/ken".to_owned());
+    let (flags, token) = (["--user", "fleet", "--pass", "p@ss:word"], ["--auth", "t/ken"]);
+    for (name, flags, user, options) in [
+        ("nats-user", &flags[..], "fleet:p%40ss%3Aword@", by_password),
+        ("nats-token", &token[..], "t%2Fken@", by_token),
+    ] {
+        let Some(nats) = Nats::guarded(name, flags, user, options).await else { return };
+        nats.swept(&[&nats.file("drives.json", &drives(1, &json!({})))]);
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

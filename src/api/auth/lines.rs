@@ -1,7 +1,8 @@
 //! The text of a key file: which keys there are, and whose they are.
 //!
 //! Keys stand on lines of their own, or are separated by commas or white space: `NAME:KEY`, `NAME:sha256:HEX`,
-//! `sha256:HEX`, or a key alone. `HEX` is the SHA-256 of a key, so that the file need not hold the key itself.
+//! `sha256:HEX`, or a key alone. `HEX` is the SHA-256 of a key, so that the file need not hold the key itself. From `#`, where an entry
+//! could begin, to the end of its line is a comment.
 
 use super::{Hash, hash};
 
@@ -49,7 +50,8 @@ pub(super) fn read(text: &str) -> Result<Vec<KeyLine>, KeyFaults> {
 fn entries(text: &str) -> impl Iterator<Item = (String, &str)> {
     text.lines().enumerate().flat_map(|(line, content)| {
         let separated = content.split(|character: char| character == ',' || character.is_whitespace());
-        let entries: Vec<_> = separated.filter(|entry| !entry.is_empty()).collect();
+        let written = separated.filter(|entry| !entry.is_empty());
+        let entries: Vec<_> = written.take_while(|entry| !entry.starts_with('#')).collect();
         let is_alone = entries.len() == 1;
         entries.into_iter().enumerate().map(move |(index, entry)| {
             let place = format!("line {}", line + 1);
@@ -59,6 +61,10 @@ fn entries(text: &str) -> impl Iterator<Item = (String, &str)> {
 }
 
 fn key_of(entry: &str) -> Result<KeyLine, String> {
+    // A header of a request holds no others that would be compared.
+    if !entry.bytes().all(|byte| byte.is_ascii_graphic()) {
+        return Err("a key has visible ASCII characters alone".to_owned());
+    }
     let Some((first, rest)) = entry.split_once(':') else { return Ok(KeyLine { name: None, hash: hash(entry) }) };
     if first == HASH_MARK {
         return Ok(KeyLine { name: None, hash: hash_in(rest)? });
@@ -121,6 +127,8 @@ mod tests {
         assert_eq!(read(&text).unwrap(), expected);
         assert_eq!(read(&format!("a:sha256:{}", ABC.to_uppercase())).unwrap(), [key(Some("a"), "abc")]);
         assert_eq!(read(" ,\n").unwrap(), []);
+        let text = "# keys of the north fleet\nfleet-1:a#b # since Monday, fleet-1:old\n#fleet-1:leaked\nplain,#";
+        assert_eq!(read(text).unwrap(), [key(Some("fleet-1"), "a#b"), key(None, "plain")]);
     }
 
     #[test]
@@ -135,7 +143,7 @@ mod tests {
         let cut = &ABC[..63];
         let long = "n".repeat(33);
         let text = format!(
-            "good\nsha256:{cut}\nFleet:secret\na:sha256:secret\na:\n:secret, good\n{long}:secret\nsha256:é{cut}"
+            "good\nsha256:{cut}\nFleet:secret\na:sha256:secret\na:\n:secret, good\n{long}:secret\nfleet:secrét"
         );
         let found = faults(&text);
         let places: Vec<_> = found.iter().filter_map(|fault| fault.split(": ").next()).collect();

@@ -3,8 +3,9 @@
 
 use std::sync::Arc;
 
+use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::Response;
 use tonic::{Code, Status};
@@ -12,8 +13,9 @@ use tracing::Instrument as _;
 
 use super::admission::{self, Methods};
 use super::status;
+use super::until_closing::UntilClosing;
 use crate::api::access::{self, AccessLine, Endpoint, RequestContext};
-use crate::api::receive::peer_of;
+use crate::api::receive::{connection_of, peer_of};
 use crate::api::{ApiState, open_line};
 use crate::contract::{BodyLimit, ErrorCode, Problem};
 
@@ -31,12 +33,16 @@ pub(super) async fn pass(State(Passage { state, methods }): State<Passage>, requ
     let metrics = Arc::clone(state.service.metrics());
     let mut line = AccessLine::open(request.method().clone(), context.clone(), span.clone(), endpoint, metrics);
     line.is_probe = admission::is_probe(&context.path);
+    let (connection, is_grpc) = (connection_of(request.extensions()), is_grpc(request.headers()));
     let mut response = match admission::admit(&state, &methods, request, &context).await {
         Ok(request) => next.run(request).instrument(span).await,
-        Err(problem) => answer(&problem, &context),
+        Err(problem) => answer(&problem, is_grpc, &context),
     };
     if let Some(problem) = problem_of(&mut response, &methods, &context.path) {
-        response = answer(&problem, &context);
+        response = answer(&problem, is_grpc, &context);
+    }
+    if admission::is_foreign(&context.path) {
+        response = response.map(|body| Body::new(UntilClosing::of(body, connection)));
     }
     context.sign(response.headers_mut());
     line.status = Some(access::status_number(Code::Ok));
@@ -52,12 +58,20 @@ fn read_status(headers: &HeaderMap, line: &mut AccessLine) {
     }
 }
 
-/// What is refused for its media type or method is no gRPC: plain HTTP clients see it by the status.
-fn answer(problem: &Problem, context: &RequestContext) -> Response {
+/// Whether a call says that it is one.
+fn is_grpc(headers: &HeaderMap) -> bool {
+    headers.get(header::CONTENT_TYPE).is_some_and(|value| value.as_bytes().starts_with(b"application/grpc"))
+}
+
+/// Clients and probes of plain HTTP, which may have the wrong port, see what went wrong by the status.
+fn answer(problem: &Problem, is_grpc: bool, context: &RequestContext) -> Response {
     let mut response: Response = status::of_problem(problem, &context.request_id).into_http();
-    if matches!(problem.code(), ErrorCode::UnsupportedMedia | ErrorCode::MethodNotAllowed) {
+    if !is_grpc {
         let status = StatusCode::from_u16(problem.code().entry().http_status);
         *response.status_mut() = status.unwrap_or(StatusCode::BAD_REQUEST);
+    }
+    if problem.code() == ErrorCode::UnsupportedMedia {
+        response.headers_mut().insert("grpc-accept-encoding", HeaderValue::from_static("identity"));
     }
     response
 }

@@ -8,6 +8,7 @@ mod health;
 mod middleware;
 pub mod pb;
 mod status;
+mod until_closing;
 
 use std::sync::Arc;
 

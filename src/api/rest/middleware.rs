@@ -103,10 +103,13 @@ pub(super) async fn pass(State(passage): State<Passage>, request: Request, next:
     open_line::hand_over(response, line, open_line::no_trailers)
 }
 
-/// Answers mean what their type says, and nobody keeps them but their caller; documents say themselves how they are kept.
+/// Answers mean what their type says, and nobody keeps them but their caller; documents, which have a tag, say themselves how they are
+/// kept.
 fn protect(headers: &mut HeaderMap) {
     headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
-    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    if !headers.contains_key(header::ETAG) {
+        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    }
 }
 
 /// A request of HTTP/1.1 names its host exactly once (RFC 9112, section 3.2): whatever stands between otherwise sees

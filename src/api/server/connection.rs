@@ -98,6 +98,11 @@ pub(super) struct Worth {
 }
 
 impl Connection {
+    /// Waits until the server takes no more work.
+    pub(in crate::api) async fn closing(self: Arc<Self>) {
+        self.connections.closing().await;
+    }
+
     pub(super) fn new(connections: Arc<Connections>, peer: SocketAddr, may: Use) -> Self {
         let state = State {
             next_number: 0,
@@ -160,9 +165,14 @@ impl Connection {
         self.bytes_read.fetch_add(bytes as u64, Ordering::Relaxed);
     }
 
+    /// Whether the head of a request has arrived.
+    pub(super) fn had_request(&self) -> bool {
+        self.state().requests > 0
+    }
+
     /// Whether enough bytes have arrived to know the protocol.
     pub(super) fn has_sent_preface(&self) -> bool {
-        self.state().requests > 0 || self.bytes_read.load(Ordering::Relaxed) >= PREFACE_BYTES
+        self.had_request() || self.bytes_read.load(Ordering::Relaxed) >= PREFACE_BYTES
     }
 
     /// Counts a request as under way until the result is dropped; none when the connection has too many of its kind.

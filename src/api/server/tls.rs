@@ -1,12 +1,10 @@
-//! TLS: the server's certificate and key, and handshakes with a timeout.
+//! TLS: the server's certificate and key, and handshakes.
 
 use std::io;
 use std::path::Path;
 use std::sync::{Arc, PoisonError, RwLock};
-use std::time::Duration;
 
 use tokio::net::TcpStream;
-use tokio::time::timeout;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
 use tokio_rustls::rustls::crypto::ring;
@@ -56,21 +54,10 @@ impl Identity {
         Arc::clone(&self.config.read().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The connection after its handshake; none when that fails or takes longer than `handshake_timeout`.
-    pub(super) async fn shake_hands(
-        &self,
-        stream: TcpStream,
-        handshake_timeout: Duration,
-    ) -> Option<TlsStream<TcpStream>> {
-        let handshake = TlsAcceptor::from(self.config()).accept(stream);
-        match timeout(handshake_timeout, handshake).await {
-            Ok(Ok(stream)) => Some(stream),
-            Ok(Err(error)) => {
-                tracing::debug!(error = %error, "a handshake failed");
-                None
-            }
-            Err(_) => None,
-        }
+    /// The connection after its handshake; none when that fails.
+    pub(super) async fn shake_hands(&self, stream: TcpStream) -> Option<TlsStream<TcpStream>> {
+        let shaken = TlsAcceptor::from(self.config()).accept(stream).await;
+        shaken.inspect_err(|error| tracing::debug!(error = %error, "a handshake failed")).ok()
     }
 }
 

@@ -204,9 +204,13 @@ async fn connected(access: &Access) -> Result<Client, NatsError> {
     // Without the address itself: it may hold a password.
     let addresses = addresses.map_err(|error| NatsError::Unusable(format!("the URL of NATS is invalid: {error}")))?;
     let mut options = ConnectOptions::new().name("slipdrive").event_callback(log);
-    if let Some(address) = addresses.iter().find(|address| address.password().is_none()) {
-        options = address.username().into_iter().fold(options, |options, token| options.token(token.to_owned()));
-    }
+    // The client leaves them in the URL.
+    let named = addresses.iter().find_map(|address| Some((decoded(address.username()?), address.password())));
+    options = match named {
+        Some((user, Some(password))) => options.user_and_password(user, decoded(password)),
+        Some((token, None)) => options.token(token),
+        None => options,
+    };
     if let Some(file) = &access.credentials {
         let unusable = |error| NatsError::Unusable(format!("{} cannot be used: {error}", file.display()));
         options = options.credentials_file(file).await.map_err(unusable)?;
@@ -215,6 +219,11 @@ async fn connected(access: &Access) -> Result<Client, NatsError> {
         options = options.add_root_certificates(file.clone()).require_tls(true);
     }
     options.connect(addresses).await.map_err(|error| NatsError::failed("NATS cannot be reached")(&error))
+}
+
+/// A part of a URL without its percent signs.
+fn decoded(part: &str) -> String {
+    percent_encoding::percent_decode_str(part).decode_utf8_lossy().into_owned()
 }
 
 async fn log(event: Event) {
