@@ -200,14 +200,14 @@ impl Axis {
         if to <= 0.0 {
             return Cover::growing(0.0);
         }
-        let forward = Curve::by_time(&self.start_push.towards, self.rise_from(), error.dt(), to);
+        let forward = Curve::by_time(&self.start_push.towards, self.rise_from(), error.dt, to);
         let backward = match self.end_speed.1 {
             speed if speed.is_finite() && !self.is_damped => {
-                Curve::by_time(&self.end_push.against, speed, error.dt(), to).reversed()
+                Curve::by_time(&self.end_push.against, speed, error.dt, to).reversed()
             }
             _ => Curve::above_all(to),
         };
-        let drive = self.drive_scale.and_then(|scale| Some(error.drive()?.scaled(scale)));
+        let drive = self.drive_scale.and_then(|scale| Some(error.drive.as_ref()?.scaled(scale)));
         let drive = drive.unwrap_or_else(|| Curve::above_all(to));
         let lines = self.ceiling.lines(error, self.drive_scale, to);
         let mut curves = vec![&forward, &backward, &drive];
@@ -246,7 +246,7 @@ impl GridLaw {
     /// Area that the error of a piece's line may add.
     fn error_area(self, piece: &Piece, error: &GridError) -> f64 {
         let length = piece.to - piece.from;
-        let count = (ERROR_SPANS * length / error.duration()).ceil().max(1.0);
+        let count = (ERROR_SPANS * length / error.duration).ceil().max(1.0);
         let span = length / count;
         #[expect(
             clippy::cast_possible_truncation,

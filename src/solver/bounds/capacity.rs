@@ -86,7 +86,7 @@ impl Capacity {
             yaw_acceleration: kept(asked.yaw_acceleration),
         };
         let holds = maneuver.forbids_slip() && !has_restitution && bodies.has_grip;
-        let rolling = holds.then(|| Rolling::new(robot, torque_limit, &bodies, speed_limits(input), loads.law_error()));
+        let rolling = holds.then(|| Rolling::new(robot, torque_limit, &bodies, speed_limits(input), loads.law_error));
         let by_friction = loads.largest_magnitude(&moments(&levers(robot))) / yaw_inertia;
         Self {
             mass,
@@ -186,10 +186,10 @@ fn direction_error(robot: &Robot, loads: &Loads, rolling: Option<&Rolling>) -> f
     let traces = [[0, 2], [1, 2], [3, 4]].map(|[a, b]| delassus[(a, a)] + delassus[(b, b)]);
     let mut sum = 0.0;
     for (contact, trace) in traces.into_iter().enumerate() {
-        sum += loads.law_error() * trace * loads.friction(contact) * loads.weight();
+        sum += loads.law_error * trace * loads.friction[contact] * loads.weight;
     }
     if let Some(rolling) = rolling {
-        sum += rolling.front_slip(levers(robot)[2]) * loads.friction(2) * loads.weight();
+        sum += rolling.front_slip(levers(robot)[2]) * loads.friction[2] * loads.weight;
     }
     2.0 * (2.0 * sum).sqrt()
 }

@@ -62,12 +62,12 @@ pub(super) struct Lines<'a> {
 impl Ceiling {
     /// The lines; `drive_scale` is the speed per norm.
     pub(super) fn lines<'a>(&self, error: &'a GridError, drive_scale: Option<f64>, duration: f64) -> Lines<'a> {
-        let brake = drive_scale.and_then(|scale| Some(error.brake()?.scaled(scale).reversed()));
+        let brake = drive_scale.and_then(|scale| Some(error.brake.as_ref()?.scaled(scale).reversed()));
         let level = match self.level {
             SpeedLevel::None => f64::INFINITY,
             SpeedLevel::Wheel(rate) => rate,
-            SpeedLevel::Yaw => error.yaw_level(),
-            SpeedLevel::Center => error.center_level(),
+            SpeedLevel::Yaw => error.yaw_level,
+            SpeedLevel::Center => error.center_level,
         };
         let level = level.is_finite().then(|| Curve::straight(level, 0.0, duration));
         let mut curves: Vec<_> = brake.into_iter().chain(level).collect();
@@ -80,12 +80,12 @@ impl Ceiling {
 impl PointCeiling {
     /// Change of the speed by which frames half a step apart differ, m/s.
     fn half_turn(&self, error: &GridError) -> f64 {
-        if self.lever == 0.0 { 0.0 } else { 0.5 * error.dt() * self.lever * error.peak_yaw_rate().powi(2) }
+        if self.lever == 0.0 { 0.0 } else { 0.5 * error.dt * self.lever * error.peak_yaw_rate.powi(2) }
     }
 
     /// Growth of the speed per second that no limit judges: from step to step the frame turns in a circle, the point in its chord.
     fn drift(&self, error: &GridError) -> f64 {
-        if self.lever == 0.0 { 0.0 } else { error.peak_yaw_rate() * self.half_turn(error) }
+        if self.lever == 0.0 { 0.0 } else { error.peak_yaw_rate * self.half_turn(error) }
     }
 
     fn curves(&self, error: &GridError, duration: f64) -> Vec<Curve> {
@@ -121,16 +121,16 @@ impl PointCeiling {
 
     /// How much further G may come than the point while the point's lines are the lowest for some time, m.
     fn swing(&self, error: &GridError, duration: f64) -> f64 {
-        let peak = error.peak_yaw_rate();
+        let peak = error.peak_yaw_rate;
         let of_distance =
-            if self.distance == 0.0 { 0.0 } else { self.distance * ((peak * duration).min(2.0) + error.dt() * peak) };
-        of_distance + self.half_turn(error) * (duration + error.dt())
+            if self.distance == 0.0 { 0.0 } else { self.distance * ((peak * duration).min(2.0) + error.dt * peak) };
+        of_distance + self.half_turn(error) * (duration + error.dt)
     }
 }
 
 /// How far the half step of the first node leads beyond the lowest line: no limit judges the speed there, m or rad.
 fn half_step_above(lowest: f64, start_speed: f64, error: &GridError) -> f64 {
-    0.5 * error.dt() * (start_speed - lowest).max(0.0)
+    0.5 * error.dt * (start_speed - lowest).max(0.0)
 }
 
 impl Lines<'_> {

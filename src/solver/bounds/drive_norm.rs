@@ -22,12 +22,12 @@ pub(super) struct DriveNorm {
     mass: f64,
     /// Yaw inertia about G, kg m2.
     yaw_inertia: f64,
-    spin_inertia: f64,
-    wheel_radius: f64,
+    pub(super) spin_inertia: f64,
+    pub(super) wheel_radius: f64,
     /// Contacts relative to G (right, forward), m.
     levers: [Vector2<f64>; 3],
     /// Drive norm per angular impulse at a wheel, 1/(kg^1/2 m).
-    gain: PerWheel<f64>,
+    pub(super) gain: PerWheel<f64>,
 }
 
 /// The bodies whose motion the norm weighs.
@@ -52,18 +52,6 @@ impl DriveNorm {
         };
         let gain = PerWheel::new(gain(levers[0].x), gain(levers[1].x));
         Self { mass, yaw_inertia, spin_inertia, wheel_radius, levers, gain }
-    }
-
-    pub(super) fn gain(&self) -> PerWheel<f64> {
-        self.gain
-    }
-
-    pub(super) fn spin_inertia(&self) -> f64 {
-        self.spin_inertia
-    }
-
-    pub(super) fn wheel_radius(&self) -> f64 {
-        self.wheel_radius
     }
 
     /// Speed of G per unit of the norm, at most.

@@ -21,8 +21,8 @@ const FRICTION_SWEEPS: usize = 30;
 
 /// Rates of growth by level, with rising norms; the last level has no end. With no levels it is the only one.
 pub(super) fn drive_rates(norm: &DriveNorm, loads: &Loads, level_count: u32) -> Vec<Level> {
-    let margin = loads.law_error() * norm.largest_slips();
-    let unloaded = norm.gain().left * loads.torque_limit().x + norm.gain().right * loads.torque_limit().y;
+    let margin = loads.law_error * norm.largest_slips();
+    let unloaded = norm.gain.left * loads.torque_limit.x + norm.gain.right * loads.torque_limit.y;
     let without_end = |rate: f64| Level { until: f64::INFINITY, rate: margin + rate };
     if unloaded == 0.0 || level_count == 0 || !loads.bounds_wheel_loads() {
         return vec![without_end(unloaded)];
@@ -70,7 +70,7 @@ impl Bound {
 
 /// Torques at the corners of their limits.
 fn torques(loads: &Loads) -> [Vector2<f64>; 4] {
-    let limit = loads.torque_limit();
+    let limit = loads.torque_limit;
     [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]
         .map(|[left, right]| Vector2::new(left * limit.x, right * limit.y))
 }
@@ -132,7 +132,7 @@ fn crossing(one: &Side, other: &Side) -> [Vector2<f64>; 4] {
 
 fn rate(norm: &DriveNorm, loads: &Loads, pairs: &[Pair]) -> f64 {
     let of_pair = |(torque, normal): &Pair| {
-        let largest = Vector2::new(loads.friction(0) * normal.x, loads.friction(1) * normal.y);
+        let largest = Vector2::new(loads.friction[0] * normal.x, loads.friction[1] * normal.y);
         norm.at_most(&accelerations(norm, *torque, largest))
     };
     pairs.iter().map(of_pair).fold(0.0, f64::max)
@@ -141,7 +141,7 @@ fn rate(norm: &DriveNorm, loads: &Loads, pairs: &[Pair]) -> f64 {
 /// Accelerations by torques and those lengthwise friction forces within limits that make the wheels roll best.
 fn accelerations(norm: &DriveNorm, torque: Vector2<f64>, largest: Vector2<f64>) -> Speeds {
     let (own, coupling) = norm.contact_response();
-    let (radius, spin) = (norm.wheel_radius(), norm.spin_inertia());
+    let (radius, spin) = (norm.wheel_radius, norm.spin_inertia);
     let mut force = Vector2::<f64>::zeros();
     for _ in 0..FRICTION_SWEEPS {
         let before = force;

@@ -39,12 +39,15 @@ pub(super) struct KnownRates {
 #[derive(Debug, Clone)]
 pub(super) struct GridError {
     lever: f64,
-    dt: f64,
+    /// Length of a step, s.
+    pub(super) dt: f64,
     yaw_acceleration: f64,
-    peak: f64,
+    /// Largest yaw rate at nodes, rad/s.
+    pub(super) peak_yaw_rate: f64,
     end_yaw: f64,
     mass: f64,
-    duration: f64,
+    /// s
+    pub(super) duration: f64,
     /// Bound on the magnitude of the yaw rate over time.
     yaw_rate: Envelope,
     /// Its area, rad.
@@ -54,10 +57,14 @@ pub(super) struct GridError {
     /// Per lever: how far the velocity that the scheme keeps is from that of G at both ends, and what the largest yaw rate
     /// of a step may add to the integral at both of its ends, rad/s.
     at_nodes: f64,
-    drive: Option<Curve>,
-    brake: Option<Curve>,
-    yaw_level: f64,
-    center_level: f64,
+    /// Bound on the drive norm over time, errors included.
+    pub(super) drive: Option<Curve>,
+    /// Bound on the norm over time that braking by torque alone leaves, where nothing else brakes.
+    pub(super) brake: Option<Curve>,
+    /// Largest yaw rate at the end of each step by the limits, rad/s; infinite without.
+    pub(super) yaw_level: f64,
+    /// Largest speed of G at nodes where the wheels hold, m/s; infinite without a limit.
+    pub(super) center_level: f64,
 }
 
 impl GridError {
@@ -90,7 +97,7 @@ impl GridError {
             lever,
             dt,
             yaw_acceleration: slope,
-            peak,
+            peak_yaw_rate: peak,
             end_yaw: rates.end_yaw.map_or(peak, |end| end.min(peak)),
             mass: capacity.mass,
             duration,
@@ -106,31 +113,6 @@ impl GridError {
                 .as_ref()
                 .map_or(f64::INFINITY, |rolling| rolling.speed_level((lever, dt), peak)),
         }
-    }
-
-    /// Bound on the norm over time that braking by torque alone leaves, where nothing else brakes.
-    pub(super) fn brake(&self) -> Option<&Curve> {
-        self.brake.as_ref()
-    }
-
-    /// Largest yaw rate at the end of each step by the limits, rad/s; infinite without.
-    pub(super) fn yaw_level(&self) -> f64 {
-        self.yaw_level
-    }
-
-    /// Largest speed of G at nodes where the wheels hold, m/s; infinite without a limit.
-    pub(super) fn center_level(&self) -> f64 {
-        self.center_level
-    }
-
-    /// Largest yaw rate at nodes, rad/s.
-    pub(super) fn peak_yaw_rate(&self) -> f64 {
-        self.peak
-    }
-
-    /// Bound on the drive norm over time, errors included.
-    pub(super) fn drive(&self) -> Option<&Curve> {
-        self.drive.as_ref()
     }
 
     /// Error of G's velocity that builds up from the start until `time`, m/s.
@@ -166,18 +148,18 @@ impl GridError {
     /// Error of a point's displacement against the sum of its velocities relative to another one, per distance.
     pub(super) fn of_quadrature(&self) -> f64 {
         let jerk = self.yaw_rate.cubic_area() + 3.0 * self.yaw_acceleration * self.largest_turn;
-        let peak_jerk = self.peak.powi(3) + 3.0 * self.yaw_acceleration * self.peak;
+        let peak_jerk = self.peak_yaw_rate.powi(3) + 3.0 * self.yaw_acceleration * self.peak_yaw_rate;
         self.dt * self.dt / 12.0 * (jerk + 2.0 * self.dt * peak_jerk)
     }
 
     /// How far the way of a point may differ from the sum of its velocities in the frames of the steps, per distance from the
     /// chassis centre of mass: it goes along chords, its velocity along tangents.
     pub(super) fn of_chords(&self) -> f64 {
-        let half_turn = 0.5 * self.dt * self.peak;
+        let half_turn = 0.5 * self.dt * self.peak_yaw_rate;
         if half_turn == 0.0 {
             return 0.0;
         }
-        let each = half_turn * self.peak * self.duration;
+        let each = half_turn * self.peak_yaw_rate * self.duration;
         let by_parts = if half_turn < PI {
             let (sin, cos) = half_turn.sin_cos();
             let end = (1.0 - half_turn * cos / sin).hypot(half_turn);
@@ -192,16 +174,6 @@ impl GridError {
     /// What the sum of node values may exceed the area under convex curves by.
     pub(super) fn of_convexity(&self, curves: &[&Curve]) -> f64 {
         self.dt * self.dt / 8.0 * curves.iter().map(|curve| curve.slope_rise()).sum::<f64>()
-    }
-
-    /// s
-    pub(super) fn duration(&self) -> f64 {
-        self.duration
-    }
-
-    /// Length of a step, s.
-    pub(super) fn dt(&self) -> f64 {
-        self.dt
     }
 }
 

@@ -40,21 +40,22 @@ impl ByTorque {
 /// Normal forces of a robot as functions of its motion, and the limits of its torques.
 #[derive(Debug, Clone)]
 pub(super) struct Loads {
-    friction: [f64; 3],
-    weight: f64,
+    pub(super) friction: [f64; 3],
+    /// m g, N.
+    pub(super) weight: f64,
     static_force: [f64; 3],
     by_torque: [Vector2<f64>; 3],
     centrifugal: [f64; 3],
     gyroscopic: [f64; 3],
     /// Normal force per friction force, by the contact of the normal force.
     by_friction: [PerContact; 3],
-    torque_limit: Vector2<f64>,
+    pub(super) torque_limit: Vector2<f64>,
     has_viscous_friction: bool,
     least: [f64; 3],
     /// Normal force that wheels may be judged by beyond what they carry, where only a share of their grip may be used, N.
     unloaded_grip: f64,
     /// How far a friction force may be from the friction law, N.
-    law_error: f64,
+    pub(super) law_error: f64,
 }
 
 const FRONT: usize = ContactName::Front as usize;
@@ -104,27 +105,9 @@ impl Loads {
         }
     }
 
-    /// How far a friction force may be from the friction law, N.
-    pub(super) fn law_error(&self) -> f64 {
-        self.law_error
-    }
-
-    /// m g, N.
-    pub(super) fn weight(&self) -> f64 {
-        self.weight
-    }
-
-    pub(super) fn torque_limit(&self) -> Vector2<f64> {
-        self.torque_limit
-    }
-
     /// Whether the normal forces of the wheels, beside yaw, depend on nothing but torques and friction within their limits.
     pub(super) fn bounds_wheel_loads(&self) -> bool {
         !self.has_viscous_friction
-    }
-
-    pub(super) fn friction(&self, contact: usize) -> f64 {
-        self.friction[contact]
     }
 
     /// Least normal force of a wheel, N.
@@ -271,7 +254,7 @@ mod tests {
         let share = 0.01;
         let limits = ManeuverLimits { normal_load_share: share, ..ManeuverLimits::default() };
         let least = Loads::new(&Robot::new(parameters).unwrap(), PerWheel::new(1.0, 1.0), limits, 0.0);
-        assert!((least.least_of_wheel(0) - (share - LIMIT_TOLERANCE) * least.weight()).abs() < 1e-12);
+        assert!((least.least_of_wheel(0) - (share - LIMIT_TOLERANCE) * least.weight).abs() < 1e-12);
     }
 
     /// Friction forces and torques with normal forces that keep all contacts closed; none where they do not.

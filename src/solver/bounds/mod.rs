@@ -367,7 +367,7 @@ impl<'a> Bounds<'a> {
             }
             let error = self.error(duration);
             let rise = |drive: &Curve| drive.end() - self.rates.start_norm + error.of_end_norm();
-            Cover::growing(error.drive().map_or(f64::INFINITY, rise))
+            Cover::growing(error.drive.as_ref().map_or(f64::INFINITY, rise))
         };
         let time = first_time_beyond(floor, required, cover);
         let weights = [

@@ -272,13 +272,13 @@ fn a_point_at_rest_comes_no_further_than_along_chords() {
         for _ in 0..steps {
             // Slower and faster by turns gains most.
             let growth = [0.0, rng.random_range(-1.0..1.0), heading.sin().signum()][kind];
-            rate = (rate + change * growth).clamp(-error.peak_yaw_rate(), error.peak_yaw_rate());
+            rate = (rate + change * growth).clamp(-error.peak_yaw_rate, error.peak_yaw_rate);
             heading += rate * dt;
             rates.push(rate);
         }
         let (way, bound) = (way_along_chords(&rates, dt), error.of_chords());
         assert!(way <= bound * (1.0 + 1e-9) + 1e-12, "{seed}: {way} {bound}");
-        let each = 0.5 * dt * error.peak_yaw_rate().powi(2) * duration;
+        let each = 0.5 * dt * error.peak_yaw_rate.powi(2) * duration;
         let nearest = if bound < each { &mut nearest_by_parts } else { &mut nearest_each };
         *nearest = nearest.max(way / bound);
     }
