@@ -14,59 +14,46 @@ use super::solution::ContactSolution;
 /// Newton's update relative to m g dt at which it has converged to rounding.
 const SMALL_UPDATE: f64 = 1e-9;
 
-/// Solves steps with sticking wheels.
-#[derive(Debug, Clone)]
-pub struct HeldSolver {
-    /// Of the front support's law, m/s; 0 is the exact one.
+/// Solves one step with sticking wheels, and the front support's law with a slip smoothing, m/s, or 0 for the exact one; without wheel
+/// friction the wheels are not held. `step` is the last step's solution, from whose impulse Newton starts, and then this one's. Its
+/// residual is 0, or NaN where no friction of the front support was found.
+#[inline]
+pub fn solve_held<const N: usize>(
+    operator: &DelassusOperator<N>,
+    problem: &OneStepProblem<N>,
     slip_smoothing: f64,
+    step: &mut ContactSolution<N>,
+) {
+    let [sticking, ..] = DelassusOperator::<N>::linear_patterns();
+    let impulse = operator.linear_derivative(sticking).map_or_else(SVector::zeros, |map| map.impulse(problem));
+    let sticks = operator.solution_at(problem, (sticking, impulse));
+    *step = if N == 3 || slip_smoothing == 0.0 && front_sticks(operator, &sticks) {
+        sticks
+    } else {
+        with_slipping_front(operator, problem, slip_smoothing, [step.impulse, within_grip(operator, &sticks)])
+    };
 }
 
-impl HeldSolver {
-    /// A solver for one smoothing speed of the front support's law, m/s, or 0.
-    pub fn new(slip_smoothing: f64) -> Self {
-        Self { slip_smoothing }
-    }
-
-    /// Solves one step; without wheel friction the wheels are not held. `step` is the last step's solution, from whose impulse Newton
-    /// starts, and then this one's. Its residual is 0, or NaN where no friction of the front support was found.
-    #[inline]
-    pub fn solve<const N: usize>(
-        &self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        step: &mut ContactSolution<N>,
-    ) {
-        let [sticking, ..] = DelassusOperator::<N>::linear_patterns();
-        let impulse = operator.linear_derivative(sticking).map_or_else(SVector::zeros, |map| map.impulse(problem));
-        let sticks = operator.solution_at(problem, (sticking, impulse));
-        *step = if N == 3 || self.slip_smoothing == 0.0 && front_sticks(operator, &sticks) {
-            sticks
-        } else {
-            self.with_slipping_front(operator, problem, [step.impulse, within_grip(operator, &sticks)])
-        };
-    }
-
-    /// Newton starts from the last step's impulse, or else from another one.
-    fn with_slipping_front<const N: usize>(
-        &self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        starts: [SVector<f64, N>; 2],
-    ) -> ContactSolution<N> {
-        let pattern = ContactPattern { wheels: WheelPattern::BothStick, front: ContactMode::Slip };
-        let newton = Newton { operator, problem, pattern, slip_smoothing: self.slip_smoothing, backtracks: true };
-        let unit = problem.weight_impulse();
-        let mut slipping = ContactSolution::default();
-        let accept = |slipping: &mut ContactSolution<N>| {
-            *slipping = operator.solution_at(problem, (pattern, slipping.impulse));
-            true
-        };
-        let solves = |start| newton.solve(start, (0.0, SMALL_UPDATE * unit), &mut slipping, accept);
-        if starts.iter().any(solves) {
-            slipping
-        } else {
-            ContactSolution { residual: f64::NAN, ..operator.solution_at(problem, (pattern, starts[0])) }
-        }
+/// Newton starts from the last step's impulse, or else from another one.
+fn with_slipping_front<const N: usize>(
+    operator: &DelassusOperator<N>,
+    problem: &OneStepProblem<N>,
+    slip_smoothing: f64,
+    starts: [SVector<f64, N>; 2],
+) -> ContactSolution<N> {
+    let pattern = ContactPattern { wheels: WheelPattern::BothStick, front: ContactMode::Slip };
+    let newton = Newton { operator, problem, pattern, slip_smoothing, backtracks: true };
+    let unit = problem.weight_impulse();
+    let mut slipping = ContactSolution::default();
+    let accept = |slipping: &mut ContactSolution<N>| {
+        *slipping = operator.solution_at(problem, (pattern, slipping.impulse));
+        true
+    };
+    let solves = |start| newton.solve(start, (0.0, SMALL_UPDATE * unit), &mut slipping, accept);
+    if starts.iter().any(solves) {
+        slipping
+    } else {
+        ContactSolution { residual: f64::NAN, ..operator.solution_at(problem, (pattern, starts[0])) }
     }
 }
 

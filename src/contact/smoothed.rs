@@ -20,54 +20,41 @@ const COARSE_SMOOTHING: f64 = 10.0;
 /// Factor from one smoothing of the continuation to the next.
 const SMOOTHING_FACTOR: f64 = 0.5;
 
-/// Newton on the smoothed law.
-#[derive(Debug, Clone)]
-pub struct SmoothedSolver {
-    /// s, m/s, > 0.
+/// Solves one step by Newton under the law with a slip smoothing, m/s, > 0; `solution` is the last step's, from whose impulse Newton
+/// starts, or else from its slip, and then this one's. Its residual, of this law, is at most 1e-8, or counts as 0 where the last update
+/// was small, or is NaN where Newton failed.
+#[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
+#[inline(always)]
+pub fn solve_smoothed<const N: usize>(
+    operator: &DelassusOperator<N>,
+    problem: &OneStepProblem<N>,
     slip_smoothing: f64,
+    solution: &mut ContactSolution<N>,
+) {
+    let (start, slip) = (solution.impulse, solution.impact_slip);
+    if by_newton(operator, problem, (slip_smoothing, false), solution) {
+        return;
+    }
+    solution.impulse = impulse_at(operator, problem, &slip).unwrap_or(start);
+    let is_solved = by_newton(operator, problem, (slip_smoothing, true), solution)
+        || by_continuation(operator, problem, slip_smoothing, solution);
+    if !is_solved {
+        let last = operator.solution_at(problem, (ContactPattern::ALL_SLIP, start));
+        *solution = ContactSolution { residual: f64::NAN, ..last };
+    }
 }
 
-impl SmoothedSolver {
-    /// A solver for one smoothing speed, m/s, > 0.
-    pub fn new(slip_smoothing: f64) -> Self {
-        Self { slip_smoothing }
-    }
-
-    /// Solves one step; `solution` is the last step's, from whose impulse Newton starts, or else from its slip, and then this one's. Its
-    /// residual, of this law, is at most 1e-8, or counts as 0 where the last update was small, or is NaN where Newton failed.
-    #[expect(clippy::inline_always, reason = "a call would take the solution through memory")]
-    #[inline(always)]
-    pub fn solve<const N: usize>(
-        &self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        solution: &mut ContactSolution<N>,
-    ) {
-        let (start, slip) = (solution.impulse, solution.impact_slip);
-        if by_newton(operator, problem, (self.slip_smoothing, false), solution) {
-            return;
-        }
-        solution.impulse = impulse_at(operator, problem, &slip).unwrap_or(start);
-        let is_solved = by_newton(operator, problem, (self.slip_smoothing, true), solution)
-            || self.by_continuation(operator, problem, solution);
-        if !is_solved {
-            let last = operator.solution_at(problem, (ContactPattern::ALL_SLIP, start));
-            *solution = ContactSolution { residual: f64::NAN, ..last };
-        }
-    }
-
-    /// Continuation from a nearly linear law.
-    #[cold]
-    fn by_continuation<const N: usize>(
-        &self,
-        operator: &DelassusOperator<N>,
-        problem: &OneStepProblem<N>,
-        solution: &mut ContactSolution<N>,
-    ) -> bool {
-        *solution = ContactSolution::default();
-        falling_smoothings(self.slip_smoothing)
-            .all(|slip_smoothing| by_newton(operator, problem, (slip_smoothing, true), solution))
-    }
+/// Continuation from a nearly linear law.
+#[cold]
+fn by_continuation<const N: usize>(
+    operator: &DelassusOperator<N>,
+    problem: &OneStepProblem<N>,
+    slip_smoothing: f64,
+    solution: &mut ContactSolution<N>,
+) -> bool {
+    *solution = ContactSolution::default();
+    falling_smoothings(slip_smoothing)
+        .all(|slip_smoothing| by_newton(operator, problem, (slip_smoothing, true), solution))
 }
 
 /// From the impulse of `solution`.

@@ -9,8 +9,8 @@ use super::moreau_step::{Step, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
 use crate::contact::{
-    ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, HeldSolver, OneStepProblem,
-    PerContact, SmoothedSolver, natural_map,
+    ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, OneStepProblem, PerContact,
+    natural_map, solve_held, solve_smoothed,
 };
 use crate::robot::{Robot, State, TangentJacobian};
 use crate::stop::{Stop, Stopped};
@@ -177,13 +177,15 @@ pub(super) fn integrate_under<const N: usize>(
     match law {
         FrictionLaw::Exact => integrate(model, rollout, exactly, stop, on_step),
         FrictionLaw::Smoothed(slip_smoothing) => {
-            let solver = SmoothedSolver::new(slip_smoothing);
-            let solve = |operator: &_, problem: &_, solution: &mut _| solver.solve(operator, problem, solution);
+            let solve = |operator: &_, problem: &_, solution: &mut _| {
+                solve_smoothed(operator, problem, slip_smoothing, solution);
+            };
             integrate(model, rollout, solve, stop, on_step)
         }
         FrictionLaw::Held(slip_smoothing) => {
-            let solver = HeldSolver::new(slip_smoothing);
-            let solve = |operator: &_, problem: &_, solution: &mut _| solver.solve(operator, problem, solution);
+            let solve = |operator: &_, problem: &_, solution: &mut _| {
+                solve_held(operator, problem, slip_smoothing, solution);
+            };
             integrate(model, rollout, solve, stop, on_step)
         }
     }
