@@ -11,7 +11,7 @@ use nalgebra::SVector;
 
 use super::delassus::DelassusOperator;
 use super::directions::ROWS;
-use super::fixed_point::{FixedPointSettings, FixedPointSolver};
+use super::fixed_point::FixedPointSolver;
 use super::interior_point::InteriorPoint;
 use super::mode_equations::ModeEquations;
 use super::natural_map::{contact_impulses, miss_bound, residual, split};
@@ -35,8 +35,8 @@ const INTERIOR_LIMIT: usize = 60;
 const INTERIOR_PERIOD: usize = 3;
 /// Residual that answers keep, apart from the exceptions that [`ExactSolver::solve`] names.
 const PROMISED_RESIDUAL: f64 = 1e-10;
-/// Sweeps of the reference solver behind an answer that does not.
-const POLISHING: FixedPointSettings = FixedPointSettings { tolerance: 1e-15, sweep_limit: 1000 };
+/// Most sweeps of the reference solver behind an answer that does not.
+const POLISHING_LIMIT: usize = 1000;
 /// Solutions that differ by more than this, relative to m g dt, are different motions.
 const DISTINCT_IMPULSE: f64 = 1e-6;
 
@@ -282,7 +282,7 @@ impl<const N: usize> Search<'_, N> {
             return closest;
         }
         let start = if closest.residual.is_nan() { [[0.0; 2]; 3] } else { contact_impulses(self.operator, &closest) };
-        let mut reference = FixedPointSolver::starting_at(start, POLISHING);
+        let mut reference = FixedPointSolver::starting_at(start, POLISHING_LIMIT);
         let swept = reference.solve(self.operator, self.problem, &Stop::never());
         if swept.residual < closest.residual || closest.residual.is_nan() { swept } else { closest }
     }

@@ -14,22 +14,8 @@ use super::prox::project_onto_disc;
 use super::solution::{ContactImpulse, ContactSolution};
 use crate::stop::Stop;
 
-/// When the sweeps end.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FixedPointSettings {
-    /// Largest change of any impulse in one sweep, relative to m g dt, at which the sweeps end.
-    pub tolerance: f64,
-    /// Most sweeps of one step.
-    pub sweep_limit: usize,
-}
-
-impl Default for FixedPointSettings {
-    /// Rounding level; the limit is far above the 5,000 sweeps that hard steps were seen to take.
-    fn default() -> Self {
-        Self { tolerance: 1e-15, sweep_limit: 200_000 }
-    }
-}
-
+/// Largest change of any impulse in one sweep, relative to m g dt, at which the sweeps end: rounding.
+const TOLERANCE: f64 = 1e-15;
 /// A slip that shifts the argument of the prox map by less than this share of the friction radius is none: the sweeps leave sticking wheels
 /// on the rim of their discs.
 const NO_SLIP: f64 = 1e-12;
@@ -37,20 +23,20 @@ const NO_SLIP: f64 = 1e-12;
 /// The prox iteration, warm-started from the last step's impulses.
 #[derive(Debug, Clone)]
 pub struct FixedPointSolver {
-    settings: FixedPointSettings,
+    sweep_limit: usize,
     impulse: [ContactImpulse; 3],
     sweeps: u64,
 }
 
 impl FixedPointSolver {
-    /// A solver that starts from zero impulses.
-    pub fn new(settings: FixedPointSettings) -> Self {
-        Self { settings, impulse: [[0.0; 2]; 3], sweeps: 0 }
+    /// A solver that starts from zero impulses, and takes so many sweeps of one step at most.
+    pub fn new(sweep_limit: usize) -> Self {
+        Self::starting_at([[0.0; 2]; 3], sweep_limit)
     }
 
-    /// A solver that starts from these impulses.
-    pub(super) fn starting_at(impulse: [ContactImpulse; 3], settings: FixedPointSettings) -> Self {
-        Self { settings, impulse, sweeps: 0 }
+    /// The same from these impulses.
+    pub(super) fn starting_at(impulse: [ContactImpulse; 3], sweep_limit: usize) -> Self {
+        Self { sweep_limit, impulse, sweeps: 0 }
     }
 
     /// Sweeps done so far.
@@ -66,8 +52,8 @@ impl FixedPointSolver {
         problem: &OneStepProblem<N>,
         stop: &Stop,
     ) -> ContactSolution<N> {
-        let smallest_change = self.settings.tolerance * problem.weight_impulse();
-        let mut left = self.settings.sweep_limit;
+        let smallest_change = TOLERANCE * problem.weight_impulse();
+        let mut left = self.sweep_limit;
         while left > 0 {
             let block = left.min(Stop::PERIOD);
             let has_converged = (0..block).any(|_| self.sweep(operator, problem) <= smallest_change);

@@ -37,7 +37,7 @@ mod utilization;
 
 pub use delassus::{DelassusOperator, ImpulseDerivative};
 pub use exact::{ExactSolver, SolvePath};
-pub use fixed_point::{FixedPointSettings, FixedPointSolver};
+pub use fixed_point::FixedPointSolver;
 pub use held::solve_held;
 pub use one_step_problem::OneStepProblem;
 pub use pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};

@@ -9,11 +9,14 @@ use super::moreau_step::{Step, StepModel};
 use super::torque_schedule::{TorqueSchedule, control_interval};
 use super::trajectory::{ContactSample, Trajectory};
 use crate::contact::{
-    ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver, OneStepProblem, PerContact,
-    natural_map, solve_held, solve_smoothed,
+    ContactSolution, DelassusOperator, ExactSolver, FixedPointSolver, OneStepProblem, PerContact, natural_map,
+    solve_held, solve_smoothed,
 };
 use crate::robot::{Robot, State, TangentJacobian};
 use crate::stop::{Stop, Stopped};
+
+/// Most sweeps of the fixed point in one step: far above the 5,000 that hard steps were seen to take.
+const FIXED_POINT_LIMIT: usize = 200_000;
 
 /// The solver of the one-step friction problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -105,7 +108,7 @@ impl Simulator {
     /// # Errors
     /// When it was stopped before the end.
     pub fn end_state_by_fixed_point(&self, rollout: &Rollout, stop: Stop) -> Result<State, Stopped> {
-        let mut solver = FixedPointSolver::new(FixedPointSettings::default());
+        let mut solver = FixedPointSolver::new(FIXED_POINT_LIMIT);
         match &*self.model(rollout) {
             Model::Wheels(model) => integrate(model, rollout, by_fixed_point(&mut solver, stop), stop, |_, _| {}),
             Model::WheelsAndFront(model) => {
@@ -229,7 +232,7 @@ fn record<const N: usize>(
     match method {
         ContactMethod::Exact => record_with(model, jacobian, rollout, exactly, stop),
         ContactMethod::FixedPoint => {
-            let mut solver = FixedPointSolver::new(FixedPointSettings::default());
+            let mut solver = FixedPointSolver::new(FIXED_POINT_LIMIT);
             record_with(model, jacobian, rollout, by_fixed_point(&mut solver, stop), stop)
         }
     }

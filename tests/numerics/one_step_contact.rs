@@ -2,8 +2,8 @@
 
 use nalgebra::{SMatrix, SVector};
 use slipdrive::contact::{
-    ContactMode, ContactPattern, ContactSolution, DelassusOperator, ExactSolver, FixedPointSettings, FixedPointSolver,
-    OneStepProblem, SlipSign, SolvePath, WheelPattern, natural_map,
+    ContactMode, ContactPattern, ContactSolution, DelassusOperator, ExactSolver, FixedPointSolver, OneStepProblem,
+    SlipSign, SolvePath, WheelPattern, natural_map,
 };
 use slipdrive::robot::{BodyVector, Robot, RobotParameters};
 use slipdrive::stop::Stop;
@@ -134,8 +134,7 @@ fn compare<const N: usize>(seed: u64, cases: &mut RandomCases, robot: &Robot, ta
 }
 
 fn assert_same_motion<const N: usize>(seed: u64, step: &RandomStep<N>, exact: &ContactSolution<N>, tally: &mut Tally) {
-    let settings = FixedPointSettings { tolerance: 1e-15, sweep_limit: 2_000_000 };
-    let mut fixed_point = FixedPointSolver::new(settings);
+    let mut fixed_point = FixedPointSolver::new(2_000_000);
     let slow = fixed_point.solve(&step.operator, &step.problem, &Stop::never());
     tally.sweeps += fixed_point.sweeps();
     assert!(exact.residual <= RESIDUAL_TOLERANCE, "seed {seed}: exact residual {}", exact.residual);

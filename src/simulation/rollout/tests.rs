@@ -52,7 +52,7 @@ fn rollout_asks_at_each_step() {
 fn fixed_point_asks_every_64_sweeps() {
     with_rollout(short_track(), |simulator, rollout| {
         let sweeps_until = |last: u64| {
-            let mut solver = FixedPointSolver::new(FixedPointSettings { sweep_limit: 2000, ..Default::default() });
+            let mut solver = FixedPointSolver::new(2000);
             let run =
                 |stop: Stop| integrate(model(simulator), rollout, by_fixed_point(&mut solver, stop), stop, |_, _| {});
             let (end, asked) = probe::stopped_at(last, run);
