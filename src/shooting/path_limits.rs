@@ -60,8 +60,7 @@ impl PathLimit {
 
     /// The largest value of a motion as reports count it: that of an acceleration is negative where the speed only grows, or only falls.
     pub fn counted(&self, value: f64) -> f64 {
-        let has_direction =
-            matches!(self.quantity, PathQuantity::Acceleration { .. } | PathQuantity::Deceleration { .. });
+        let has_direction = matches!(self.quantity, PathQuantity::Acceleration { .. });
         // What is not a number stays.
         if has_direction && value < 0.0 { 0.0 } else { value }
     }
@@ -156,14 +155,15 @@ fn grip_limits(robot: &Robot, field: &'static str, share: f64) -> [PathLimit; 5]
 /// Limits of rates, speeds and accelerations.
 fn rate_limits(limits: &ManeuverLimits, point: Vector2<f64>) -> Vec<PathLimit> {
     let wheel_rate = |wheel| PathQuantity::WheelRate { wheel };
+    let acceleration = |sign| PathQuantity::Acceleration { point, sign };
     let yaw_acceleration = |sign| PathQuantity::YawAcceleration { sign };
     [
         ("maneuver.limits.wheel_rate_rad_s", wheel_rate(0), limits.wheel_rate),
         ("maneuver.limits.wheel_rate_rad_s", wheel_rate(1), limits.wheel_rate),
         ("maneuver.limits.speed_m_s", PathQuantity::Speed { point }, limits.speed),
         ("maneuver.limits.yaw_rate_rad_s", PathQuantity::YawRate, limits.yaw_rate),
-        ("maneuver.limits.acceleration_m_s2", PathQuantity::Acceleration { point }, limits.acceleration),
-        ("maneuver.limits.deceleration_m_s2", PathQuantity::Deceleration { point }, limits.deceleration),
+        ("maneuver.limits.acceleration_m_s2", acceleration(1.0), limits.acceleration),
+        ("maneuver.limits.deceleration_m_s2", acceleration(-1.0), limits.deceleration),
         ("maneuver.limits.yaw_acceleration_rad_s2", yaw_acceleration(1.0), limits.yaw_acceleration),
         ("maneuver.limits.yaw_acceleration_rad_s2", yaw_acceleration(-1.0), limits.yaw_acceleration),
     ]

@@ -43,15 +43,12 @@ pub enum PathQuantity {
     },
     /// The magnitude of the yaw rate at the end of the step, rad/s.
     YawRate,
-    /// The magnitude of a point's acceleration where its speed does not fall, m/s2; where it falls, with its sign reversed.
+    /// The magnitude of a point's acceleration, m/s2: with this sign where its speed does not fall, with the other one where it falls.
     Acceleration {
         /// The point.
         point: Vector2<f64>,
-    },
-    /// The magnitude of a point's acceleration where its speed falls, m/s2; where it does not, with its sign reversed.
-    Deceleration {
-        /// The point.
-        point: Vector2<f64>,
+        /// 1 for what speeds it up, -1 for what slows it down.
+        sign: f64,
     },
     /// The yaw acceleration to one side, rad/s2.
     YawAcceleration {
@@ -146,10 +143,7 @@ impl PathQuantity {
     /// Whether the quantity is an impulse or a change of velocity over the length of its step.
     pub(super) const fn is_per_step_length(self) -> bool {
         match self {
-            Self::Unloading { .. }
-            | Self::Acceleration { .. }
-            | Self::Deceleration { .. }
-            | Self::YawAcceleration { .. } => true,
+            Self::Unloading { .. } | Self::Acceleration { .. } | Self::YawAcceleration { .. } => true,
             Self::MotorTorque { .. }
             | Self::WheelRate { .. }
             | Self::Speed { .. }
@@ -165,7 +159,6 @@ impl PathQuantity {
         match self {
             Self::MotorTorque { .. }
             | Self::Acceleration { .. }
-            | Self::Deceleration { .. }
             | Self::YawAcceleration { .. }
             | Self::GripUtilization { .. }
             | Self::LengthwiseUtilization { .. } => true,
@@ -187,7 +180,6 @@ impl PathQuantity {
             | Self::Speed { .. }
             | Self::YawRate
             | Self::Acceleration { .. }
-            | Self::Deceleration { .. }
             | Self::YawAcceleration { .. }
             | Self::GripUtilization { .. }
             | Self::LengthwiseUtilization { .. } => false,
@@ -204,7 +196,6 @@ impl PathQuantity {
             | Self::Speed { .. }
             | Self::YawRate
             | Self::Acceleration { .. }
-            | Self::Deceleration { .. }
             | Self::YawAcceleration { .. }
             | Self::GripUtilization { .. }
             | Self::LengthwiseUtilization { .. } => value.abs(),
@@ -224,8 +215,7 @@ impl PathQuantity {
             Self::WheelRate { wheel } => end[3 + wheel].abs(),
             Self::Speed { point } => velocity_at(point, end).norm(),
             Self::YawRate => end[2].abs(),
-            Self::Acceleration { point } => PointChange::new(point, entry, sample).signed(),
-            Self::Deceleration { point } => -PointChange::new(point, entry, sample).signed(),
+            Self::Acceleration { point, sign } => sign * PointChange::new(point, entry, sample).signed(),
             Self::YawAcceleration { sign } => sign * (end[2] - start[2]),
             Self::GripUtilization { friction_coefficient, least_normal_force } => {
                 let least = least_normal_force * sample.step_length;
@@ -293,9 +283,8 @@ impl PathQuantity {
                 gradient.by_end_velocity = by_velocity_of(point, unit(velocity_at(point, end)));
             }
             Self::YawRate => gradient.by_end_velocity[2] = end[2].signum(),
-            Self::Acceleration { point } | Self::Deceleration { point } => {
+            Self::Acceleration { point, sign } => {
                 let change = PointChange::new(point, entry, sample);
-                let sign = if matches!(self, Self::Deceleration { .. }) { -1.0 } else { 1.0 };
                 let by_change = sign * change.signed().signum() * change.direction();
                 let by_velocity = by_velocity_of(point, by_change);
                 (gradient.by_end_velocity, gradient.by_start_velocity) = (by_velocity, -by_velocity);

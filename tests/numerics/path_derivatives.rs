@@ -41,8 +41,8 @@ fn quantities(cases: &mut RandomCases, robot: &RobotParameters) -> Vec<PathQuant
     let others = [
         PathQuantity::Speed { point },
         PathQuantity::YawRate,
-        PathQuantity::Acceleration { point },
-        PathQuantity::Deceleration { point },
+        PathQuantity::Acceleration { point, sign: 1.0 },
+        PathQuantity::Acceleration { point, sign: -1.0 },
         PathQuantity::YawAcceleration { sign: 1.0 },
         PathQuantity::GripUtilization {
             friction_coefficient: robot.wheel_friction_coefficient,
