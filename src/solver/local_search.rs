@@ -1,6 +1,5 @@
 //! Descents of the search; all descents of one part share a rollout budget.
 
-use std::cell::RefCell;
 use std::sync::Arc;
 
 use nalgebra::DVector;
@@ -145,8 +144,8 @@ impl<'a> LocalSearch<'a> {
         let scale = self.problem.variable_scale(&guess);
         let (scales, tolerance) = (self.problem.goal_scales(), self.settings.goal_tolerance);
         let goal_heading = self.goal_heading;
-        let last = RefCell::new(Candidate::new(guess.clone(), f64::NAN, true, goal_heading));
-        let mut best = last.borrow().clone();
+        let mut best = Candidate::new(guess.clone(), f64::NAN, true, goal_heading);
+        let mut best_value = f64::INFINITY;
         let mut penalty = Penalty::new(&mut self.problem);
         let mut passed = None;
         let mut value = |x: &DVector<f64>, stop: Stop| {
@@ -154,14 +153,13 @@ impl<'a> LocalSearch<'a> {
             let goal_error = scales.largest_goal_error(&penalty.constraints().residual);
             let reached = Candidate::new(penalty.decision().clone(), goal_error, penalty.breaks_limits(), goal_heading);
             keep_best(&mut passed, Some(reached.clone()).filter(|plan| plan.is_feasible(tolerance)), tolerance);
-            last.replace(reached);
+            if value < best_value {
+                (best, best_value) = (reached, value);
+                report(self.control, self.start, &best, tolerance);
+            }
             Ok(value)
         };
-        let mut report_improvement = |_: &DVector<f64>| {
-            best = last.borrow().clone();
-            report(self.control, self.start, &best, tolerance);
-        };
-        let result = minimise_by_nelder_mead(&mut value, &guess, &scale, &mut self.budget, &mut report_improvement);
+        let result = minimise_by_nelder_mead(&mut value, &guess, &scale, &mut self.budget);
         self.iterations += result.iterations;
         self.note(&best);
         // The penalty trades the goal for time: its best point may miss what another one, such as the guess, meets.
