@@ -65,7 +65,7 @@ pub(crate) fn motion_with_limits(
             maximum.value = larger(1.0, maximum.value);
         }
     }
-    let step_length = rollout.schedule.final_time / rollout.step_count as f64;
+    let step_length = rollout.step_length();
     let use_of = |(limit, &PathMaximum { value: reached, node }): (&PathLimit, &PathMaximum)| {
         let counted = limit.counted(reached);
         LimitUse {

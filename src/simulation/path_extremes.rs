@@ -108,7 +108,7 @@ impl PathExtremes {
 
     pub(super) fn clear(&mut self, rollout: &Rollout) {
         self.step_count = rollout.step_count;
-        self.step_length = rollout.schedule.final_time / rollout.step_count as f64;
+        self.step_length = rollout.step_length();
         self.forget_values(rollout.schedule.control_count());
         self.samples.clear();
     }

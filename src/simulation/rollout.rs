@@ -57,7 +57,7 @@ pub struct Rollout<'a> {
 
 impl Rollout<'_> {
     /// s.
-    pub(super) fn step_length(&self) -> f64 {
+    pub(crate) fn step_length(&self) -> f64 {
         self.schedule.final_time / self.step_count as f64
     }
 }
