@@ -121,7 +121,7 @@ impl Undisturbed {
         (schedule, step_count): (&TorqueSchedule, usize),
     ) -> Self {
         let moving = joined(&bare_robot, payload.as_ref());
-        let to_axle = moving.axle_midpoint() - reference_point.offset(&moving);
+        let to_axle = reference_point.to_axle_midpoint(&moving);
         let start = start.moved_by(to_axle);
         Self { bare_robot, payload, start, schedule: as_read(schedule.clone()), step_count, from_axle: -to_axle }
     }

@@ -46,8 +46,7 @@ impl View {
 
 /// A pose as the place of the axle midpoint, and its axes to the right and forward.
 fn from_axle(plan: &Plan, state: &State) -> impl Fn(Vector2<f64>) -> Vector2<f64> + use<> {
-    let parameters = plan.robot.parameters();
-    let axle = state.moved_by(parameters.axle_midpoint() - plan.reference_point.offset(parameters));
+    let axle = state.moved_by(plan.reference_point.to_axle_midpoint(plan.robot.parameters()));
     let (sin, cos) = axle.configuration.heading.sin_cos();
     let at = Vector2::new(axle.configuration.x, axle.configuration.y);
     move |point| at + point.x * Vector2::new(cos, sin) + point.y * Vector2::new(-sin, cos)

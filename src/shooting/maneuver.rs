@@ -41,6 +41,11 @@ impl ReferencePoint {
             Self::AxleMidpoint => robot.axle_midpoint(),
         }
     }
+
+    /// From the point to the axle midpoint, in the body frame, m.
+    pub(crate) fn to_axle_midpoint(self, robot: &RobotParameters) -> Vector2<f64> {
+        robot.axle_midpoint() - self.offset(robot)
+    }
 }
 
 /// A component of the state that a goal may fix; the order is that of [`State::to_vector`].
@@ -315,11 +320,8 @@ impl Maneuver {
             let constrained = self.goal.constrained().count();
             checks.require("free", "every field", constrained > 0, "such that at least one field is constrained", None);
         });
-        for (field, limit) in
-            [("torque_limit_left_n_m", self.torque_limit.left), ("torque_limit_right_n_m", self.torque_limit.right)]
-        {
-            checks.bounds(field, limit, &Self::TORQUE_RULE);
-        }
+        checks.bounds("torque_limit_left_n_m", self.torque_limit.left, &Self::TORQUE_RULE);
+        checks.bounds("torque_limit_right_n_m", self.torque_limit.right, &Self::TORQUE_RULE);
         checks.within("limits", |checks| self.limits.check(checks));
     }
 
@@ -395,9 +397,7 @@ mod tests {
         let bare = RobotParameters::default();
         let payload = Payload { mass: 4.0, right: 0.05, forward: 0.12, height: 0.2, yaw_inertia: 0.0 };
         let joined = bare.with_payload(&payload);
-        let apart = |robot: &RobotParameters| {
-            ReferencePoint::ChassisCenterOfMass.offset(robot) - ReferencePoint::AxleMidpoint.offset(robot)
-        };
+        let apart = |robot| -ReferencePoint::ChassisCenterOfMass.to_axle_midpoint(robot);
         // A few roundings of numbers near 0.1.
         assert!((apart(&joined) - apart(&bare)).norm() < 1e-15);
         assert_eq!(apart(&bare), Vector2::new(bare.center_of_mass_right, bare.center_of_mass_forward));

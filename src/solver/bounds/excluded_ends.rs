@@ -74,8 +74,7 @@ impl End {
     /// The corner that is furthest outside.
     fn leaves_aisle(&self, input: &SolveInput) -> Option<Reason> {
         let aisle = input.aisle.as_ref().filter(|_| self.has(&POSE))?;
-        let parameters = input.robot.parameters();
-        let from_reference = parameters.axle_midpoint() - input.maneuver.reference_point.offset(parameters);
+        let from_reference = input.maneuver.reference_point.to_axle_midpoint(input.robot.parameters());
         let pose = &self.state.configuration;
         let turn = Rotation2::new(pose.heading);
         let outside = aisle.footprint.corners().iter().flat_map(|corner| {

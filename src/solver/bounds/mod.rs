@@ -122,11 +122,12 @@ impl<'a> Bounds<'a> {
         let capacity = Capacity::new(input, grid);
         let targets = Targets::new(input, &capacity, grid);
         let (low, high) = targets.component(StateComponent::YawRate);
+        let to_axle = input.maneuver.reference_point.to_axle_midpoint(input.robot.parameters());
         let rates = KnownRates {
             start_yaw: targets.start.velocity.yaw_rate.abs(),
             end_yaw: targets.value(StateComponent::YawRate).map(|_| high.max(-low)),
             start_norm: capacity.norm.at_most(&targets.start_speeds()),
-            end_forward: targets.end_speed_at(from_reference(input).norm()).map(|(_, largest)| largest),
+            end_forward: targets.end_speed_at(to_axle.norm()).map(|(_, largest)| largest),
         };
         Self { input, capacity, targets, rates, grid }
     }
@@ -415,12 +416,6 @@ impl<'a> Bounds<'a> {
             }
         }
     }
-}
-
-/// From the reference point to the axle midpoint, m.
-fn from_reference(input: &SolveInput) -> Vector2<f64> {
-    let parameters = input.robot.parameters();
-    parameters.axle_midpoint() - input.maneuver.reference_point.offset(parameters)
 }
 
 #[cfg(test)]

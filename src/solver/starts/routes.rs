@@ -158,7 +158,7 @@ fn backwards(state: &State) -> State {
 
 /// A state at the reference point as one of the axle midpoint.
 fn axle_state(state: &State, maneuver: &Maneuver, robot: &RobotParameters) -> State {
-    state.moved_by(robot.axle_midpoint() - maneuver.reference_point.offset(robot))
+    state.moved_by(maneuver.reference_point.to_axle_midpoint(robot))
 }
 
 /// The heading of a goal that asks for a velocity and leaves the heading free.
