@@ -10,6 +10,7 @@ use nalgebra::Vector2;
 
 use super::rollout::{Rollout, Simulator};
 use super::sensitivity::EndDerivative;
+use super::turn::turned;
 use crate::robot::State;
 
 /// The frame of the end of one rollout.
@@ -42,10 +43,11 @@ impl Simulator {
 impl EndFrame {
     /// The end state at the reference point, from that of the scheme at the chassis centre of mass.
     pub fn state(&self, end: &State) -> State {
-        let mut turned = *end;
+        let mut state = *end;
         let [turn_of_velocity, _] = self.turn_at(end);
-        (turned.velocity.x, turned.velocity.y) = turn((end.velocity.x, end.velocity.y), turn_of_velocity);
-        turned.moved_by(self.offset)
+        let velocity = turned(Vector2::new(end.velocity.x, end.velocity.y), turn_of_velocity);
+        (state.velocity.x, state.velocity.y) = (velocity.x, velocity.y);
+        state.moved_by(self.offset)
     }
 
     /// The turn of the velocity at an end state, as sine and cosine, and its derivative by the angle.
@@ -57,20 +59,14 @@ impl EndFrame {
     /// The frame at one end state of the scheme.
     pub fn at(&self, end: &State) -> EndFrameAt {
         let [turn_of_velocity, by_angle] = self.turn_at(end);
-        let (sin, cos) = end.configuration.heading.sin_cos();
         EndFrameAt {
             frame: *self,
             turn: turn_of_velocity,
-            velocity_by_angle: turn((end.velocity.x, end.velocity.y), by_angle),
+            velocity_by_angle: turned(Vector2::new(end.velocity.x, end.velocity.y), by_angle),
             yaw_rate: end.velocity.yaw_rate,
-            arm: Vector2::new(cos * self.offset.x - sin * self.offset.y, sin * self.offset.x + cos * self.offset.y),
+            arm: turned(self.offset, end.configuration.heading.sin_cos()),
         }
     }
-}
-
-/// Turns a vector by the angle with this sine and cosine.
-fn turn((x, y): (f64, f64), (sin, cos): (f64, f64)) -> (f64, f64) {
-    (cos * x - sin * y, sin * x + cos * y)
 }
 
 /// An end frame at one end state, with the sines and cosines that all its derivatives need.
@@ -80,7 +76,7 @@ pub struct EndFrameAt {
     /// The turn of the velocity, as sine and cosine.
     turn: (f64, f64),
     /// Derivative of the turned velocity by the angle of the turn.
-    velocity_by_angle: (f64, f64),
+    velocity_by_angle: Vector2<f64>,
     yaw_rate: f64,
     /// The offset in the world frame.
     arm: Vector2<f64>,
@@ -101,10 +97,10 @@ impl EndFrameAt {
     /// With the derivative of the angle of the turn.
     fn along(&self, derivative: &EndDerivative, of_angle: f64) -> EndDerivative {
         let Self { velocity_by_angle, yaw_rate: end_yaw_rate, arm, .. } = self;
-        let change = turn((derivative[5], derivative[6]), self.turn);
+        let change = turned(Vector2::new(derivative[5], derivative[6]), self.turn);
         let mut moved = *derivative;
-        moved[5] = change.0 + velocity_by_angle.0 * of_angle;
-        moved[6] = change.1 + velocity_by_angle.1 * of_angle;
+        moved[5] = change.x + velocity_by_angle.x * of_angle;
+        moved[6] = change.y + velocity_by_angle.y * of_angle;
 
         let (heading, yaw_rate) = (derivative[2], derivative[7]);
         moved[0] -= arm.y * heading;

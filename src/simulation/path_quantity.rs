@@ -5,7 +5,7 @@ use nalgebra::{RowSVector, RowVector3, Vector2};
 use super::moreau_step::Step;
 use super::motor_load::MotorLoad;
 use super::tape::TapeEntry;
-use super::turn::sine_and_cosine;
+use super::turn::{sine_and_cosine, turned};
 use crate::contact::{UtilizationGradient, WheelFriction};
 use crate::robot::{BodyVector, PerWheel};
 
@@ -425,11 +425,6 @@ impl PointChange {
     fn direction(&self) -> Vector2<f64> {
         unit(self.end - self.start)
     }
-}
-
-/// A body vector (right, forward) in the world.
-fn turned(vector: Vector2<f64>, (sin, cos): (f64, f64)) -> Vector2<f64> {
-    Vector2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
 }
 
 fn wheel_friction(entry: &TapeEntry, sample: &PathSample, coefficient: f64, least_normal: f64) -> WheelFriction {

@@ -21,6 +21,7 @@ use super::sensitivity::EndSensitivity;
 use super::step_derivative::{ByInput, StepDerivative};
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
+use super::turn::turned;
 use crate::robot::BodyVector;
 use crate::stop::{Stop, Stopped};
 
@@ -217,9 +218,8 @@ impl PoseChange {
 }
 
 /// Rates of x, y and heading.
-fn in_world(velocity: &BodyVector, (sin, cos): (f64, f64)) -> Vector3<f64> {
-    let (right, forward) = (velocity[0], velocity[1]);
-    Vector3::new(cos * right - sin * forward, sin * right + cos * forward, velocity[2])
+fn in_world(velocity: &BodyVector, rotation: (f64, f64)) -> Vector3<f64> {
+    turned(velocity.xy(), rotation).push(velocity[2])
 }
 
 /// Derivatives of (right, forward) of a fixed vector by the angle through which the body frame turns.

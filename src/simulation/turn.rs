@@ -1,6 +1,8 @@
 //! The turn from the frame of one step to that of the next, mostly a small one: sine and cosine by their series, for which a step waits
 //! a sixth less of its time than for those of the heading by the library.
 
+use nalgebra::Vector2;
+
 use crate::robot::BodyVector;
 
 /// Turns up to this, rad, are those of the series.
@@ -10,6 +12,12 @@ const SINE: [f64; 6] =
     [-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5_040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0, 1.0 / 6_227_020_800.0];
 const COSINE: [f64; 6] =
     [1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0, 1.0 / 479_001_600.0, -1.0 / 87_178_291_200.0];
+
+/// A vector turned by this sine and cosine: by those of a heading one of the body frame (right, forward) in the world.
+#[inline]
+pub(super) fn turned(vector: Vector2<f64>, (sin, cos): (f64, f64)) -> Vector2<f64> {
+    Vector2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
+}
 
 /// A velocity in a frame that is turned by this sine and cosine.
 #[inline]
