@@ -46,11 +46,7 @@ impl NormalForceProjection {
         let wheel_weight = parameters.wheel_mass * parameters.gravity;
         let wheel_forward = points[0].y;
         let wheels_right = points[0].x + points[1].x;
-        let weight = Vector3::new(
-            parameters.total_mass() * parameters.gravity,
-            2.0 * wheel_weight * wheel_forward,
-            wheel_weight * wheels_right,
-        );
+        let weight = Vector3::new(parameters.weight(), 2.0 * wheel_weight * wheel_forward, wheel_weight * wheels_right);
 
         // Pitch: H_x = -tilt du_f - product_right domega - J (dpsi_L + dpsi_R) + product_forward omega^2 dt.
         // Roll:  H_y = tilt du_r - product_forward domega - product_right omega^2 dt - J (psidot_L + psidot_R) omega dt,

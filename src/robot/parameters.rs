@@ -242,6 +242,11 @@ impl RobotParameters {
         self.chassis_mass + 2.0 * self.wheel_mass
     }
 
+    /// Weight of the whole robot, N.
+    pub fn weight(&self) -> f64 {
+        self.total_mass() * self.gravity
+    }
+
     /// What turns a robot whose wheels hold, about the axle midpoint, kg m2: the wheels and what they turn by rolling included.
     pub fn rolling_yaw_inertia(&self) -> f64 {
         let rolling_mass = self.wheel_mass + self.wheel_spin_inertia / self.wheel_radius.powi(2);
@@ -313,7 +318,7 @@ mod tests {
         let robot = RobotParameters::default();
         let total: f64 = robot.static_loads().iter().sum();
         // Three sums of numbers near 100: rounding stays below 1e-12.
-        assert!((total - robot.total_mass() * robot.gravity).abs() < 1e-12);
+        assert!((total - robot.weight()).abs() < 1e-12);
     }
 
     #[test]

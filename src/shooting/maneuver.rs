@@ -244,8 +244,7 @@ impl ManeuverLimits {
 
 /// Normal forces at rest (left, right, front) as shares of the weight.
 pub(crate) fn static_loads(robot: &Robot) -> Vector3<f64> {
-    let weight = robot.parameters().total_mass() * robot.parameters().gravity;
-    robot.normal_force_projection().static_force / weight
+    robot.normal_force_projection().static_force / robot.parameters().weight()
 }
 
 /// Start, goal and torque limits of one maneuver, all at the reference point.

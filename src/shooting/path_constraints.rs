@@ -160,8 +160,7 @@ impl PathConstraint {
 
 /// `least load - normal force / weight <= 0` for each contact.
 fn least_loads(robot: &Robot, limits: ManeuverLimits) -> [PathConstraint; CONTACT_COUNT] {
-    let parameters = robot.parameters();
-    let unit = parameters.total_mass() * parameters.gravity;
+    let unit = robot.parameters().weight();
     // Without a least load the search keeps its tolerance away from separation; a contact that carries next to nothing has a
     // smaller one.
     let tolerance = static_loads(robot).map(|load| (0.5 * load).clamp(0.0, LIMIT_TOLERANCE));

@@ -143,8 +143,7 @@ fn grip_limits(robot: &Robot, field: &'static str, share: f64) -> [PathLimit; 5]
         0.0 => LEAST_FRICTION_COEFFICIENT,
         known => known,
     };
-    let weight = robot.parameters().total_mass() * robot.parameters().gravity;
-    let least_normal_force = LEAST_LOAD_FOR_GRIP * weight;
+    let least_normal_force = LEAST_LOAD_FOR_GRIP * robot.parameters().weight();
     let of = |quantity| PathLimit { field, quantity, largest: share, unit: share };
     let lengthwise =
         |wheel, sign| of(PathQuantity::LengthwiseUtilization { wheel, sign, friction_coefficient, least_normal_force });

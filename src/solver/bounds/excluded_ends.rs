@@ -231,7 +231,7 @@ impl End {
         let torque_limit = input.maneuver.torque_limit;
         let forces = |viscous_friction| largest_normal_forces(&input.robot, (torque_limit, viscous_friction), &rates);
         let largest = forces(parameters.wheel_viscous_friction);
-        let weight = parameters.total_mass() * parameters.gravity;
+        let weight = parameters.weight();
         let least = input.maneuver.limits.least_normal_loads(&input.robot) * weight;
         let missing = |contact: &ContactName| least[*contact as usize] - largest[*contact as usize];
         let contact = ContactName::ALL.into_iter().max_by(|a, b| missing(a).total_cmp(&missing(b)))?;

@@ -73,7 +73,7 @@ impl Loads {
         let unit_rate = robot.inverse_mass_matrix() * robot.smooth_force(1.0, [0.0, 0.0]);
         let centrifugal = projection.centrifugal + by_change * unit_rate;
         let response = robot.normal_response();
-        let weight = parameters.total_mass() * parameters.gravity;
+        let weight = parameters.weight();
         let of_contact = |contact: usize, [longitudinal, lateral]: [usize; 2]| {
             Vector2::new(response[(contact, longitudinal)], response[(contact, lateral)])
         };

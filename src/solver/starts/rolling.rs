@@ -42,7 +42,7 @@ impl Rolling {
     pub(super) fn new(input: &SolveInput, amplitude: f64) -> Self {
         let robot = input.robot.parameters();
         let half_track = robot.track_width / 2.0;
-        let axle_load = robot.total_mass() * robot.gravity
+        let axle_load = robot.weight()
             - robot.chassis_mass * robot.gravity * robot.center_of_mass_forward / robot.axle_to_front_support;
         let grip = robot.wheel_friction_coefficient * axle_load / 2.0 * robot.wheel_radius;
         let limits = &input.maneuver.limits;
