@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector2;
 
-use super::ceiling::KEPT;
+use super::ceiling::{KEPT, kept};
 use super::curve::Level;
 use super::drive_norm::{Bodies, DriveNorm};
 use super::drive_rate::{LEVELS, drive_rates};
@@ -79,7 +79,6 @@ impl Capacity {
             (torque + loads.largest_magnitude(&lengthwise)) / spin_inertia
         };
         let has_restitution = parameters.tangential_restitution > 0.0;
-        let kept = |limit: Option<f64>| limit.map_or(f64::INFINITY, |limit| KEPT * limit);
         let limits = RateLimits {
             wheel: kept(asked.wheel_rate),
             yaw: kept(asked.yaw_rate),

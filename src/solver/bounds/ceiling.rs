@@ -10,6 +10,11 @@ use crate::shooting::LIMIT_TOLERANCE;
 /// be noted.
 pub(super) const KEPT: f64 = 1.0 + 2.0 * LIMIT_TOLERANCE;
 
+/// The most that a plan reaches under a limit; infinite without.
+pub(super) fn kept(limit: Option<f64>) -> f64 {
+    limit.map_or(f64::INFINITY, |limit| KEPT * limit)
+}
+
 /// Limits of the speed of a coordinate.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Ceiling {

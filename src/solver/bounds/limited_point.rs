@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::ceiling::{KEPT, PointCeiling};
+use super::ceiling::{PointCeiling, kept};
 use super::first_time::{Cover, Floor, first_time_beyond};
 use super::{Bounds, LowerBound};
 use crate::shooting::StateComponent;
@@ -15,7 +15,6 @@ impl Bounds<'_> {
         let is_limited = limits.speed.is_some() || limits.acceleration.is_some() || limits.deceleration.is_some();
         is_limited.then(|| {
             let point = self.input.limited_point();
-            let kept = |limit: Option<f64>| limit.map_or(f64::INFINITY, |limit| KEPT * limit);
             let from_center = point - self.capacity.center;
             let end_speed = self.targets.end_speed_at(self.distance_of_point());
             PointCeiling {

@@ -150,12 +150,9 @@ impl<'a> Bounds<'a> {
             self.of_center(direction, &mut found);
         }
         self.of_yaw(&mut found);
-        let of_drive_norm = self.of_drive_norm(found.floor());
-        found.bounds.extend(of_drive_norm);
-        let of_point_place = self.of_point_place(found.floor());
-        found.bounds.extend(of_point_place);
-        let of_point_speed = self.of_point_speed(found.floor());
-        found.bounds.extend(of_point_speed);
+        found.bounds.extend(self.of_drive_norm(found.floor()));
+        found.bounds.extend(self.of_point_place(found.floor()));
+        found.bounds.extend(self.of_point_speed(found.floor()));
         self.of_wheels(&mut found);
         found.bounds
     }
@@ -314,12 +311,10 @@ impl<'a> Bounds<'a> {
         };
         let is_limited = self.capacity.is_yaw_limited();
         let assumption = if is_limited { LowerBoundAssumption::Limits } else { LowerBoundAssumption::YawFriction };
-        let by_friction = of_windings(&axis.without_drive(), assumption, found.floor());
-        found.bounds.extend(by_friction);
+        found.bounds.extend(of_windings(&axis.without_drive(), assumption, found.floor()));
         if yaw_level != SpeedLevel::None {
             let axis = Axis { drive_scale: None, ..axis.clone() };
-            let limited = of_windings(&axis, LowerBoundAssumption::Limits, found.floor());
-            found.bounds.extend(limited);
+            found.bounds.extend(of_windings(&axis, LowerBoundAssumption::Limits, found.floor()));
         }
         found.bounds.extend(self.of_driven_yaw(&axis, found.floor()));
     }
