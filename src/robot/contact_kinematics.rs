@@ -15,9 +15,6 @@ use nalgebra::{SMatrix, SVector};
 
 use super::parameters::RobotParameters;
 
-/// Number of independent friction directions.
-pub const DIRECTION_COUNT: usize = 5;
-
 /// (right, forward, yaw, left wheel, right wheel): a generalized velocity or force in the body frame.
 pub type BodyVector = SVector<f64, 5>;
 

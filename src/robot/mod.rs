@@ -16,7 +16,7 @@ mod state;
 pub(crate) mod unlucky;
 
 pub(crate) use carried::{check_robot, joined};
-pub use contact_kinematics::{BodyVector, DIRECTION_COUNT, TangentJacobian};
+pub use contact_kinematics::{BodyVector, TangentJacobian};
 pub use dynamics::Robot;
 pub use normal_force::NormalForceProjection;
 pub use parameters::{Motor, RobotParameters};
