@@ -7,6 +7,7 @@ use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::slipping_front::WheelResponse;
 use super::solution::ContactSolution;
+use super::uniqueness::solutions_are_unique;
 
 /// Derivatives of the friction impulse with respect to the data of the problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,24 +35,31 @@ pub struct DelassusOperator<const N: usize> {
     friction_coefficient: [f64; 3],
     prox_step: [f64; 3],
     /// Solution maps of the linear patterns; none without wheel friction.
-    pub(super) linear_modes: Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]>,
+    linear_modes: Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]>,
     /// How the wheels answer a slipping front support in their linear patterns; none without its friction or theirs.
     pub(super) wheel_responses: Option<[WheelResponse<N>; WheelPattern::LINEAR.len()]>,
-    pub(super) has_unique_solutions: bool,
+    has_unique_solutions: bool,
 }
 
 impl<const N: usize> DelassusOperator<N> {
-    /// The operator without what the solvers derive from it ([`DelassusOperator::new`]).
-    pub(super) fn unprepared(
+    /// The operator of a robot, with the solution maps of the linear patterns.
+    ///
+    /// `delassus` (1/kg) is positive definite, `normal_response` maps friction impulses to normal impulses (left,
+    /// right, front), and `friction_coefficient` has the same order.
+    ///
+    /// # Panics
+    /// When `N` is neither 3 nor 5.
+    pub fn new(
         delassus: SMatrix<f64, N, N>,
         normal_response: SMatrix<f64, 3, N>,
         friction_coefficient: [f64; 3],
     ) -> Self {
+        assert!(N == 3 || N == 5, "the wheels have 3 directions, with the front support 5");
         let mut prox_step = [1.0; 3];
         for (step, rows) in prox_step.iter_mut().zip(ROWS).take(contact_count::<N>()) {
             *step = safe_prox_step(&delassus, rows);
         }
-        Self {
+        let mut operator = Self {
             delassus,
             normal_response,
             friction_coefficient,
@@ -59,7 +67,11 @@ impl<const N: usize> DelassusOperator<N> {
             linear_modes: None,
             wheel_responses: None,
             has_unique_solutions: false,
-        }
+        };
+        operator.linear_modes = operator.solution_maps(Self::linear_patterns());
+        operator.wheel_responses = operator.solve_wheel_responses();
+        operator.has_unique_solutions = solutions_are_unique(&operator);
+        operator
     }
 
     /// Whether every one-step problem with this operator is proved to have exactly one solution. Where it is not proved, a

@@ -11,29 +11,8 @@ use super::mode_equations::ModeEquations;
 use super::natural_map::friction_radius;
 use super::pattern::{ContactMode, ContactPattern, SlipSign, WheelPattern};
 use super::slipping_front::WheelResponse;
-use super::uniqueness::solutions_are_unique;
 
 impl<const N: usize> DelassusOperator<N> {
-    /// The operator of a robot, with the solution maps of the linear patterns.
-    ///
-    /// `delassus` (1/kg) is positive definite, `normal_response` maps friction impulses to normal impulses (left,
-    /// right, front), and `friction_coefficient` has the same order.
-    ///
-    /// # Panics
-    /// When `N` is neither 3 nor 5.
-    pub fn new(
-        delassus: SMatrix<f64, N, N>,
-        normal_response: SMatrix<f64, 3, N>,
-        friction_coefficient: [f64; 3],
-    ) -> Self {
-        assert!(N == 3 || N == 5, "the wheels have 3 directions, with the front support 5");
-        let mut operator = Self::unprepared(delassus, normal_response, friction_coefficient);
-        operator.linear_modes = operator.solution_maps(Self::linear_patterns());
-        operator.wheel_responses = operator.solve_wheel_responses();
-        operator.has_unique_solutions = solutions_are_unique(&operator);
-        operator
-    }
-
     /// Derivatives of the friction impulse at a solution, by the implicit function theorem in its pattern.
     ///
     /// A contact that slips in the pattern without any slip has no direction: there the derivatives are those of its sticking,
@@ -83,7 +62,7 @@ impl<const N: usize> DelassusOperator<N> {
     }
 
     /// None without a front support that has friction.
-    fn solve_wheel_responses(&self) -> Option<[WheelResponse<N>; WheelPattern::LINEAR.len()]> {
+    pub(super) fn solve_wheel_responses(&self) -> Option<[WheelResponse<N>; WheelPattern::LINEAR.len()]> {
         if N == 3 {
             return None;
         }
@@ -92,14 +71,15 @@ impl<const N: usize> DelassusOperator<N> {
     }
 
     /// Solution maps of patterns with linear equations, where a front support that slips has no normal force; none without wheel friction.
-    fn solution_maps<const COUNT: usize>(
+    pub(super) fn solution_maps(
         &self,
-        patterns: [ContactPattern; COUNT],
-    ) -> Option<[ImpulseDerivative<N>; COUNT]> {
+        patterns: [ContactPattern; WheelPattern::LINEAR.len()],
+    ) -> Option<[ImpulseDerivative<N>; WheelPattern::LINEAR.len()]> {
         if self.friction_coefficient()[0] <= 0.0 {
             return None;
         }
-        let mut maps = [ImpulseDerivative { by_free_slip: SMatrix::zeros(), by_free_normal: SMatrix::zeros() }; COUNT];
+        let zero = ImpulseDerivative { by_free_slip: SMatrix::zeros(), by_free_normal: SMatrix::zeros() };
+        let mut maps = patterns.map(|_| zero);
         for (map, pattern) in maps.iter_mut().zip(patterns) {
             // The coefficients of wheels depend on neither slip nor normal impulse here: any values do.
             let normal_impulse = Vector3::new(1.0, 1.0, 0.0);
