@@ -218,12 +218,10 @@ impl PathQuantity {
             Self::Acceleration { point, sign } => sign * PointChange::new(point, entry, sample).signed(),
             Self::YawAcceleration { sign } => sign * (end[2] - start[2]),
             Self::GripUtilization { friction_coefficient, least_normal_force } => {
-                let least = least_normal_force * sample.step_length;
-                wheel_friction(entry, sample, friction_coefficient, least).utilization()
+                wheel_friction(entry, sample, friction_coefficient, least_normal_force).utilization()
             }
             Self::LengthwiseUtilization { wheel, sign, friction_coefficient, least_normal_force } => {
-                let least = least_normal_force * sample.step_length;
-                let friction = wheel_friction(entry, sample, friction_coefficient, least);
+                let friction = wheel_friction(entry, sample, friction_coefficient, least_normal_force);
                 sign * friction.longitudinal[wheel] / friction.radius[wheel]
             }
             Self::Outside { point, normal, distance, radius } => {
@@ -297,13 +295,11 @@ impl PathQuantity {
                 (gradient.by_end_velocity[2], gradient.by_start_velocity[2]) = (sign, -sign);
             }
             Self::GripUtilization { friction_coefficient, least_normal_force } => {
-                let least = least_normal_force * sample.step_length;
-                let of = wheel_friction(entry, sample, friction_coefficient, least).gradient();
+                let of = wheel_friction(entry, sample, friction_coefficient, least_normal_force).gradient();
                 gradient.add_utilization(&of, (entry, sample), (friction_coefficient, least_normal_force));
             }
             Self::LengthwiseUtilization { wheel, sign, friction_coefficient, least_normal_force } => {
-                let least = least_normal_force * sample.step_length;
-                let friction = wheel_friction(entry, sample, friction_coefficient, least);
+                let friction = wheel_friction(entry, sample, friction_coefficient, least_normal_force);
                 let (force, radius) = (sign * friction.longitudinal[wheel], friction.radius[wheel]);
                 let mut of = UtilizationGradient::default();
                 of.by_longitudinal[wheel] = sign / radius;
@@ -427,8 +423,9 @@ impl PointChange {
     }
 }
 
-fn wheel_friction(entry: &TapeEntry, sample: &PathSample, coefficient: f64, least_normal: f64) -> WheelFriction {
+fn wheel_friction(entry: &TapeEntry, sample: &PathSample, coefficient: f64, least_force: f64) -> WheelFriction {
     let [left, right, lateral] = sample.friction;
-    let radius = [0, 1].map(|wheel| coefficient * entry.normal_impulse[wheel].max(least_normal));
+    let least = least_force * sample.step_length;
+    let radius = [0, 1].map(|wheel| coefficient * entry.normal_impulse[wheel].max(least));
     WheelFriction { longitudinal: [left, right], lateral, radius }
 }
