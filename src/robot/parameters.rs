@@ -129,7 +129,8 @@ impl RobotParameters {
         }
         // Statics and the paradox guard divide by lengths: judge them only when the lengths are valid.
         if checks.count() == before {
-            self.check_statics(checks);
+            let position = (self.center_of_mass_right, self.center_of_mass_forward);
+            self.check_loads(("center_of_mass_right_m", "center_of_mass_forward_m"), position, checks);
             self.check_paradox_guard(checks);
         }
     }
@@ -175,11 +176,6 @@ impl RobotParameters {
             )
             .across(&with_lengths("wheel_friction_coefficient"), PARADOX_RULE)
             .across(&with_lengths("front_friction_coefficient"), PARADOX_RULE)
-    }
-
-    fn check_statics(&self, checks: &mut Checks) {
-        let position = (self.center_of_mass_right, self.center_of_mass_forward);
-        self.check_loads(("center_of_mass_right_m", "center_of_mass_forward_m"), position, checks);
     }
 
     /// Requires that every contact carries load at rest; the fields (right, forward) of what is at `position` are to blame.
