@@ -161,19 +161,15 @@ pub(super) fn split<const N: usize>(
     normal_impulse: &Vector3<f64>,
 ) -> [ContactImpulse; 3] {
     let lateral = impulse[AXLE];
+    let by_shares =
+        |left: f64, right: f64| if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral };
+    let capacity = |wheel: usize| lateral_capacity(operator, wheel, impulse, normal_impulse);
+    let share = |wheel: usize| lateral_share(operator, wheel, impact_slip, normal_impulse);
     let left_lateral = match pattern.wheels {
         WheelPattern::RightSlips(_) => lateral,
         WheelPattern::LeftSlips(_) => 0.0,
-        WheelPattern::BothStick => {
-            let left = lateral_capacity(operator, 0, impulse, normal_impulse);
-            let right = lateral_capacity(operator, 1, impulse, normal_impulse);
-            if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
-        }
-        WheelPattern::BothSlip => {
-            let left = lateral_share(operator, 0, impact_slip, normal_impulse);
-            let right = lateral_share(operator, 1, impact_slip, normal_impulse);
-            if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral }
-        }
+        WheelPattern::BothStick => by_shares(capacity(0), capacity(1)),
+        WheelPattern::BothSlip => by_shares(share(0), share(1)),
     };
     let front = if N == 5 { [impulse[ROWS[2][0]], impulse[ROWS[2][1]]] } else { [0.0, 0.0] };
     [[impulse[0], left_lateral], [impulse[1], lateral - left_lateral], front]

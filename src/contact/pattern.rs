@@ -36,10 +36,12 @@ pub enum SlipSign {
 impl SlipSign {
     /// Of a wheel's longitudinal slip and normal impulse.
     pub(super) fn of(slip: f64, normal_impulse: f64) -> Self {
-        match () {
-            () if normal_impulse <= 0.0 => Self::NoNormalForce,
-            () if slip < 0.0 => Self::Backward,
-            () => Self::Forward,
+        if normal_impulse <= 0.0 {
+            Self::NoNormalForce
+        } else if slip < 0.0 {
+            Self::Backward
+        } else {
+            Self::Forward
         }
     }
 
