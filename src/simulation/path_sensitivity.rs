@@ -54,27 +54,15 @@ impl Simulator {
 
 fn differentiate<const N: usize>(
     model: &StepModel<N>,
-    motion: (&Rollout, FrictionLaw),
-    sensitivity: &EndSensitivity,
-    chosen: &[usize],
-    stop: Stop,
-) -> Result<Vec<PathDerivative>, Stopped> {
-    if sensitivity.path.has_others() {
-        path_tangents::differentiate(model, motion, sensitivity, chosen, stop)
-    } else {
-        differentiate_backwards(model, motion, sensitivity, chosen, stop)
-    }
-}
-
-/// Of normal forces alone.
-fn differentiate_backwards<const N: usize>(
-    model: &StepModel<N>,
     (rollout, law): (&Rollout, FrictionLaw),
     sensitivity: &EndSensitivity,
     chosen: &[usize],
     stop: Stop,
 ) -> Result<Vec<PathDerivative>, Stopped> {
     let path = &sensitivity.path;
+    if path.has_others() {
+        return path_tangents::differentiate(model, (rollout, law), sensitivity, chosen, stop);
+    }
     let control_count = rollout.schedule.control_count();
     let mut rows: Vec<Row> = chosen.iter().map(|&index| Row::new(path.step(index))).collect();
     let mut derivatives = vec![PathDerivative::zero(control_count); chosen.len()];
