@@ -39,7 +39,7 @@
 //!
 //! # The modules
 //! - [`robot`]: parameters, mass matrix, smooth forces, contact kinematics, normal forces.
-//! - [`contact`]: the one-step friction problem as plain data, its exact and its fixed-point solver.
+//! - [`contact`]: the one-step friction problem as plain data, its exact and its fixed-point solver, smoothed friction and held wheels.
 //! - [`simulation`]: Moreau time stepping, rollouts, trajectories, derivatives.
 //! - [`optimizer`]: sequential linear programming and Nelder-Mead; they know no mechanics.
 //! - [`shooting`]: from a maneuver to a decision vector, goal errors and their Jacobian.

@@ -21,8 +21,9 @@ pub const STEP_LIMIT: usize = 10_000;
 /// of thousands of steps rounds to about 1e-12.
 pub(crate) const ROUNDING: f64 = 1e-9;
 
-/// The grid that automatic steps start from: the paper's, or the next one on which all control intervals are equally
-/// long. On other grids the steps' midpoints favour some intervals, and finer grids would see other torques.
+/// The steps where nobody asks for a number: the paper's, or the next one on which all control intervals are equally long. On other
+/// grids the steps' midpoints favour some intervals, and finer grids would see other torques. A search begins with more where the
+/// robot needs them to keep its course.
 pub fn first_step_count(control_count: usize) -> usize {
     PAPER_STEP_COUNT.checked_next_multiple_of(control_count).unwrap_or(PAPER_STEP_COUNT)
 }

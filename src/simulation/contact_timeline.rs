@@ -27,7 +27,7 @@ pub struct Separation {
     pub normal_force: f64,
 }
 
-/// The smallest normal force of a trajectory.
+/// The normal force of a contact in a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NormalLoad {
     /// The force as a share of the weight; negative where the contact separates.
