@@ -79,7 +79,7 @@ impl Queue {
     /// # Errors
     /// When the capacity is used up, or the queue is closed.
     pub fn reserve(&self) -> Result<Permit, Refusal> {
-        Permit::reserve(&self.jobs, &self.watchdog)
+        self.jobs.reserve().map(|id| self.permit(id))
     }
 
     /// Reserves a permit whatever the jobs in flight are expected to take.
@@ -87,7 +87,7 @@ impl Queue {
     /// # Errors
     /// When all permits are issued, or the queue is closed.
     pub fn reserve_for_any_work(&self) -> Result<Permit, Refusal> {
-        Permit::reserve_for_any_work(&self.jobs, &self.watchdog)
+        self.jobs.reserve_for_any_work().map(|id| self.permit(id))
     }
 
     /// Waits until less is in flight than `capacity`, then reserves a permit.
@@ -95,7 +95,11 @@ impl Queue {
     /// # Errors
     /// Only when the queue is closed.
     pub async fn wait_for_permit(&self, capacity: Capacity) -> Result<Permit, Refusal> {
-        Permit::wait(capacity, &self.jobs, &self.watchdog).await
+        self.jobs.wait_for_permit(capacity).await.map(|id| self.permit(id))
+    }
+
+    fn permit(&self, id: u64) -> Permit {
+        Permit::new(id, &self.jobs, &self.watchdog)
     }
 
     /// Whether permits are still issued.

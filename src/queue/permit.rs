@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 
-use super::bounded_queue::{BoundedQueue, Capacity, Refusal};
+use super::bounded_queue::BoundedQueue;
 use super::caller::CallerId;
 use super::clocks::Clocks;
 use super::job::Job;
@@ -26,35 +26,8 @@ pub struct Permit {
 }
 
 impl Permit {
-    /// Reserves a permit.
-    ///
-    /// # Errors
-    /// When the capacity is used up, or the queue is closed.
-    pub(super) fn reserve(queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> Result<Self, Refusal> {
-        queue.reserve().map(|id| Self::new(id, queue, watchdog))
-    }
-
-    /// Reserves a permit whatever the jobs in flight are expected to take.
-    ///
-    /// # Errors
-    /// When all permits are issued, or the queue is closed.
-    pub(super) fn reserve_for_any_work(queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> Result<Self, Refusal> {
-        queue.reserve_for_any_work().map(|id| Self::new(id, queue, watchdog))
-    }
-
-    /// Waits until less is in flight than `capacity`, then reserves a permit.
-    ///
-    /// # Errors
-    /// Only when the queue is closed.
-    pub(super) async fn wait(
-        capacity: Capacity,
-        queue: &Arc<BoundedQueue>,
-        watchdog: &Arc<Watchdog>,
-    ) -> Result<Self, Refusal> {
-        queue.wait_for_permit(capacity).await.map(|id| Self::new(id, queue, watchdog))
-    }
-
-    fn new(id: u64, queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> Self {
+    /// The permit that the queue has issued under this number.
+    pub(super) fn new(id: u64, queue: &Arc<BoundedQueue>, watchdog: &Arc<Watchdog>) -> Self {
         let caller = CallerId::default();
         Self { queue: Arc::clone(queue), watchdog: Arc::clone(watchdog), id, caller }
     }
