@@ -14,7 +14,7 @@ use crate::contract::{Problem, json};
 use crate::metrics::Metrics;
 use crate::motion::{self, LimitUse, SimulateInput, SimulateParameters, Simulation};
 use crate::rules::{Checks, RuleSet};
-use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
+use crate::service::{Cost, Done, Job, JobControl, Stopped};
 use crate::shooting::StateComponent;
 
 const ARRAYS: [&str; 2] = ["torque_schedule.left_n_m", "torque_schedule.right_n_m"];
@@ -49,10 +49,6 @@ impl Job for Simulate {
 
     fn cost(&self, accepted: &AcceptedSimulation) -> Cost {
         Cost::seconds(accepted.input.step_count as f64 * STEP_S)
-    }
-
-    fn work_done(&self, accepted: &AcceptedSimulation, _output: &Simulation) -> Option<WorkDone> {
-        Some(WorkDone { cost: self.cost(accepted), is_complete: true })
     }
 
     /// Where friction is hard to resolve a step takes a hundred times as long as usual.

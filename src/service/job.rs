@@ -34,9 +34,10 @@ pub trait Job: Send + Sync + 'static {
     /// What it will probably take.
     fn cost(&self, input: &Self::Input) -> Cost;
 
-    /// What it took, in the measure of [`Job::cost`]; none if it ended without such work.
-    fn work_done(&self, _input: &Self::Input, _output: &Self::Output) -> Option<WorkDone> {
-        None
+    /// What it took, in the measure of [`Job::cost`]: as much as that says, where the input alone tells. None if it ended without
+    /// such work.
+    fn work_done(&self, input: &Self::Input, _output: &Self::Output) -> Option<WorkDone> {
+        Some(WorkDone { cost: self.cost(input), is_complete: true })
     }
 
     /// When it is cut off, counted from its start; none where the input bounds it.

@@ -27,7 +27,7 @@ use crate::contract::message::{ExportFormat, ExportRequest, ExportResponse, Expo
 use crate::contract::{BodyLimit, Problem, json};
 use crate::metrics::Metrics;
 use crate::rules::RuleSet;
-use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
+use crate::service::{Class, Cost, Done, Job, JobControl, Stopped};
 use crate::stop::Stop;
 
 /// What a step of a rollout takes a small cloud machine, s.
@@ -65,10 +65,6 @@ impl Job for Export {
 
     fn cost(&self, export: &AcceptedExport) -> Cost {
         Cost::seconds(export.plan.step_count() as f64 * STEP_S + export.point_count() * POINT_S)
-    }
-
-    fn work_done(&self, export: &AcceptedExport, _output: &Exported) -> Option<WorkDone> {
-        Some(WorkDone { cost: self.cost(export), is_complete: true })
     }
 
     fn time_limit(&self, export: &AcceptedExport) -> Option<Duration> {

@@ -22,7 +22,7 @@ use crate::metrics::Metrics;
 use crate::plot;
 pub use crate::plot::STYLE;
 use crate::rules::{Checks, Rule, RuleSet};
-use crate::service::{Class, Cost, Done, Job, JobControl, Stopped, WorkDone};
+use crate::service::{Class, Cost, Done, Job, JobControl, Stopped};
 pub(super) use words::short;
 
 /// How many plans one figure tells apart.
@@ -75,10 +75,6 @@ impl Job for Present {
 
     fn cost(&self, input: &AcceptedPlans) -> Cost {
         Cost::seconds(input.plans.iter().map(|plan| DRAWING_S + plan.step_count() as f64 * STEP_S).sum())
-    }
-
-    fn work_done(&self, input: &AcceptedPlans, _output: &Presented) -> Option<WorkDone> {
-        Some(WorkDone { cost: self.cost(input), is_complete: true })
     }
 
     fn time_limit(&self, input: &AcceptedPlans) -> Option<Duration> {
