@@ -199,13 +199,13 @@ impl Grid {
         let of_across = ticks_across(across, RIGHT - left);
         for tick in &of_across.values {
             let x = left + (RIGHT - left) * (tick - across[0]) / (across[1] - across[0]);
-            svg.lines([&[[x, lower], [x, lower + 4.0]][..]].into_iter(), false, &AXIS);
+            svg.line([x, lower], [x, lower + 4.0], &AXIS);
             svg.text([x, lower + 16.0], Anchor::Middle, 11.0, &of_across.label(*tick));
         }
         let of_up = ticks_up(up);
         for tick in &of_up.values {
             let y = lower - HEIGHT * (tick - up[0]) / (up[1] - up[0]);
-            svg.lines([&[[left - 4.0, y], [left, y]][..]].into_iter(), false, &AXIS);
+            svg.line([left - 4.0, y], [left, y], &AXIS);
             svg.text([left - 7.0, y + 4.0], Anchor::End, 11.0, &of_up.label(*tick));
         }
         svg.text([f64::midpoint(left, RIGHT), lower + 32.0], Anchor::Middle, 12.0, &map.across.label);
@@ -326,7 +326,7 @@ fn draw_scale(
     svg.rectangle([left, top], [right, top + HEIGHT], &AXIS);
     for (level, words) in levels {
         let y = top + HEIGHT - HEIGHT * (level - low) / (high - low);
-        svg.lines([&[[left, y], [right, y]][..]].into_iter(), false, &CONTOUR);
+        svg.line([left, y], [right, y], &CONTOUR);
         svg.text([right + 6.0, y + 4.0], Anchor::Start, 11.0, &words);
     }
     svg.text([WIDTH - 12.0, top - 8.0], Anchor::End, 12.0, label);

@@ -147,7 +147,7 @@ impl Frame {
         let (across, up) = (ticks_across(self.data[0], right - left), self.up_ticks(panel));
         for tick in &across.values {
             let [x, _] = self.place([*tick, self.data[1][0]]);
-            svg.lines([&[[x, lower], [x, upper]][..]].into_iter(), false, &GRID);
+            svg.line([x, lower], [x, upper], &GRID);
             let label = across.label(*tick);
             // At the edge of the figure it would be cut off.
             if x + 0.5 * width_of(&label) <= WIDTH {
@@ -157,7 +157,7 @@ impl Frame {
         for tick in &up.values {
             let [_, y] = self.place([self.data[0][0], *tick]);
             let paint = if *tick == 0.0 && !panel.equal { &ZERO } else { &GRID };
-            svg.lines([&[[left, y], [right, y]][..]].into_iter(), false, paint);
+            svg.line([left, y], [right, y], paint);
             svg.text([left - 6.0, y + 4.0], Anchor::End, 11.0, &up.label(*tick));
         }
         svg.text([f64::midpoint(left, right), lower + 31.0], Anchor::Middle, 12.0, &panel.across.label());

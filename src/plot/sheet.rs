@@ -200,7 +200,7 @@ fn draw_keys(keys: &[Key], top: f64, svg: &mut Svg) -> f64 {
             (x, y) = (LEFT, y + LINE);
         }
         match sample {
-            Sample::Line => svg.lines([&[[x, y - 4.0], [x + 26.0, y - 4.0]][..]].into_iter(), false, paint),
+            Sample::Line => svg.line([x, y - 4.0], [x + 26.0, y - 4.0], paint),
             Sample::Area => svg.rectangle([x, y - 9.0], [x + 26.0, y + 1.0], paint),
             Sample::Circle => svg.circle([x + 13.0, y - 4.0], 4.0, paint),
         }

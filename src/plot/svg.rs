@@ -90,6 +90,11 @@ impl Svg {
         self.element("circle", &[("cx", x), ("cy", y), ("r", radius)], paint, "");
     }
 
+    /// A straight line.
+    pub(super) fn line(&mut self, from: [f64; 2], to: [f64; 2], paint: &Paint) {
+        self.lines([&[from, to][..]].into_iter(), false, paint);
+    }
+
     /// Lines through points, to a tenth of a pixel; nothing with fewer than two.
     pub(super) fn lines<'a>(&mut self, curves: impl Iterator<Item = &'a [[f64; 2]]>, closed: bool, paint: &Paint) {
         let mut path = String::new();
