@@ -12,11 +12,9 @@ mod simplify;
 mod svg;
 mod time;
 
-use std::ops::Range;
-
 use nalgebra::Vector2;
 
-use crate::contact::{ContactMode, ContactName};
+use crate::contact::ContactMode;
 use crate::robot::{PerWheel, Robot, State};
 use crate::shooting::{Goal, ManeuverLimits, ReferencePoint};
 use crate::simulation::{ContactSample, TorqueSchedule, Trajectory};
@@ -75,13 +73,6 @@ impl Plan<'_> {
     fn slips(&self) -> bool {
         let is_slip = |wheel: &ContactSample| wheel.mode == ContactMode::Slip;
         self.moves() && self.trajectory.contact.iter().any(|step| is_slip(&step.left) || is_slip(&step.right))
-    }
-
-    /// The steps in which a contact slips, by spans.
-    fn slip_spans(&self, contact: ContactName) -> Vec<Range<usize>> {
-        let modes: Vec<_> = self.trajectory.contact.iter().map(|step| step.get(contact).mode).enumerate().collect();
-        let slips = modes.chunk_by(|a, b| a.1 == b.1).filter(|span| span[0].1 == ContactMode::Slip);
-        slips.map(|span| span[0].0..span[0].0 + span.len()).collect()
     }
 
     /// Whether there is a motion that can be drawn.

@@ -106,7 +106,7 @@ fn tracks(plan: &Plan, view: View, (stick, slip): (Option<Paint>, Paint)) -> [Ve
     for (wheel, side) in [(ContactName::Left, -half), (ContactName::Right, half)] {
         let at = |state: &State| view.place(from_axle(plan, state)(Vector2::new(side, 0.0)));
         let points: Vec<_> = plan.trajectory.state.iter().map(at).collect();
-        let spans = plan.slip_spans(wheel).into_iter();
+        let spans = plan.trajectory.slip_spans(wheel).into_iter();
         let slipping = spans.flat_map(|steps| points[steps.start..=steps.end].iter().chain([&[f64::NAN; 2]]).copied());
         tracks[0].push(Shape::Curve { points: slipping.collect(), paint: slip });
         tracks[1].extend(stick.map(|paint| Shape::Curve { points, paint }));

@@ -77,7 +77,8 @@ fn bands(plans: &[Plan], contact: ContactName) -> Vec<Shape> {
     let of_plan = |(index, plan): (usize, &Plan)| {
         let (row, paint) = band_of(index, plans.len());
         let time = &plan.trajectory.time;
-        let spans = plan.slip_spans(contact).into_iter().map(|steps| [time[steps.start], time[steps.end]]).collect();
+        let spans = plan.trajectory.slip_spans(contact).into_iter();
+        let spans = spans.map(|steps| [time[steps.start], time[steps.end]]).collect();
         Shape::Bands { spans, row, paint }
     };
     moving(plans).map(of_plan).collect()

@@ -1,5 +1,7 @@
 //! The contact-mode timeline of a trajectory, its separations and its slip reversals.
 
+use std::ops::Range;
+
 use super::trajectory::{ContactSample, Trajectory};
 use crate::contact::{ContactMode, ContactName, PerContact};
 
@@ -113,6 +115,13 @@ impl Trajectory {
             reversals += usize::from(before.mode == ContactMode::Slip && opposite);
         }
         reversals
+    }
+
+    /// The steps in which a contact slips, by spans.
+    pub fn slip_spans(&self, contact: ContactName) -> Vec<Range<usize>> {
+        let modes: Vec<_> = self.contact.iter().map(|contacts| contacts.get(contact).mode).enumerate().collect();
+        let slips = modes.chunk_by(|a, b| a.1 == b.1).filter(|span| span[0].1 == ContactMode::Slip);
+        slips.map(|span| span[0].0..span[0].0 + span.len()).collect()
     }
 
     /// Time that a contact slips, s.

@@ -1,7 +1,7 @@
 //! Plans in words: what was found, and why to trust it.
 
 use super::replay_words::replay;
-use crate::contact::{ContactMode, ContactName};
+use crate::contact::ContactName;
 use crate::contract::message::{
     ChangedParameter, ContactName as NamedContact, LimitUse, LowerBoundAssumption, PlanInWords, Refinement, Report,
     Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
@@ -146,9 +146,8 @@ fn rounded(value: f64) -> f64 {
 
 fn slip(motion: &Trajectory) -> String {
     let wheels = [ContactName::Left, ContactName::Right].map(|wheel| {
-        let modes: Vec<_> = motion.contact.iter().map(|contacts| contacts.get(wheel).mode).collect();
-        let spans = modes.chunk_by(|a, b| a == b).filter(|span| span[0] == ContactMode::Slip).count();
-        let (wheel, time) = (wheel.as_str(), seconds(motion.slip_time(wheel)));
+        let (spans, time) = (motion.slip_spans(wheel).len(), seconds(motion.slip_time(wheel)));
+        let wheel = wheel.as_str();
         match spans {
             0 => format!("the {wheel} wheel never slips"),
             1 => format!("the {wheel} wheel slips once, for {time}"),
