@@ -7,8 +7,9 @@ use futures_util::StreamExt as _;
 use tokio::time::{Instant, interval, sleep, timeout};
 
 use super::broker::{Broker, NatsError};
+use super::packed::unpacked;
 use super::publish::why;
-use super::{RETRY_PAUSE, cancel, result, subjects};
+use super::{RETRY_PAUSE, cancel, subjects};
 use crate::sweep::results::{Progress, Results};
 use crate::sweep::runner::SYNC_INTERVAL;
 
@@ -103,10 +104,10 @@ async fn what_pends(sweep: &str, broker: &Broker) -> Option<Collected> {
 }
 
 fn take(results: &mut Results, message: &[u8]) -> std::io::Result<()> {
-    let taken = result::line_of(message).and_then(|line| results.take(&line));
+    let taken = unpacked(message).and_then(|line| results.take(&line));
     match taken {
-        Ok(Some(_)) => Ok(()),
-        Ok(None) => {
+        Ok(true) => Ok(()),
+        Ok(false) => {
             tracing::warn!("a message is no result of this sweep");
             Ok(())
         }

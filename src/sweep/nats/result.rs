@@ -67,14 +67,6 @@ impl RowResult {
     }
 }
 
-/// The line of a row, as a message has it.
-///
-/// # Errors
-/// What is no such message.
-pub(super) fn line_of(message: &[u8]) -> std::io::Result<Vec<u8>> {
-    unpacked(message)
-}
-
 /// The result of a row, if there is one that can be read.
 ///
 /// # Errors

@@ -112,22 +112,21 @@ impl Results {
         Ok(())
     }
 
-    /// Appends a line that was written elsewhere, unless its row is there; gives the number of the row, none where it is
-    /// no row of this sweep.
+    /// Appends a line that was written elsewhere, unless its row is there; false where it is no row of this sweep.
     ///
     /// # Errors
     /// As [`Results::append`].
     #[cfg(feature = "nats")]
-    pub(super) fn take(&mut self, line: &[u8]) -> io::Result<Option<u64>> {
+    pub(super) fn take(&mut self, line: &[u8]) -> io::Result<bool> {
         let Some(head) = line.strip_suffix(b"\n").and_then(|line| stored::Head::read(line, &self.header)) else {
-            return Ok(None);
+            return Ok(false);
         };
         if !self.done.contains(head.row) {
             self.append_line(line)?;
             self.done.insert(head.row);
             self.progress.count_stored(&head);
         }
-        Ok(Some(head.row))
+        Ok(true)
     }
 
     fn append_line(&mut self, line: &[u8]) -> io::Result<()> {
