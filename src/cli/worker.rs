@@ -7,7 +7,7 @@ use std::time::Duration;
 use slipdrive::jobs::{InProcessSolver, Jobs, Limits};
 use slipdrive::service::Service;
 use slipdrive::sweep;
-use slipdrive::sweep::nats::{Access, Broker, NatsError, StreamLimits, Worker, WorkerMetrics, WorkerSettings};
+use slipdrive::sweep::nats::{Access, Broker, NatsError, StreamLimits, Worker, WorkerMetrics};
 use tokio::time::sleep;
 
 use super::refused;
@@ -42,7 +42,7 @@ pub(crate) fn worker(arguments: &WorkerArguments) -> anyhow::Result<ExitCode> {
             () = signals.next() => return Ok(()),
         };
         let lease = Duration::from_secs(arguments.lease_s.get().into());
-        let worker = Worker::start(broker, Arc::clone(&service), jobs, metrics, WorkerSettings { lease }).await?;
+        let worker = Worker::start(broker, Arc::clone(&service), jobs, metrics, lease).await?;
         tracing::info!(queue.workers = threads, "taking chunks");
         worker.run(signals.next()).await;
         anyhow::Ok(())

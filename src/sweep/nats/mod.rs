@@ -34,7 +34,7 @@ pub use cancel::cancel;
 pub use collect::{Collected, collect};
 pub use metrics::WorkerMetrics;
 pub use publish::{Published, Sending, publish};
-pub use worker::{Worker, WorkerSettings};
+pub use worker::Worker;
 
 /// How long to wait until something is tried again, a full queue for instance.
 const RETRY_PAUSE: Duration = Duration::from_millis(500);

@@ -35,26 +35,13 @@ const LAST_WORD: Duration = Duration::from_secs(5);
 /// How long a chunk waits that could not be run here although the worker goes on.
 const LATER: Duration = Duration::from_secs(5);
 
-/// How a worker works.
-#[derive(Debug, Clone, Copy)]
-pub struct WorkerSettings {
-    /// How long a chunk is this worker's without a sign of life.
-    pub lease: Duration,
-}
-
-impl Default for WorkerSettings {
-    fn default() -> Self {
-        Self { lease: lease::DEFAULT_LEASE }
-    }
-}
-
 /// Takes chunks and runs them on the workers of a service.
 pub struct Worker {
     broker: Broker,
     service: Arc<Service>,
     jobs: Jobs,
     metrics: WorkerMetrics,
-    settings: WorkerSettings,
+    lease: Duration,
     consumer: Mutex<PullConsumer>,
     /// Hashes of sweeps that are cancelled while they run.
     cancelled: broadcast::Sender<String>,
@@ -64,7 +51,7 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// A worker of this version on a connection.
+    /// A worker of this version on a connection; a chunk is its own for as long as `lease` without a sign of life.
     ///
     /// # Errors
     /// When the servers do not give it a place to take chunks from.
@@ -73,15 +60,15 @@ impl Worker {
         service: Arc<Service>,
         jobs: Jobs,
         metrics: WorkerMetrics,
-        settings: WorkerSettings,
+        lease: Duration,
     ) -> Result<Self, NatsError> {
-        let consumer = Mutex::new(broker.consumer(Some(settings.lease)).await?);
+        let consumer = Mutex::new(broker.consumer(Some(lease)).await?);
         Ok(Self {
             broker,
             service,
             jobs,
             metrics,
-            settings,
+            lease,
             consumer,
             cancelled: broadcast::Sender::new(CANCELS_AHEAD),
             suspect: tokio::sync::Mutex::new(()),
@@ -149,7 +136,7 @@ impl Worker {
             return;
         }
         let made = match self.broker.restore().await {
-            Ok(()) => self.broker.consumer(Some(self.settings.lease)).await,
+            Ok(()) => self.broker.consumer(Some(self.lease)).await,
             Err(error) => Err(error),
         };
         match made {
@@ -180,7 +167,7 @@ impl Worker {
         let (sweep, number, cancels) = (chunk.sweep.clone(), chunk.number, self.cancelled.subscribe());
         let outcome = tokio::select! {
             outcome = self.run_chunk(chunk, delivery, stopped) => outcome,
-            never = lease::held(self.settings.lease, &acker, &self.metrics) => match never {},
+            never = lease::held(self.lease, &acker, &self.metrics) => match never {},
             () = told(&sweep, cancels) => Outcome::Cancelled,
         };
         tracing::debug!(sweep.hash = sweep, chunk.number = number, chunk.delivery = delivery, outcome = ?outcome, "chunk");
