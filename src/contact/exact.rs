@@ -34,7 +34,7 @@ const NEWTON_UPDATE: f64 = 1e-8;
 const INTERIOR_LIMIT: usize = 60;
 const INTERIOR_PERIOD: usize = 3;
 /// Residual that answers keep, apart from the exceptions that [`ExactSolver::solve`] names.
-const PROMISED_RESIDUAL: f64 = 1e-10;
+pub const PROMISED_RESIDUAL: f64 = 1e-10;
 /// Most sweeps of the reference solver behind an answer that does not.
 const POLISHING_LIMIT: usize = 1000;
 /// Solutions that differ by more than this, relative to m g dt, are different motions.

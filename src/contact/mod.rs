@@ -36,7 +36,7 @@ mod uniqueness;
 mod utilization;
 
 pub use delassus::{DelassusOperator, ImpulseDerivative};
-pub use exact::{ExactSolver, SolvePath};
+pub use exact::{ExactSolver, PROMISED_RESIDUAL, SolvePath};
 pub use fixed_point::FixedPointSolver;
 pub use held::solve_held;
 pub use one_step_problem::OneStepProblem;

@@ -25,6 +25,8 @@ use crate::metrics::Metrics;
 use crate::metrics::catalogue::{self, Family};
 use crate::service::Job as _;
 
+/// What a step of a rollout takes a small cloud machine, s.
+const STEP_S: f64 = 3e-6;
 /// Arrays of a full answer with one number per step: trajectory and contacts.
 const ARRAYS_OF_STEPS: usize = 26;
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::table::{line, row, separations, write_limits, write_timeline};
-use super::{ARRAYS_OF_STEPS, Kind, Limits, ManeuverSolver};
+use super::{ARRAYS_OF_STEPS, Kind, Limits, ManeuverSolver, STEP_S};
 use crate::contract::convert::{aisle_corners, contacts, count, named, payload, required, robot, schedule};
 use crate::contract::message::{
     ContactSolver, PresentRequest, PresentedPlan, ReferencePoint, SimulateGrid, SimulateRequest, SimulateResponse,
@@ -18,9 +18,6 @@ use crate::service::{Cost, Done, Job, JobControl, Stopped};
 use crate::shooting::StateComponent;
 
 const ARRAYS: [&str; 2] = ["torque_schedule.left_n_m", "torque_schedule.right_n_m"];
-
-/// What a step takes a small cloud machine, s.
-const STEP_S: f64 = 3e-6;
 
 /// Simulates torque schedules.
 pub struct Simulate(Arc<dyn ManeuverSolver>);
@@ -166,9 +163,13 @@ impl Kind for Simulate {
     }
 }
 
-/// What a solve has below its maneuver a simulation has at its root.
 fn at_root(used: &LimitUse) -> LimitUse {
-    LimitUse { limit: used.limit.strip_prefix("maneuver.").unwrap_or(used.limit), ..*used }
+    LimitUse { limit: name_at_root(used.limit), ..*used }
+}
+
+/// What a solve has below its maneuver a simulation has at its root.
+pub(super) fn name_at_root(limit: &'static str) -> &'static str {
+    limit.strip_prefix("maneuver.").unwrap_or(limit)
 }
 
 #[cfg(test)]

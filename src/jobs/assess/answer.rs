@@ -7,6 +7,7 @@ use crate::contract::message::{
     self, AppliedChange, AssessResponse, EndErrors, ErrorQuantile, LimitExcess, SimulateGrid, SimulateRequest,
     VarianceShares,
 };
+use crate::jobs::simulate::name_at_root;
 use crate::jobs::table::{line, row, word};
 use crate::motion::ChangedParameter;
 
@@ -53,9 +54,8 @@ pub(super) fn answer(accepted: &AcceptedAssess, assessment: &Assessment) -> Asse
     }
 }
 
-/// What a solve has below its maneuver a simulation has at its root.
 fn limit_name(accepted: &AcceptedAssess, limit: &'static str) -> &'static str {
-    if accepted.is_simulation() { limit.strip_prefix("maneuver.").unwrap_or(limit) } else { limit }
+    if accepted.is_simulation() { name_at_root(limit) } else { limit }
 }
 
 fn end_errors(error: &EndError) -> EndErrors {

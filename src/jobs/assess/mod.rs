@@ -15,7 +15,7 @@ use self::metrics::AssessMetrics;
 use super::idle_workers::IdleWorkers;
 use super::limits::BODY_WITH_ANSWERS;
 use super::plan::without_motion;
-use super::{Flag, Kind, Limits, ManeuverSolver};
+use super::{Flag, Kind, Limits, ManeuverSolver, STEP_S};
 use crate::assessment::Assessment;
 use crate::contract::message::{AssessRequest, AssessResponse};
 use crate::contract::{BodyLimit, Problem};
@@ -25,9 +25,7 @@ use crate::rules::RuleSet;
 use crate::service::{Cost, Done, Job, JobControl, Stopped, WorkDone};
 use crate::solver::{NoProgress, RunControl};
 
-/// What a step of a rollout takes a small cloud machine, s.
-const STEP_S: f64 = 3e-6;
-/// What a sample takes beside its steps, s.
+/// What a sample takes a small cloud machine beside its steps, s.
 const SAMPLE_S: f64 = 100e-6;
 /// The rollout of a sample that is compared with limits, in rollouts of one that is not.
 const WITH_LIMITS: f64 = 1.8;

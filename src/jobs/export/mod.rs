@@ -22,7 +22,7 @@ use self::motion::Motion;
 use super::limits::BODY_WITH_ANSWERS;
 use super::plan::without_motion;
 use super::table::{line, row};
-use super::{File, Flag, Kind, Limits, ManeuverSolver};
+use super::{File, Flag, Kind, Limits, ManeuverSolver, STEP_S};
 use crate::contract::message::{ExportFormat, ExportRequest, ExportResponse, ExportedFile};
 use crate::contract::{BodyLimit, Problem, json};
 use crate::metrics::Metrics;
@@ -30,9 +30,7 @@ use crate::rules::RuleSet;
 use crate::service::{Class, Cost, Done, Job, JobControl, Stopped};
 use crate::stop::Stop;
 
-/// What a step of a rollout takes a small cloud machine, s.
-const STEP_S: f64 = 3e-6;
-/// What a point takes there to be written, s.
+/// What a point takes a small cloud machine to be written, s.
 const POINT_S: f64 = 10e-6;
 
 /// What files hold beside their points, bytes in base64: names of columns, and definitions of messages.

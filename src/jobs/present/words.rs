@@ -1,20 +1,19 @@
 //! Plans in words: what was found, and why to trust it.
 
 use super::replay_words::replay;
-use crate::contact::ContactName;
+use crate::contact::{ContactName, PROMISED_RESIDUAL};
 use crate::contract::message::{
     ChangedParameter, ContactName as NamedContact, LimitUse, LowerBoundAssumption, PlanInWords, Refinement, Report,
     Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
 };
 use crate::jobs::plan::{AcceptedPlan, Said, claims_goal, largest_goal_error, other_end};
 use crate::plot;
+use crate::shooting::LIMIT_TOLERANCE;
 use crate::simulation::Trajectory;
 use crate::solver::{Reason, Refinement as Grid, SolveInput, SolverSettings};
 
 /// The headline where request and answer contradict each other.
 const OF_NO_PLAN: &str = "The answer does not belong to its request.";
-/// A contact residual up to this is rounding: what `converged` asks for.
-const RESIDUAL_TOLERANCE: f64 = 1e-10;
 /// What is said of a motion without an end.
 const DIVERGES: &str = "The motion diverges.";
 /// How many other optima are named.
@@ -206,7 +205,7 @@ fn goal_met((field, error): (&str, f64), settings: &SolverSettings) -> String {
 
 /// Whether the law is kept, and has one solution, where that is known.
 fn contact_law(residual: f64, indeterminate_steps: Option<u32>) -> String {
-    let verdict = if residual <= RESIDUAL_TOLERANCE { "kept to rounding" } else { "not kept to rounding" };
+    let verdict = if residual <= PROMISED_RESIDUAL { "kept to rounding" } else { "not kept to rounding" };
     let unique = match indeterminate_steps {
         None => String::new(),
         Some(0) => "; no step was found to have a second solution".to_owned(),
@@ -279,7 +278,7 @@ fn criticality(report: &Report) -> Option<String> {
 fn limit_used(used: &LimitUse) -> String {
     let LimitUse { limit, value, largest, time_s, excess, replay_excess } = used;
     let time = seconds(*time_s);
-    let verdict = if *excess <= 1e-6 { "kept" } else { "exceeded" };
+    let verdict = if *excess <= LIMIT_TOLERANCE { "kept" } else { "exceeded" };
     // Of an aisle the report has how far a corner is outside; negative inside. Its excesses are shares of the robot's size.
     if limit.ends_with("keep_in") {
         let place = |outside: f64| {
