@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 use super::error_table::ErrorCode;
 use super::goal::{goal_of_message, message_of_goal};
 use super::message;
-use super::problem::Problem;
+use super::problem::{Problem, pointer_of_path};
 use crate::contact::{ContactMode, ContactName, PerContact};
 use crate::motion::{ChangedParameter, LimitUse};
 use crate::robot::{Motor, Payload, PerWheel, RobotParameters, State};
@@ -266,8 +266,7 @@ pub(crate) fn required<T>(given: Option<T>, field: &str) -> Result<T, Problem> {
 }
 
 fn invalid_field(field: &str, fault: &str) -> Problem {
-    let pointer = format!("#/{}", field.replace('.', "/"));
-    Problem::at_field(ErrorCode::InvalidField, pointer, format!("`{field}`: {fault}"))
+    Problem::at_field(ErrorCode::InvalidField, pointer_of_path(field), format!("`{field}`: {fault}"))
 }
 
 /// Counts are bounded by the limits on grids and starts, far below this.
@@ -404,4 +403,20 @@ fn contact<'a>(samples: impl Iterator<Item = &'a ContactSample>) -> message::Con
         columns.longitudinal_slip_m_s.push(longitudinal_slip);
     }
     columns
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn index_of_a_field_is_a_segment_of_its_pointer() {
+        let field = "uncertain[0].parameter";
+        for problem in
+            [required::<()>(None, field).unwrap_err(), named::<message::ChangedParameter>(99, field).unwrap_err()]
+        {
+            assert_eq!(problem.errors()[0].pointer, "#/uncertain/0/parameter");
+            assert!(problem.detail().starts_with("`uncertain[0].parameter`: "), "{problem}");
+        }
+    }
 }

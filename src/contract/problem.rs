@@ -200,7 +200,7 @@ fn with_short_value(message: &str) -> String {
 }
 
 /// `robot.wheel_radius_m` as `#/robot/wheel_radius_m`, `a.b[3]` as `#/a/b/3`.
-fn pointer_of_path(path: &str) -> String {
+pub(crate) fn pointer_of_path(path: &str) -> String {
     format!("#/{}", path.replace(['.', '['], "/").replace(']', ""))
 }
 

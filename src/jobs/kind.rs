@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::Limits;
 use crate::contract::message::PresentRequest;
-use crate::contract::{BodyLimit, ErrorCode, Numbers, Problem, json};
+use crate::contract::{BodyLimit, ErrorCode, Numbers, Problem, json, pointer_of_path};
 use crate::metrics::catalogue::Family;
 use crate::rules::RuleSet;
 use crate::service::{Done, Job, ServiceError};
@@ -190,8 +190,7 @@ impl From<ServiceError> for Problem {
             ServiceError::Cancelled => ErrorCode::Cancelled,
             ServiceError::SolverPanic => ErrorCode::SolverPanic,
             ServiceError::Contradicted { field, .. } => {
-                let pointer = format!("#/{}", field.replace('.', "/"));
-                return Self::at_field(ErrorCode::InvalidValue, pointer, error.to_string());
+                return Self::at_field(ErrorCode::InvalidValue, pointer_of_path(field), error.to_string());
             }
         };
         Self::new(code, error.to_string()).worth_retrying_after(error.retry_after())
