@@ -14,6 +14,7 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use slipdrive::service::words_of_panic;
 use tracing_appender::non_blocking::{ErrorCounter, NonBlockingBuilder, WorkerGuard};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
@@ -129,10 +130,8 @@ pub(crate) fn start(settings: &LogSettings) -> anyhow::Result<Telemetry> {
 /// Logs a panic in the configured format; the default hook would write several lines in a format of its own.
 fn log_panic(panic: &PanicHookInfo<'_>) {
     let backtrace = Backtrace::capture();
-    let payload = panic.payload();
-    let message = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref().map(String::as_str));
     tracing::error!(
-        panic.message = message,
+        panic.message = words_of_panic(panic.payload()),
         panic.location = panic.location().map(tracing::field::display),
         panic.backtrace =
             (backtrace.status() == BacktraceStatus::Captured).then(|| tracing::field::display(&backtrace)),

@@ -46,7 +46,7 @@ pub use bounded_queue::{Backlog, Capacity, Load, Refusal};
 pub use caller::CallerId;
 pub use clocks::{ANSWER_MARGIN, Clocks, Finishing};
 pub use lending::IdleWorkers;
-pub use permit::Permit;
+pub use permit::{Permit, words_of_panic};
 pub use stop::{StopCause, StopHandle};
 pub use ticket::{JobOutcome, Ticket};
 use watchdog::Watchdog;

@@ -124,11 +124,14 @@ fn run_timed<T>(
     drop(watches);
     match result {
         Ok(value) => JobOutcome::Finished { value, duration },
-        Err(payload) => JobOutcome::Panicked { message: panic_message(payload.as_ref()) },
+        Err(payload) => {
+            let message = words_of_panic(payload.as_ref()).unwrap_or("a panic without a message").to_owned();
+            JobOutcome::Panicked { message }
+        }
     }
 }
 
-fn panic_message(payload: &(dyn Any + Send)) -> String {
-    let text = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
-    text.unwrap_or("a panic without a message").to_owned()
+/// The words of a panic, where it has any.
+pub fn words_of_panic(payload: &(dyn Any + Send)) -> Option<&str> {
+    payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str))
 }

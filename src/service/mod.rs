@@ -31,7 +31,7 @@ use tokio::sync::watch;
 
 use crate::metrics::{Metrics, QueueLevels};
 use crate::queue::{self, Capacity, Queue, Refusal};
-pub use crate::queue::{Finishing, StopCause};
+pub use crate::queue::{Finishing, StopCause, words_of_panic};
 
 /// How much expected work per worker may be in flight unless configured: the longest time limit. Who would wait longer
 /// had better come back.
