@@ -264,10 +264,9 @@ impl Metrics {
         self.connections_ended.with_label_values(&[cause.as_str()]).inc();
     }
 
-    /// So many bytes are reserved for requests in place of as many as before.
-    pub fn held(&self, bytes: usize, before: usize) {
-        let signed = |bytes: usize| i64::try_from(bytes).unwrap_or(i64::MAX);
-        self.held_bytes.add(signed(bytes) - signed(before));
+    /// So many bytes more are reserved for requests than before.
+    pub fn held_changed(&self, difference: i64) {
+        self.held_bytes.add(difference);
     }
 
     /// Reports the lines that this log has dropped so far; only the first log is followed.

@@ -93,7 +93,7 @@ impl Lease {
             return false;
         }
         self.bytes.fetch_add(bytes, Ordering::Relaxed);
-        connections.metrics.held(bytes, 0);
+        connections.metrics.held_changed(signed(bytes));
         true
     }
 
@@ -146,7 +146,7 @@ impl Lease {
         for held in [&self.bytes, self.connection.held.of(self.purpose), connections.held.of(self.purpose)] {
             held.fetch_add(bytes - before, Ordering::Relaxed);
         }
-        connections.metrics.held(bytes, before);
+        connections.metrics.held_changed(signed(bytes - before));
         let held = connections.held.of(self.purpose).load(Ordering::Relaxed);
         connections.relieve(held.saturating_sub(connections.share(self.purpose)));
     }
@@ -160,7 +160,7 @@ impl Lease {
         for held in [&self.bytes, self.connection.held.of(self.purpose), connections.held.of(self.purpose)] {
             held.fetch_sub(bytes, Ordering::Relaxed);
         }
-        connections.metrics.held(0, bytes);
+        connections.metrics.held_changed(-signed(bytes));
         connections.released.notify_waiters();
     }
 
@@ -185,6 +185,10 @@ impl AsRef<[u8]> for LeasedBytes {
     fn as_ref(&self) -> &[u8] {
         &self.bytes
     }
+}
+
+fn signed(bytes: usize) -> i64 {
+    i64::try_from(bytes).unwrap_or(i64::MAX)
 }
 
 fn added(held: &AtomicUsize, bytes: usize, limit: usize) -> bool {
