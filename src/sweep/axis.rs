@@ -130,15 +130,13 @@ impl Axis {
 
     fn single(form: AxisForm, checks: &mut Checks) -> Option<Self> {
         let AxisForm { field, values, from, to, count, paired: _ } = form;
-        let is_of_form =
-            matches!((&values, &from, &to, count), (Some(_), None, None, None) | (None, Some(_), Some(_), Some(_)));
-        let values = match (values, from, to, count) {
+        let (is_of_form, values) = match (values, from, to, count) {
             (Some(values), None, None, None) => {
                 checks.length("values", values.len(), &LENGTH_RULE);
-                Some(Values::List(values.into_iter().map(|StrictValue(value)| value).collect()))
+                (true, Some(Values::List(values.into_iter().map(|StrictValue(value)| value).collect())))
             }
-            (None, Some(from), Some(to), Some(count)) => range(&from, &to, count, checks),
-            _ => None,
+            (None, Some(from), Some(to), Some(count)) => (true, range(&from, &to, count, checks)),
+            _ => (false, None),
         };
         let path = field.as_deref().and_then(FieldPath::parse);
         match &field {
