@@ -15,7 +15,7 @@ use crate::jobs::table::word;
 use crate::motion::{ChangedParameter, Undisturbed};
 use crate::robot::{Payload, RobotParameters, check_robot};
 use crate::rules::{Checks, Number, Rule, RuleSet};
-use crate::shooting::AisleCorners;
+use crate::shooting::{Aisle, AisleCorners, Goal};
 use crate::solver::SolveInput;
 
 const SAMPLES_RULE: Rule = Rule::between(1.0, 10_000.0, "");
@@ -113,8 +113,11 @@ pub(super) fn accept(request: AssessRequest, limits: &Limits) -> Result<Accepted
     let plan = AcceptedPlan::of(solve, simulate, limits);
     let input = match plan {
         Ok(plan) => {
-            let (input, footprint) = assessed(&plan, (robot, payload), &mut checks)?;
-            let input = AssessInput { uncertain, tolerances, sample_count: samples as usize, seed, ..input };
+            let (planned, goal, limited, aisle) = made_for(&plan, &mut checks);
+            let (driven, sample_count) = (planned.clone(), samples as usize);
+            let mut input =
+                AssessInput { planned, driven, goal, limited, aisle, uncertain, tolerances, sample_count, seed };
+            let footprint = drive_with((robot, payload), &plan.corners, &mut input, &mut checks)?;
             check_together(&input, &mut checks);
             Ok((input, footprint, Box::new(plan.without_report())))
         }
@@ -147,9 +150,9 @@ fn checked_uncertain(
     checks: &mut Checks,
 ) -> Result<Vec<(ChangedParameter, Distribution)>, Problem> {
     let mut uncertain: Vec<(ChangedParameter, Distribution)> = Vec::new();
-    for (index, &Uncertainty { parameter, low, high, mean, standard_deviation }) in given.iter().enumerate() {
+    for (index, given) in given.iter().enumerate() {
         let field = format!("uncertain[{index}].parameter");
-        let named: message::ChangedParameter = named(parameter, &field)?;
+        let named: message::ChangedParameter = named(given.parameter, &field)?;
         let parameter: ChangedParameter = required(named.into(), &field)?;
         let is_first = !uncertain.iter().any(|(known, _)| *known == parameter);
         checks.require(
@@ -159,50 +162,43 @@ fn checked_uncertain(
             "a parameter that is not given before",
             None,
         );
-        let distribution = checks.within(&format!("uncertain[{index}]"), |checks| {
-            let rule = rule_of(parameter);
-            match (low, high, mean, standard_deviation) {
-                (Some(low), Some(high), None, None) => {
-                    checks.bounds("low", low, &rule);
-                    checks.bounds("high", high, &rule);
-                    checks.require(
-                        "low",
-                        Number(low),
-                        low <= high,
-                        format!("at most `high` ({})", Number(high)),
-                        Some(high),
-                    );
-                    Distribution::Uniform { low, high }
-                }
-                (None, None, Some(mean), Some(standard_deviation)) => {
-                    checks.bounds("mean", mean, &rule);
-                    let spread = Rule::between(0.0, rule.maximum, rule.unit);
-                    checks.bounds("standard_deviation", standard_deviation, &spread);
-                    Distribution::Normal { mean, standard_deviation }
-                }
-                _ => {
-                    let given =
-                        [("low", low), ("high", high), ("mean", mean), ("standard_deviation", standard_deviation)];
-                    let names: Vec<&str> = given.iter().filter_map(|(name, value)| value.map(|_| *name)).collect();
-                    let names = if names.is_empty() { "no number".to_owned() } else { names.join(", ") };
-                    checks.require("parameter", format!("given with {names}"), false, FORM_RULE, None);
-                    Distribution::Uniform { low: 0.0, high: 0.0 }
-                }
-            }
-        });
+        let distribution = checks
+            .within(&format!("uncertain[{index}]"), |checks| checked_distribution(given, &rule_of(parameter), checks));
         uncertain.push((parameter, distribution));
     }
     Ok(uncertain)
 }
 
-/// The plan as the robot drives it that is asked about, and the outline of that; nothing is uncertain yet.
-fn assessed(
-    plan: &AcceptedPlan,
-    (given_robot, given_payload): (Option<message::Robot>, Option<message::Payload>),
-    checks: &mut Checks,
-) -> Result<(AssessInput, Vec<Vector2<f64>>), Problem> {
+fn checked_distribution(given: &Uncertainty, rule: &Rule, checks: &mut Checks) -> Distribution {
+    let Uncertainty { parameter: _, low, high, mean, standard_deviation } = *given;
+    match (low, high, mean, standard_deviation) {
+        (Some(low), Some(high), None, None) => {
+            checks.bounds("low", low, rule);
+            checks.bounds("high", high, rule);
+            let at_most = format!("at most `high` ({})", Number(high));
+            checks.require("low", Number(low), low <= high, at_most, Some(high));
+            Distribution::Uniform { low, high }
+        }
+        (None, None, Some(mean), Some(standard_deviation)) => {
+            checks.bounds("mean", mean, rule);
+            let spread = Rule::between(0.0, rule.maximum, rule.unit);
+            checks.bounds("standard_deviation", standard_deviation, &spread);
+            Distribution::Normal { mean, standard_deviation }
+        }
+        _ => {
+            let given = [("low", low), ("high", high), ("mean", mean), ("standard_deviation", standard_deviation)];
+            let names: Vec<&str> = given.iter().filter_map(|(name, value)| value.map(|_| *name)).collect();
+            let names = if names.is_empty() { "no number".to_owned() } else { names.join(", ") };
+            checks.require("parameter", format!("given with {names}"), false, FORM_RULE, None);
+            Distribution::Uniform { low: 0.0, high: 0.0 }
+        }
+    }
+}
+
+/// The plan as its own robot drives it, its goal, its limits and its aisle.
+fn made_for(plan: &AcceptedPlan, checks: &mut Checks) -> (Undisturbed, Option<Goal>, Limited, Option<Aisle>) {
     let moves = plan.step_count() > 0;
-    let AcceptedPlan { said, motion, corners } = plan;
+    let AcceptedPlan { said, motion, corners: _ } = plan;
     let planned = Undisturbed::new(
         (motion.bare_robot, motion.payload),
         (motion.reference_point, &motion.start),
@@ -220,31 +216,29 @@ fn assessed(
         }
     };
     checks.require(field, format!("{} s long", motion.schedule.final_time), moves, "of a plan that moves", None);
-    let mut driven = planned.clone();
-    let (mut aisle, mut footprint) = (aisle.clone(), corners.footprint.clone());
+    (planned, goal, limited, aisle.clone())
+}
+
+/// Lets the robot and the payload that are given drive the plan; gives the outline of what drives it.
+fn drive_with(
+    (given_robot, given_payload): (Option<message::Robot>, Option<message::Payload>),
+    corners: &AisleCorners,
+    AssessInput { driven, aisle, .. }: &mut AssessInput,
+    checks: &mut Checks,
+) -> Result<Vec<Vector2<f64>>, Problem> {
+    let mut footprint = corners.footprint.clone();
     if let Some(given) = &given_robot {
         driven.bare_robot = robot(given, checks);
         if !given.footprint.is_empty() {
             footprint = aisle_corners(&[], &given.footprint).footprint;
-            aisle = AisleCorners { footprint: footprint.clone(), ..corners.clone() }.check("keep_in", checks);
+            *aisle = AisleCorners { footprint: footprint.clone(), ..corners.clone() }.check("keep_in", checks);
         }
     }
     if let Some(given) = given_payload {
         driven.payload = Some(payload(given)?);
     }
     driven.check(checks);
-    let input = AssessInput {
-        planned,
-        driven,
-        goal,
-        limited,
-        aisle,
-        uncertain: Vec::new(),
-        tolerances: [None; 5],
-        sample_count: 0,
-        seed: 0,
-    };
-    Ok((input, footprint))
+    Ok(footprint)
 }
 
 /// What robot and payload break where there is no plan whose own they are in place of.
