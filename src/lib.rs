@@ -55,7 +55,7 @@
 //! - `jobs`: the kinds of jobs, and how each is accepted, run and answered.
 //! - `service`: jobs behind a bounded queue (`queue`), counted (`metrics`).
 //! - `api`: the jobs over REST and gRPC.
-//! - `sweep`: files that describe many jobs of one kind, run on one machine, with results that outlast it.
+//! - `sweep`: files that describe many jobs of one kind, run on one machine or on many, with results that outlast them.
 //!
 //! # Features
 //! `server` is on by default. Without it, numerics and figures alone are built: no runtime, no generated code, no
