@@ -119,8 +119,15 @@ impl Visitor for Commands {
         let command =
             of_figures.fold(command, |command, flag| command.mut_arg(flag, |argument| argument.hide(!K::HAS_FIGURES)));
         let command = command.mut_arg("out", |argument| argument.hide(!K::HAS_FILES));
-        let flag =
-            |flag: &Flag| Arg::new(flag.field).long(flag.field.replace('_', "-")).value_name("VALUE").help(flag.help);
+        let command = command.mut_arg("save", |argument| match K::SAVED_FILES {
+            // What holds several plans is no answer that one of them belongs to.
+            2.. => argument.help("Keeps the plans here, for `slipdrive present`; `-` is standard output"),
+            _ => argument,
+        });
+        let flag = |flag: &Flag| {
+            let argument = Arg::new(flag.field).long(flag.field.replace('_', "-")).value_name("VALUE").help(flag.help);
+            argument.allow_negative_numbers(true)
+        };
         let command = command.args(K::TEXT_FLAGS.iter().chain(K::FLAGS).map(flag));
         self.0 = self.0.take().map(|all| all.subcommand(command));
     }

@@ -163,16 +163,16 @@ pub(crate) struct JobArguments {
     /// Writes the JSON answer of the server here; `-` is standard output, in place of the table.
     #[arg(long, value_name = "OUT")]
     pub(crate) json: Option<PathBuf>,
-    /// Keeps request and answer here, for `slipdrive present`, `export` and `assess`; `-` is standard output, here and below.
+    /// Keeps request and answer here, for `slipdrive present`, `export` and `assess`; `-` is standard output.
     #[arg(long, value_name = "OUT")]
     pub(crate) save: Option<PathBuf>,
-    /// Writes a page with the answer in words and figures here; it needs nothing beside it.
+    /// Writes a page with the answer in words and figures here, which needs nothing beside it; `-` is standard output.
     #[arg(long, value_name = "PAGE")]
     pub(crate) report: Option<PathBuf>,
     /// Writes the figures into this folder, one SVG file each.
     #[arg(long, value_name = "DIR")]
     pub(crate) svg: Option<PathBuf>,
-    /// Writes the motion here, one row of numbers per node.
+    /// Writes the motion here, one row of numbers per node; `-` is standard output.
     #[arg(long, value_name = "OUT")]
     pub(crate) csv: Option<PathBuf>,
     /// Writes the files of the answer into this folder; without it they are listed only.

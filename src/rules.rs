@@ -288,7 +288,7 @@ impl Checks {
     pub(crate) fn server_limit(&mut self, field: &str, value: f64, limit: f64) {
         if value > limit {
             let path = self.path_of(field);
-            let message = format!("`{path}` is {}, must be at most {} on this server", Number(value), Number(limit));
+            let message = format!("`{path}` is {}, must be at most {} here", Number(value), Number(limit));
             self.push(path, ViolationCode::ProblemTooLarge, message, Some(limit));
         }
     }
@@ -356,7 +356,7 @@ mod tests {
         let [small, large, huge] = [
             "`small` is 1e-300, must be between 1e-9 and 0.001",
             "`large` is -1e300, must be >= 10000 m",
-            "`huge` is 1e300, must be at most 1000 on this server",
+            "`huge` is 1e300, must be at most 1000 here",
         ];
         assert_eq!(error, [small, large, huge].join("; "));
     }

@@ -5,7 +5,7 @@
 //! dropped, and counted with those that cannot be written.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
-use std::io::{self, IsTerminal as _, Write as _};
+use std::io::{self, IsTerminal as _, Write};
 use std::panic::{self, PanicHookInfo};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -61,7 +61,7 @@ struct StandardError {
     failed: Arc<AtomicU64>,
 }
 
-impl io::Write for StandardError {
+impl Write for StandardError {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         io::stderr().write(bytes)
     }

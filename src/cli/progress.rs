@@ -18,7 +18,8 @@ pub(super) fn watched<K: Kind, T: Send + 'static>(running: Running<T, K::Progres
         return Ok(running.blocking_outcome()?);
     }
     let line = ProgressBar::with_draw_target(Some(1), ProgressDrawTarget::stderr());
-    line.set_style(ProgressStyle::with_template("{spinner} {elapsed:>4} [{bar:24}] {wide_msg}")?.progress_chars("=> "));
+    // What is said must fit beside it on 80 columns: a number that is cut off is another one.
+    line.set_style(ProgressStyle::with_template("{spinner} {elapsed:>4} [{bar:12}] {wide_msg}")?.progress_chars("=> "));
     line.enable_steady_tick(Duration::from_millis(120));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
     let outcome = runtime.block_on(async {

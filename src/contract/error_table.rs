@@ -111,7 +111,7 @@ impl ErrorCode {
             Self::MalformedBody       => row("malformed_body",       400, GrpcCode::InvalidArgument,   false, "the body cannot be read"),
             Self::InvalidField        => row("invalid_field",        422, GrpcCode::InvalidArgument,   false, "the body does not have the expected fields"),
             Self::InvalidValue        => row("invalid_value",        422, GrpcCode::InvalidArgument,   false, "some values break their rules"),
-            Self::ProblemTooLarge     => row("problem_too_large",    422, GrpcCode::InvalidArgument,   false, "the problem is larger than this server accepts"),
+            Self::ProblemTooLarge     => row("problem_too_large",    422, GrpcCode::InvalidArgument,   false, "the problem is larger than is accepted here"),
             Self::BodyTooLarge        => row("body_too_large",       413, GrpcCode::ResourceExhausted, false, "the body is too large"),
             Self::BodyTimeout         => row("body_timeout",         408, GrpcCode::DeadlineExceeded,  true,  "the body took too long to arrive"),
             Self::UnsupportedMedia    => row("unsupported_media",    415, GrpcCode::Unimplemented,     false, "the media type is not supported"),

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::contact_kinematics::{BodyVector, TangentJacobian};
 use super::normal_force::NormalForceProjection;
-use super::parameters::RobotParameters;
+use super::parameters::{Motor, RobotParameters};
 use super::state::PerWheel;
 use crate::rules::Violations;
 
@@ -118,13 +118,24 @@ impl Robot {
     /// by friction, and what speeds up the wheel itself as fast as gravity times the friction coefficient. As they are with viscous
     /// friction, against which a fast wheel may need any torque.
     pub fn torques_near_grip(&self, limit: PerWheel<f64>) -> PerWheel<f64> {
+        let cap = GRIP_MULTIPLE * self.grip_torque();
+        PerWheel::new(limit.left.min(cap), limit.right.min(cap))
+    }
+
+    /// The motors with no more torque at standstill than that, once. All that they may give, those of the robot may give too. One whose
+    /// torque is many times the grip turns a wheel from rest to its free speed within a step.
+    pub fn motor_near_grip(&self) -> Option<Motor> {
+        let cap = self.grip_torque();
+        self.parameters.motor.map(|motor| Motor { stall_torque: motor.stall_torque.min(cap), ..motor })
+    }
+
+    fn grip_torque(&self) -> f64 {
         let robot = &self.parameters;
         let acceleration = robot.wheel_friction_coefficient * robot.gravity;
         let grip =
             (robot.total_mass() * robot.wheel_radius + robot.wheel_spin_inertia / robot.wheel_radius) * acceleration;
         let is_capped = grip > 0.0 && robot.wheel_viscous_friction == 0.0;
-        let cap = if is_capped { GRIP_MULTIPLE * grip } else { f64::INFINITY };
-        PerWheel::new(limit.left.min(cap), limit.right.min(cap))
+        if is_capped { grip } else { f64::INFINITY }
     }
 
     /// Kinetic energy of a body velocity, J.

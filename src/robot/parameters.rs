@@ -180,8 +180,11 @@ impl RobotParameters {
 
     /// Requires that every contact carries load at rest; the fields (right, forward) of what is at `position` are to blame.
     pub(super) fn check_loads(&self, (right, forward): (&str, &str), position: (f64, f64), checks: &mut Checks) {
-        let contacts = [("left wheel", right), ("right wheel", right), ("front support", forward)];
-        for ((name, field), load) in contacts.into_iter().zip(self.static_loads()) {
+        let loads = self.static_loads();
+        // What lifts both wheels is too far forward.
+        let of_wheel = if loads[0] < 0.0 && loads[1] < 0.0 { forward } else { right };
+        let contacts = [("left wheel", of_wheel), ("right wheel", of_wheel), ("front support", forward)];
+        for ((name, field), load) in contacts.into_iter().zip(loads) {
             let rule = format_args!(
                 "such that the {name} carries load at rest (its normal force would be {} N)",
                 Number(load)

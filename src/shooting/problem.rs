@@ -14,7 +14,9 @@ use super::path_constraints::PathConstraints;
 use super::path_limits::PathLimits;
 use crate::optimizer::{Constraints, Linearisation, Problem};
 use crate::robot::{PerWheel, State};
-use crate::simulation::{EndDerivative, EndFrame, EndSensitivity, FrictionLaw, Rollout, Simulator, TorqueSchedule};
+use crate::simulation::{
+    EndDerivative, EndFrame, EndSensitivity, FrictionLaw, PathQuantity, Rollout, Simulator, TorqueSchedule,
+};
 use crate::stop::{Stop, Stopped};
 
 /// The variable scale of a torque is its limit near the grip, that of the final time this fraction of itself.
@@ -42,6 +44,8 @@ pub struct ShootingProblem<'a> {
     /// The variable scale of the torques: their limits near the grip.
     torque_scale: PerWheel<f64>,
     torque_limit: PerWheel<f64>,
+    /// The limited quantities with the motors as they are, where those that are watched have motors near the grip.
+    beyond_grip: Option<Vec<PathQuantity>>,
     lower: DVector<f64>,
     upper: DVector<f64>,
     schedule: TorqueSchedule,
@@ -64,10 +68,17 @@ impl<'a> ShootingProblem<'a> {
     ) -> Self {
         let parameters = simulator.robot().parameters();
         let free = PerWheel { left: 0.0, right: 0.0 };
-        let torque_scale = simulator.robot().torques_near_grip(maneuver.torque_limit);
+        let mut torque_scale = simulator.robot().torques_near_grip(maneuver.torque_limit);
+        let (mut quantities, mut beyond_grip) = (limits.quantities(), None);
+        if let Some(motor) = simulator.robot().motor_near_grip().filter(|motor| parameters.motor != Some(*motor)) {
+            let torque = motor.stall_torque;
+            torque_scale = PerWheel::new(torque_scale.left.min(torque), torque_scale.right.min(torque));
+            let near_grip = quantities.iter().map(|quantity| quantity.of_weaker_motor(torque)).collect();
+            beyond_grip = Some(std::mem::replace(&mut quantities, near_grip));
+        }
         let (rows, length_unit) = goal_rows(maneuver, parameters);
         let path_constraints = PathConstraints::new(simulator.robot(), maneuver.limits, limits);
-        let mut sensitivity = EndSensitivity::watching(limits.quantities(), control_count);
+        let mut sensitivity = EndSensitivity::watching(quantities, control_count);
         let wheel_angles = [StateComponent::WheelAngleLeft, StateComponent::WheelAngleRight];
         sensitivity.omits_wheel_angles = wheel_angles.iter().all(|&angle| maneuver.goal.value(angle).is_none());
         Self {
@@ -82,6 +93,7 @@ impl<'a> ShootingProblem<'a> {
             cost: each_torque(free, control_count).push(1.0 / time_unit),
             torque_scale,
             torque_limit: maneuver.torque_limit,
+            beyond_grip,
             lower: (-each_torque(torque_scale, control_count)).push(SHORTEST_FINAL_TIME),
             upper: each_torque(torque_scale, control_count).push(LONGEST_FINAL_TIME),
             schedule: schedule_from_decision(&DVector::zeros(decision_len(control_count))),
@@ -91,9 +103,13 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
-    /// Allows all torques within their limits; before, they stay near the grip. Beyond it more torque gains little, and the search
-    /// should not depend on it.
+    /// Allows all torques within their limits and those of the motors; before, they stay near the grip. Beyond it more torque gains
+    /// little, and the search should not depend on it.
     pub fn release_torques(&mut self) {
+        if let Some(quantities) = self.beyond_grip.take() {
+            self.sensitivity.path.watch(quantities);
+            self.recorded = None;
+        }
         let last = self.cost.len() - 1;
         let limit = each_torque(self.torque_limit, last / 2);
         self.lower.rows_mut(0, last).copy_from(&-&limit);
@@ -102,7 +118,15 @@ impl<'a> ShootingProblem<'a> {
 
     /// Whether torques may exceed those near the grip.
     pub fn has_torque_beyond_grip(&self) -> bool {
-        self.torque_scale.left < self.torque_limit.left || self.torque_scale.right < self.torque_limit.right
+        let PerWheel { left, right } = self.torque_limit;
+        self.beyond_grip.is_some() || self.torque_scale.left < left || self.torque_scale.right < right
+    }
+
+    /// Whether a plan may need more than the torques and motors near the grip.
+    pub fn exceeds_grip(&self, decision: &DVector<f64>) -> bool {
+        let bounds = self.lower.iter().zip(&self.upper);
+        let mut torques = decision.iter().zip(bounds).take(decision.len() - 1);
+        self.beyond_grip.is_some() || torques.any(|(torque, (lower, upper))| torque < lower || torque > upper)
     }
 
     /// Keeps limits with a share of each to spare: their fields, such as `maneuver.limits.speed_m_s`, and these shares.

@@ -52,6 +52,11 @@ impl PathExtremes {
         extremes
     }
 
+    /// Has other ones in place of the other quantities, as many, from the next rollout on.
+    pub(crate) fn watch(&mut self, others: Vec<PathQuantity>) {
+        self.others = others;
+    }
+
     /// Whether there are quantities other than normal forces.
     pub(super) fn has_others(&self) -> bool {
         !self.others.is_empty()

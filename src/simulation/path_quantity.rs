@@ -140,6 +140,15 @@ impl PathSample {
 }
 
 impl PathQuantity {
+    /// Of a motor with at most so much torque at standstill, N m.
+    #[must_use]
+    pub(crate) fn of_weaker_motor(mut self, torque: f64) -> Self {
+        if let Self::MotorTorque { stall_torque, .. } = &mut self {
+            *stall_torque = stall_torque.min(torque);
+        }
+        self
+    }
+
     /// Whether the quantity is an impulse or a change of velocity over the length of its step.
     pub(super) const fn is_per_step_length(self) -> bool {
         match self {

@@ -2,7 +2,7 @@
 
 use nalgebra::SVector;
 
-use super::bounds::slip_by_wheel_rates;
+use super::bounds::{may_stand_still, slip_by_wheel_rates};
 use super::course::steps_on_course;
 use super::settings::{Method, SolveInput};
 use super::solution::{Reason, StopReason};
@@ -51,7 +51,7 @@ pub(super) fn goal_missed(
 /// The limit that a plan exceeds most, and what would help.
 pub(super) fn limit_missed(used: &LimitUse, stop_reason: StopReason) -> Reason {
     let help = match stop_reason {
-        StopReason::Stopped => MORE_TIME,
+        StopReason::Stopped => MORE_TIME_OR_WIDER_LIMIT,
         StopReason::RolloutLimit => MORE_ROLLOUTS,
         StopReason::Finished => WIDER_LIMIT,
     };
@@ -66,12 +66,20 @@ fn excess(&LimitUse { limit, value, largest, .. }: &LimitUse) -> String {
     if limit == AISLE {
         return format!("has a corner of `robot.footprint` {largest} m outside `{limit}`");
     }
+    if limit == MOTOR {
+        return format!(
+            "asks at its speeds for a motor of {largest} N m, or a faster one, where `{limit}` is {value} and \
+             `robot.motor_free_speed_rad_s` what it is"
+        );
+    }
     format!("takes {largest} where `{limit}` allows {value}")
 }
 
 const AISLE: &str = "maneuver.keep_in";
+const MOTOR: &str = "robot.motor_stall_torque_n_m";
 const MORE_TIME: &str = "more time (`solver.time_limit_s` or the deadline)";
 const MORE_ROLLOUTS: &str = "a larger `solver.rollout_limit`";
+const MORE_TIME_OR_WIDER_LIMIT: &str = "more time (`solver.time_limit_s` or the deadline) or a wider limit";
 const WIDER_LIMIT: &str = "more `solver.starts`, more `grid.control_intervals` or a wider limit";
 
 /// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
@@ -88,6 +96,10 @@ fn help_for_search(input: &SolveInput, miss: f64, (exceeded, stop_reason): (Opti
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     let on_course = steps_on_course(input.robot.parameters(), &input.maneuver);
+    if input.starts_at_rest() && miss.abs() > NEAR_MISS && may_stand_still(&input.robot, input.torque_at_rest()) {
+        let fields = input.fields_of_torque_at_rest();
+        return format!("less `robot.front_friction_coefficient`, which can hold the robot fast, or larger {fields}");
+    }
     let help = match stop_reason {
         StopReason::Finished if decision_len(settings.control_count) < requirements => {
             "more `grid.control_intervals`, of which there are too few for so many goal fields,"
@@ -98,6 +110,7 @@ fn help_for_search(input: &SolveInput, miss: f64, (exceeded, stop_reason): (Opti
         {
             "the method `sequential_linear`"
         }
+        StopReason::Stopped if exceeded.is_some() => MORE_TIME_OR_WIDER_LIMIT,
         StopReason::Stopped => MORE_TIME,
         StopReason::RolloutLimit => MORE_ROLLOUTS,
         StopReason::Finished if miss.abs() <= NEAR_MISS && exceeded.is_some() => WIDER_LIMIT,
@@ -106,7 +119,8 @@ fn help_for_search(input: &SolveInput, miss: f64, (exceeded, stop_reason): (Opti
         StopReason::Finished if settings.finest_step_count() < on_course => {
             return if on_course <= STEP_LIMIT {
                 format!(
-                    "a shorter way or at least {on_course} `grid.steps`, on which the robot keeps its course so far,"
+                    "a shorter way, more `solver.starts`, or at least {on_course} `grid.steps`, on which the robot keeps its \
+                     course so far,"
                 )
             } else {
                 format!("a shorter way, on which the robot keeps its course with {STEP_LIMIT} `grid.steps`,")

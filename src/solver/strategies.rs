@@ -51,6 +51,9 @@ impl LocalSearch<'_> {
         self.start = number;
         self.aim(start.goal_heading);
         let guess = decision_from_schedule(&start.schedule);
+        if start.strategy == Strategy::Warm && self.problem.exceeds_grip(&guess) {
+            self.problem.release_torques();
+        }
         if let (Strategy::Warm, Some(heading)) = (start.strategy, start.goal_heading) {
             self.aim_where_it_leads(&guess, heading)?;
         }

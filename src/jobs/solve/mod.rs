@@ -166,9 +166,8 @@ impl Kind for Solve {
             SearchPhase::Refinement => "refining",
             SearchPhase::Certificate => "certifying",
         };
-        let words = format!(
-            "start {start} of {start_count}, best {best_final_time:.3} s (goal error {best_goal_error:.1e}), {phase}"
-        );
+        let words =
+            format!("{phase} {start} of {start_count}, best {best_final_time:.3} s, goal error {best_goal_error:.1e}");
         Some(ProgressLine { begun: start, of: start_count, words })
     }
 

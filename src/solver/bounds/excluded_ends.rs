@@ -21,6 +21,8 @@ pub(super) struct End {
 
 const POSE: [StateComponent; 3] = [StateComponent::X, StateComponent::Y, StateComponent::Heading];
 const VELOCITY: [StateComponent; 3] = [StateComponent::VelocityX, StateComponent::VelocityY, StateComponent::YawRate];
+/// A larger tolerance (m, rad, m/s, rad/s) is another goal.
+const LARGEST_ADVISED_TOLERANCE: f64 = 1e-2;
 const WHEEL_RATES: [StateComponent; 2] = [StateComponent::WheelRateLeft, StateComponent::WheelRateRight];
 
 /// What a limit makes impossible at the start, or else at the goal.
@@ -177,12 +179,20 @@ impl End {
     fn slips(&self, input: &SolveInput) -> Option<Reason> {
         let Slip { speed, slack, is_across } = self.slip(input).filter(|_| may_not_slip(input))?;
         let (how, help) = if is_across {
-            ("the wheels slip sideways", "a heading along the velocity helps, or a free one at the goal")
+            ("the wheels slip sideways", "a heading along the velocity, or a free one at the goal")
         } else {
-            ("a wheel slips", "wheel rates that fit the velocity help, or free ones at the goal")
+            ("a wheel slips", "wheel rates that fit the velocity, or free ones at the goal")
+        };
+        // What may slip is in proportion to the tolerance.
+        let needed = input.settings.goal_tolerance * speed / slack;
+        let or_tolerance = if needed <= LARGEST_ADVISED_TOLERANCE {
+            format!(", or a `solver.goal_tolerance` above {needed:.1e}")
+        } else {
+            String::new()
         };
         let message = format!(
-            "`maneuver.slip` is forbidden, but at the {} {how} by {speed} m/s, must be at most {slack}; {help}",
+            "`maneuver.slip` is forbidden, but at the {} {how} by {speed} m/s, must be at most {slack}; \
+             {help}{or_tolerance} would help",
             self.name
         );
         Some(self.reason(["start_slips", "goal_slips"], ("maneuver.slip", message), (speed, slack)))

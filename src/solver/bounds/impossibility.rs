@@ -6,7 +6,6 @@
 use super::excluded_ends::{End, excluded_end};
 use super::standstill::stands_still;
 use super::{Grid, LowerBound, Wanted, lower_bounds};
-use crate::robot::Velocity;
 use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
 use crate::solver::settings::SolveInput;
 use crate::solver::solution::{LowerBoundAssumption, Reason};
@@ -23,8 +22,7 @@ pub(in crate::solver) fn impossibility(input: &SolveInput) -> Option<Reason> {
 /// Without torque, or with less than friction holds, a robot at rest stays where it is.
 fn cannot_move(input: &SolveInput) -> Option<Reason> {
     let maneuver = &input.maneuver;
-    let rests = maneuver.start.velocity == Velocity::default();
-    (rests && stands_still(&input.robot, maneuver.torque_limit)).then(|| {
+    (input.starts_at_rest() && stands_still(&input.robot, input.torque_at_rest())).then(|| {
         let error = maneuver.goal_error(&maneuver.start);
         let worst = StateComponent::ALL[error.iamax()];
         unreachable_goal(input, worst, "no_torque")
@@ -63,7 +61,7 @@ fn unreachable_goal(input: &SolveInput, component: StateComponent, code: &'stati
     let error = input.maneuver.goal_error(&input.maneuver.start)[component.index()];
     let tolerance = input.settings.goal_tolerance;
     let (cause, help) = if code == "no_torque" {
-        ("no torque drives the robot there", "`maneuver.torque_limit_left_n_m`, `maneuver.torque_limit_right_n_m`")
+        ("no torque drives the robot there", input.fields_of_torque_at_rest())
     } else {
         ("no friction moves the robot there", "`robot.wheel_friction_coefficient`")
     };

@@ -14,10 +14,14 @@ use crate::robot::{BodyVector, PerWheel, Robot};
 
 /// Whether it is proved that a robot at rest stays there under all torques within their limits.
 pub(super) fn stands_still(robot: &Robot, torque_limit: PerWheel<f64>) -> bool {
-    let PerWheel { left, right } = torque_limit;
     // Without torque nothing can be gained, however many motions friction allows.
-    (left == 0.0 && right == 0.0)
-        || [right, -right].into_iter().all(|right| is_held(robot, [left, right])) && has_unique_motions(robot)
+    (torque_limit.left == 0.0 && torque_limit.right == 0.0)
+        || may_stand_still(robot, torque_limit) && has_unique_motions(robot)
+}
+
+/// Whether rest is a motion under all torques within their limits; there may be others.
+pub(in crate::solver) fn may_stand_still(robot: &Robot, PerWheel { left, right }: PerWheel<f64>) -> bool {
+    [right, -right].into_iter().all(|right| is_held(robot, [left, right]))
 }
 
 /// Whether the contacts can balance these torques at rest.

@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::super::segments::Segment;
 use super::super::settings::SolveInput;
 use crate::motion::ROUNDING;
-use crate::robot::{Motor, PerWheel, RobotParameters, State};
+use crate::robot::{Motor, PerWheel, State};
 use crate::shooting::ManeuverLimits;
 
 /// Torques of the plans, as shares of their limits: away from the limit, every torque can move both ways.
@@ -53,7 +53,7 @@ impl Rolling {
         let spin = 2.0 * robot.wheel_spin_inertia / robot.wheel_radius.powi(2);
         let mass = robot.total_mass() + spin;
         let drive_torque = straightened(torque, robot.chassis_mass * robot.center_of_mass_right / (mass * half_track));
-        let rim_speed = robot.wheel_radius * top_wheel_rate(robot, limits, torque);
+        let rim_speed = robot.wheel_radius * top_wheel_rate(input.robot.motor_near_grip(), limits, torque);
         Self {
             torque,
             drive_torque,
@@ -148,13 +148,12 @@ fn times(torque: PerWheel<f64>, (left, right): (f64, f64)) -> PerWheel<f64> {
 }
 
 /// The rate at which a wheel may turn under its torque, rad/s.
-fn top_wheel_rate(robot: &RobotParameters, limits: &ManeuverLimits, torque: PerWheel<f64>) -> f64 {
+fn top_wheel_rate(motor: Option<Motor>, limits: &ManeuverLimits, torque: PerWheel<f64>) -> f64 {
     let of_motor = |motor: Motor| {
         let share = torque.left.max(torque.right) / motor.stall_torque;
         motor.free_speed * (1.0 - share).max(1.0 - AMPLITUDES[0])
     };
-    let of_motor = robot.motor.map_or(f64::INFINITY, of_motor);
-    of_motor.min(limits.wheel_rate.unwrap_or(f64::INFINITY))
+    motor.map_or(f64::INFINITY, of_motor).min(limits.wheel_rate.unwrap_or(f64::INFINITY))
 }
 
 /// Full effort and full braking of a half each; where that passes the top speed, at which the way takes `at_top_speed`, coasting in
