@@ -20,6 +20,6 @@ pub(crate) use gzip::gzip;
 pub(crate) use hexadecimal::hexadecimal;
 pub use indented::indented;
 pub use numbers::Numbers;
-pub(crate) use problem::pointer_of_path;
 pub use problem::{BodyLimit, FieldError, Problem};
+pub(crate) use problem::{path_of_pointer, pointer_of_path};
 pub(crate) use strict_value::StrictValue;

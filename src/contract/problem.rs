@@ -80,7 +80,7 @@ impl Problem {
         self.errors.extend(further.errors);
         self.errors.truncate(MAX_LISTED_ERRORS);
         self.fault_count += further.fault_count;
-        self.detail = number_of_faults(self.fault_count);
+        self.detail = number_of_faults(self.fault_count, self.errors.len());
         self
     }
 
@@ -137,6 +137,12 @@ impl Problem {
         &self.errors
     }
 
+    /// The sentence that says it where only the first so many faults are listed.
+    pub(crate) fn detail_listing(&self, listed: usize) -> String {
+        let [all, some] = [self.errors.len(), listed].map(|listed| number_of_faults(self.fault_count, listed));
+        self.detail.replace(&all, &some)
+    }
+
     /// How many faults of single fields there are, listed or not.
     pub(crate) fn fault_count(&self) -> usize {
         self.fault_count
@@ -171,15 +177,14 @@ impl From<Violations> for Problem {
         let errors: Vec<_> = list.iter().take(MAX_LISTED_ERRORS).map(FieldError::from).collect();
         let detail = match list {
             [_] => errors[0].message.clone(),
-            _ => number_of_faults(list.len()),
+            _ => number_of_faults(list.len(), errors.len()),
         };
         Self { code, detail, retry_after: None, errors, fault_count: list.len() }
     }
 }
 
-fn number_of_faults(count: usize) -> String {
-    let listed =
-        if count > MAX_LISTED_ERRORS { format!("; the first {MAX_LISTED_ERRORS} are listed") } else { String::new() };
+fn number_of_faults(count: usize, listed: usize) -> String {
+    let listed = if count > listed { format!("; the first {listed} are listed") } else { String::new() };
     format!("{count} values break their rules{listed}")
 }
 
@@ -204,8 +209,8 @@ pub(crate) fn pointer_of_path(path: &str) -> String {
     format!("#/{}", path.replace(['.', '['], "/").replace(']', ""))
 }
 
-/// `#/robot/wheel_radius_m` as `robot.wheel_radius_m`, `#/a/b/3` as `a.b[3]`, in the quotes that messages have; `#` as `body`.
-pub(super) fn quoted_path(pointer: &str) -> String {
+/// `#/robot/wheel_radius_m` as `robot.wheel_radius_m`, `#/a/b/3` as `a.b[3]`; empty for `#`.
+pub(crate) fn path_of_pointer(pointer: &str) -> String {
     let mut path = String::new();
     for segment in pointer.split('/').skip(1) {
         if segment.parse::<usize>().is_ok() {
@@ -214,6 +219,12 @@ pub(super) fn quoted_path(pointer: &str) -> String {
             path.extend([if path.is_empty() { "" } else { "." }, &segment.replace("~1", "/").replace("~0", "~")]);
         }
     }
+    path
+}
+
+/// The same in the quotes that messages have; `#` as `body`.
+pub(super) fn quoted_path(pointer: &str) -> String {
+    let path = path_of_pointer(pointer);
     if path.is_empty() { "`body`".to_owned() } else { format!("`{path}`") }
 }
 

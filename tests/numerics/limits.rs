@@ -94,6 +94,41 @@ fn yaw_rate_limits_make_turns_trapezoids() {
     assert_near(converged(parameters).schedule.final_time, 3.0 / 2.5 + 2.5 / acceleration, 1e-3);
 }
 
+/// A robot of a kilogram on a caster that rubs, geared so low that its motors turn the wheels to their free speed within milliseconds.
+fn geared_low(stall_torque: f64) -> RobotParameters {
+    RobotParameters {
+        chassis_mass: 0.94,
+        wheel_mass: 0.03,
+        chassis_yaw_inertia: 0.003,
+        wheel_diametral_inertia: 1e-5,
+        wheel_spin_inertia: 5e-4,
+        wheel_radius: 0.033,
+        track_width: 0.16,
+        axle_to_front_support: 0.08,
+        center_of_mass_right: 0.0,
+        center_of_mass_forward: 0.03,
+        center_of_mass_height: 0.06,
+        wheel_friction_coefficient: 0.7,
+        front_friction_coefficient: 0.1,
+        motor: Some(Motor { stall_torque, free_speed: 6.4 }),
+        ..RobotParameters::default()
+    }
+}
+
+#[test]
+fn motors_far_stronger_than_the_grip_have_plans() {
+    for stall_torque in [0.3, 1.0, 10.0] {
+        let mut parameters = symmetric();
+        parameters.robot = geared_low(stall_torque);
+        parameters.maneuver.slip = SlipPolicy::Allowed;
+        parameters.maneuver.goal = Goal::at_rest(0.0, 1.0, 0.0);
+        parameters.maneuver.torque_limit = PerWheel::new(stall_torque, stall_torque);
+        let plan = converged(parameters);
+        // At the free speed it takes 4.73 s.
+        assert!((4.73..5.2).contains(&plan.schedule.final_time), "{stall_torque} N m: {} s", plan.schedule.final_time);
+    }
+}
+
 #[test]
 fn run_up_follows_the_motor() {
     let mut parameters = symmetric();

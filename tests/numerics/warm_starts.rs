@@ -2,8 +2,12 @@
 
 use std::f64::consts::PI;
 
-use slipdrive::shooting::Goal;
+use slipdrive::motion::simulate;
+use slipdrive::robot::PerWheel;
+use slipdrive::shooting::{Goal, StateComponent};
+use slipdrive::simulation::TorqueSchedule;
 use slipdrive::solver::{Method, RunControl, Solution, SolveInput, SolveParameters, SolverSettings, Status, solve};
+use slipdrive::stop::Stop;
 
 /// Half a turn on the spot by a robot whose mass is on the centreline: both ways round are equally fast.
 fn half_turn() -> SolveParameters {
@@ -53,4 +57,20 @@ fn a_guess_that_meets_the_goal_is_kept_by_the_papers_method() {
         assert!(matches!(next.status, Status::Converged | Status::Feasible), "{:?}", next.reason);
         assert!(next.schedule.final_time <= plan.schedule.final_time);
     }
+}
+
+#[test]
+fn a_guess_with_torques_far_beyond_the_grip_is_kept() {
+    let mut parameters = SolveParameters::forward_drive();
+    // Wheels that race against each other turn the robot a little.
+    let guess = TorqueSchedule { final_time: 0.01, left: vec![25.0], right: vec![-25.0] };
+    let settings = SolverSettings { step_count: 3, control_count: 1, ..parameters.settings };
+    let input = SolveInput::new(SolveParameters { settings, ..parameters.clone() }).unwrap();
+    let end = simulate(&input.motion_of(guess.clone(), 3), Stop::never()).unwrap().trajectory.end_state;
+    for component in StateComponent::ALL {
+        parameters.maneuver.goal.set(component, Some(end.to_vector()[component.index()]));
+    }
+    parameters.maneuver.torque_limit = PerWheel::new(25.0, 25.0);
+    let plan = converged(SolveParameters { settings, initial_guess: Some(guess), ..parameters });
+    assert!(plan.schedule.final_time <= 0.01, "{} s", plan.schedule.final_time);
 }

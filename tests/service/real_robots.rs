@@ -138,7 +138,7 @@ async fn slip_that_is_allowed_contradicts_a_share_of_the_grip() {
     let problem = server.post("/validate", body.to_string()).await.problem();
     let errors = problem["errors"].as_array().unwrap();
     let rule = "`maneuver.slip` is allowed, must be forbidden, or left out, beside `maneuver.limits.grip_utilization`";
-    assert!(errors.iter().any(|error| error["detail"] == rule), "{problem}");
+    assert!(errors.iter().any(|error| error["message"] == rule), "{problem}");
     assert_eq!(errors.len(), 2, "all at once: {problem}");
 }
 

@@ -7,7 +7,7 @@ use tonic::Status;
 use tonic::metadata::{MetadataMap, MetadataValue};
 use tonic_types::{ErrorDetails, FieldViolation, StatusExt as _};
 
-use crate::contract::{ErrorCode, Problem};
+use crate::contract::{ErrorCode, Problem, path_of_pointer};
 
 /// Who speaks in the error details.
 const DOMAIN: &str = "slipdrive";
@@ -35,8 +35,10 @@ fn status(problem: &Problem, request_id: &str, violation_bytes: usize) -> Status
     let entry = problem.code().entry();
     let mut details = ErrorDetails::new();
     let mut metadata = HashMap::from([("retryable".to_owned(), entry.retryable.to_string())]);
+    let mut message = problem.detail().to_owned();
     if !problem.errors().is_empty() {
         let violations = violations(problem, violation_bytes);
+        message = problem.detail_listing(violations.len());
         let left_out = problem.fault_count() - violations.len();
         if left_out > 0 {
             metadata.insert(LEFT_OUT.to_owned(), left_out.to_string());
@@ -50,7 +52,7 @@ fn status(problem: &Problem, request_id: &str, violation_bytes: usize) -> Status
     }
     Status::with_error_details_and_metadata(
         tonic::Code::from(entry.grpc_code as i32),
-        problem.detail(),
+        message,
         details,
         trailers(problem),
     )
@@ -65,7 +67,7 @@ pub(super) fn code_of(status: &Status) -> Option<ErrorCode> {
 /// The first of them, as many as take so many bytes.
 fn violations(problem: &Problem, bytes: usize) -> Vec<FieldViolation> {
     let all = problem.errors().iter().map(|error| FieldViolation {
-        field: field_of_pointer(&error.pointer),
+        field: path_of_pointer(&error.pointer),
         description: error.message.clone(),
         reason: error.code.to_uppercase(),
         localized_message: None,
@@ -93,24 +95,6 @@ fn trailers(problem: &Problem) -> MetadataMap {
     trailers
 }
 
-/// `#/robot/wheel_radius_m` as `robot.wheel_radius_m`, `#/a/b/3` as `a.b[3]`.
-pub(super) fn field_of_pointer(pointer: &str) -> String {
-    let mut field = String::new();
-    for segment in pointer.trim_start_matches(['#', '/']).split('/') {
-        if segment.parse::<usize>().is_ok() {
-            field.push('[');
-            field.push_str(segment);
-            field.push(']');
-        } else {
-            if !field.is_empty() {
-                field.push('.');
-            }
-            field.push_str(segment);
-        }
-    }
-    field
-}
-
 #[cfg(test)]
 mod tests {
     use std::time::Duration;
@@ -120,11 +104,6 @@ mod tests {
     use super::*;
     use crate::rules::{Checks, Rule};
     use crate::service::ServiceError;
-
-    #[test]
-    fn pointers_become_dotted_fields() {
-        assert_eq!(field_of_pointer("#/initial_guess/torque_left_n_m/3"), "initial_guess.torque_left_n_m[3]");
-    }
 
     #[test]
     fn overload_tells_when_to_come_back_in_detail_and_trailer() {
@@ -151,6 +130,7 @@ mod tests {
         let listed = details.bad_request().unwrap().field_violations.len();
         let left_out: usize = details.error_info().unwrap().metadata[LEFT_OUT].parse().unwrap();
         assert!(listed > 10 && listed + left_out == problem.errors().len(), "{listed} {left_out}");
+        assert!(status.message().ends_with(&format!("the first {listed} are listed")), "{}", status.message());
         let trailers = status.clone().into_http::<()>().headers().iter().map(|(_, value)| value.len()).sum::<usize>();
         assert!(trailers < 6 * 1024, "{trailers}");
         assert!(message_of(&problem, "id-1").encoded_len() > 6 * 1024, "answers carry them all");
