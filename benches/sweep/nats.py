@@ -289,7 +289,7 @@ def poison(runs, server):
         words = subject.split(".")
         is_sign = words[0] == "$JS" and payload == b"+WPI"
         delivery = int(words[4]) if is_sign and len(words) == 9 else int(words[6]) if is_sign else 0
-        if (is_sign and delivery <= 2) or (words[1] == "mark" and words[3] == "2"):
+        if (is_sign and delivery <= 2) or (words[1] == "mark" and words[-1] == "2"):
             name = f"delivery {delivery}" if is_sign else f"mark {payload.decode()}"
             if name not in killed:
                 killed.append(name)

@@ -121,6 +121,11 @@ impl Nats {
     }
 }
 
+/// The version as subjects have it.
+fn version() -> String {
+    env!("CARGO_PKG_VERSION").replace('.', "_")
+}
+
 /// The first message of which something is said; `what` it is, should none come.
 async fn first<T>(what: &str, heard: &mut Subscriber, said: impl Fn(&async_nats::Message) -> Option<T>) -> T {
     let find = async {
@@ -176,10 +181,34 @@ async fn lost_row_of_a_warm_chunk_comes_back_as_it_was() {
     let lost = [1, 2, 5, 6].into_iter().find(is_warm).expect("a warm row");
     let (sweep, _) = expected[&lost]["key"].as_str().unwrap().rsplit_once('-').unwrap();
     let results = async_nats::jetstream::new(nats.client.clone()).get_stream("slipdrive-results").await.unwrap();
-    let message = results.get_last_raw_message_by_subject(&format!("slipdrive.result.{sweep}.{lost}")).await.unwrap();
+    let subject = format!("slipdrive.result.{}.{sweep}.{lost}", version());
+    let message = results.get_last_raw_message_by_subject(&subject).await.unwrap();
     assert!(results.delete_message(message.sequence).await.unwrap());
     assert_eq!(nats.sweeping(&[&file, "--out", &after]).code().await, Some(0));
     assert_eq!(rows(&[&after]), expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn results_of_other_versions_are_no_results() {
+    let Some(nats) = Nats::start("nats-versions").await else { return };
+    let file = nats.file("rests.json", &rests(8));
+    let counted = slipdrive().args(["sweep", &file, "--count"]).output().unwrap();
+    let counted = String::from_utf8(counted.stdout).unwrap();
+    let hash = counted.lines().find_map(|line| line.strip_prefix("hash ")).unwrap().trim().to_owned();
+    // Makes the streams.
+    nats.swept(&[&file, "--cancel"]);
+    let stream = async_nats::jetstream::new(nats.client.clone());
+    for (of, row) in ["", ".0_0_9"].into_iter().flat_map(|of| (0..8).map(move |row| (of, row))) {
+        let subject = format!("slipdrive.result{of}.{hash}.{row}");
+        stream.publish(subject, "of another version".into()).await.unwrap().await.unwrap();
+    }
+    let published = nats.sweep(&[&file]);
+    let said = String::from_utf8(published.stderr).unwrap();
+    assert!(said.contains("2 of 2 chunks published, 0 have results"), "{said}");
+    let _worker = nats.worker(&[]);
+    let out = nats.folder.file("out");
+    nats.swept(&[&file, "--collect", "--out", &out]);
+    assert_eq!(rows(&[&out]).len(), 8);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -16,7 +16,6 @@ use futures_util::TryStreamExt as _;
 use tokio::time::sleep;
 
 use super::{RETRY_PAUSE, subjects};
-use crate::sweep::SOLVER_VERSION;
 
 /// Chunks that may be on lease at once: more than workers of any cluster take.
 const MOST_LEASES: i64 = 100_000;
@@ -153,10 +152,10 @@ impl Broker {
 
     /// The consumer that all workers of this version share, made where it is not there.
     pub(super) async fn consumer(&self, lease: Option<Duration>) -> Result<PullConsumer, NatsError> {
-        let name = subjects::consumer(SOLVER_VERSION);
+        let name = subjects::consumer();
         let config = pull::Config {
             durable_name: Some(name.clone()),
-            filter_subject: subjects::chunks_of_version(SOLVER_VERSION),
+            filter_subject: subjects::all_chunks(),
             ack_policy: AckPolicy::Explicit,
             ack_wait: lease.unwrap_or(super::lease::DEFAULT_LEASE),
             // Without a limit: what was delivered that often would stay in the queue for ever.
@@ -175,7 +174,7 @@ impl Broker {
 
     /// Chunks for this version that are in the stream, whether or not anybody gets them.
     pub(super) async fn chunks_of_version(&self) -> Result<u64, NatsError> {
-        self.count(&self.chunks, &subjects::chunks_of_version(SOLVER_VERSION)).await
+        self.count(&self.chunks, &subjects::all_chunks()).await
     }
 
     /// How many messages are under the subjects of a filter.

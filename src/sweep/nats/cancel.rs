@@ -19,8 +19,8 @@ pub async fn cancel(sweep: &str, broker: &Broker) -> Result<u64, NatsError> {
     put(sweep, CANCELLED, broker).await?;
     let failed = NatsError::failed("chunks cannot be taken back");
     let purged =
-        broker.chunks.purge().filter(subjects::chunks_of_sweep(sweep)).await.map_err(|error| failed(&error))?;
-    broker.marks.purge().filter(subjects::marks_of_sweep(sweep)).await.map_err(|error| failed(&error))?;
+        broker.chunks.purge().filter(subjects::chunks_of_any_version(sweep)).await.map_err(|error| failed(&error))?;
+    broker.marks.purge().filter(subjects::marks_of_any_version(sweep)).await.map_err(|error| failed(&error))?;
     Ok(purged.purged)
 }
 

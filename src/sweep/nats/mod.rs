@@ -10,8 +10,8 @@
 //! collects with the file at hand, and a worker that finds chunks nobody would get has them delivered anew.
 //!
 //! Each row is published under a subject of its own, on the condition that nothing is there yet: so the first result
-//! stays whoever else comes. Chunks, results and marks name their sweep by its hash, so any number of sweeps share the
-//! streams; chunks name the version of the solver too, and a worker asks for those of its own.
+//! stays whoever else comes. Chunks, results and marks name the version of the solver and their sweep by its hash, so any
+//! number of sweeps share the streams, and none has rows of two versions.
 
 mod broker;
 mod cancel;

@@ -13,7 +13,7 @@ use super::chunk::Chunk;
 use super::{RETRY_PAUSE, cancel, subjects};
 use crate::sweep::results::RowSet;
 use crate::sweep::runner::SYNC_INTERVAL;
-use crate::sweep::{SOLVER_VERSION, Sweep};
+use crate::sweep::Sweep;
 
 /// Chunks that are sent before the first of them is confirmed.
 const SENT_AHEAD: usize = 64;
@@ -126,9 +126,8 @@ async fn publish_chunk(
     if bytes > most {
         return Err(NatsError::ChunkTooLarge { chunk, bytes, most });
     }
-    let message =
-        PublishMessage::build().payload(content.into()).message_id(format!("{}-{chunk}-{generation}", sweep.hash()));
-    let subject = subjects::chunk(SOLVER_VERSION, sweep.hash(), chunk);
+    let subject = subjects::chunk(sweep.hash(), chunk);
+    let message = PublishMessage::build().payload(content.into()).message_id(format!("{subject}-{generation}"));
     loop {
         let sent = broker.send(subject.clone(), message.clone()).await;
         if published.borrow_mut().count(&sent) {

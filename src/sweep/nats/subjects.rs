@@ -1,4 +1,6 @@
-//! Names of streams and subjects.
+//! Names of streams and subjects. Chunks, results and marks are those of this version: answers of two are never mixed.
+
+use crate::sweep::SOLVER_VERSION;
 
 /// Chunks that wait or run: a work queue.
 pub(super) const CHUNKS: &str = "slipdrive-chunks";
@@ -23,37 +25,42 @@ pub(super) fn all_of(stream: &str) -> String {
     format!("slipdrive.{kind}.>")
 }
 
-/// A version as a part of a subject, where dots divide.
-fn token(version: &str) -> String {
-    version.replace('.', "_")
+/// The version as a part of a subject, where dots divide.
+fn version() -> String {
+    SOLVER_VERSION.replace('.', "_")
 }
 
-/// The durable consumer of all workers of a version.
-pub(super) fn consumer(version: &str) -> String {
-    format!("workers-{}", token(version))
+/// The durable consumer of all workers.
+pub(super) fn consumer() -> String {
+    format!("workers-{}", version())
 }
 
-/// Chunks of all sweeps for a version.
-pub(super) fn chunks_of_version(version: &str) -> String {
-    format!("slipdrive.chunk.{}.>", token(version))
+/// Chunks of all sweeps.
+pub(super) fn all_chunks() -> String {
+    format!("slipdrive.chunk.{}.>", version())
+}
+
+/// Chunks of a sweep.
+pub(super) fn chunks_of_sweep(sweep: &str) -> String {
+    format!("slipdrive.chunk.{}.{sweep}.*", version())
 }
 
 /// Chunks of a sweep for any version.
-pub(super) fn chunks_of_sweep(sweep: &str) -> String {
+pub(super) fn chunks_of_any_version(sweep: &str) -> String {
     format!("slipdrive.chunk.*.{sweep}.*")
 }
 
-pub(super) fn chunk(version: &str, sweep: &str, chunk: u64) -> String {
-    format!("slipdrive.chunk.{}.{sweep}.{chunk}", token(version))
+pub(super) fn chunk(sweep: &str, chunk: u64) -> String {
+    format!("slipdrive.chunk.{}.{sweep}.{chunk}", version())
 }
 
 /// Results of a sweep.
 pub(super) fn results_of_sweep(sweep: &str) -> String {
-    format!("slipdrive.result.{sweep}.*")
+    format!("slipdrive.result.{}.{sweep}.*", version())
 }
 
 pub(super) fn result(sweep: &str, row: u64) -> String {
-    format!("slipdrive.result.{sweep}.{row}")
+    format!("slipdrive.result.{}.{sweep}.{row}", version())
 }
 
 /// The row that a subject of a result ends in.
@@ -61,13 +68,13 @@ pub(super) fn row_of(subject: &str) -> Option<u64> {
     subject.rsplit('.').next()?.parse().ok()
 }
 
-/// Marks of a sweep.
-pub(super) fn marks_of_sweep(sweep: &str) -> String {
-    format!("slipdrive.mark.{sweep}.*")
+/// Marks of a sweep by any version.
+pub(super) fn marks_of_any_version(sweep: &str) -> String {
+    format!("slipdrive.mark.*.{sweep}.*")
 }
 
 pub(super) fn mark(sweep: &str, row: u64) -> String {
-    format!("slipdrive.mark.{sweep}.{row}")
+    format!("slipdrive.mark.{}.{sweep}.{row}", version())
 }
 
 /// Where a row goes that cannot be run.
