@@ -48,12 +48,17 @@ struct Field {
 #[derive(Debug, Clone, PartialEq)]
 enum Values {
     List(Vec<Value>),
-    /// From one number to another in so many equal steps less one; whole numbers stay such.
+    /// From one number to another in so many equal steps less one.
     Range {
         from: f64,
         to: f64,
         count: u64,
-        whole: bool,
+    },
+    /// The same from one whole number to another: values that are whole stay such.
+    WholeRange {
+        from: i64,
+        to: i64,
+        count: u64,
     },
 }
 
@@ -61,7 +66,7 @@ impl Values {
     fn len(&self) -> u64 {
         match self {
             Self::List(values) => values.len() as u64,
-            Self::Range { count, .. } => *count,
+            Self::Range { count, .. } | Self::WholeRange { count, .. } => *count,
         }
     }
 
@@ -69,7 +74,8 @@ impl Values {
     fn at(&self, place: u64) -> Value {
         match *self {
             Self::List(ref values) => usize::try_from(place).ok().and_then(|place| values.get(place)).cloned(),
-            Self::Range { from, to, count, whole } => Some(number(between(from, to, place, count - 1), whole)),
+            Self::Range { from, to, count } => Some(Value::from(between(from, to, place, count - 1))),
+            Self::WholeRange { from, to, count } => Some(whole_between(from, to, place, count - 1)),
         }
         .unwrap_or_default()
     }
@@ -99,9 +105,14 @@ fn between(from: f64, to: f64, place: u64, steps: u64) -> f64 {
     of_decimals.unwrap_or_else(|| sum(from, to) / steps)
 }
 
-fn number(value: f64, whole: bool) -> Value {
-    #[expect(clippy::cast_possible_truncation, reason = "whole ends are below 2^53")]
-    if whole && value.fract() == 0.0 { Value::from(value as i64) } else { Value::from(value) }
+/// As [`between`], of whole ends: whole where the steps divide it.
+fn whole_between(from: i64, to: i64, place: u64, steps: u64) -> Value {
+    let sum = i128::from(from) * i128::from(steps - place) + i128::from(to) * i128::from(place);
+    let steps = i128::from(steps);
+    match i64::try_from(sum / steps) {
+        Ok(whole) if sum % steps == 0 => Value::from(whole),
+        Ok(_) | Err(_) => Value::from(sum as f64 / steps as f64),
+    }
 }
 
 impl Axis {
@@ -183,8 +194,11 @@ fn range(from: &Number, to: &Number, count: u64, checks: &mut Checks) -> Option<
         checks.bounds(name, value, &rule);
         rule.admits(value).then_some(value)
     });
-    let ([Some(from), Some(to)], true) = (values, COUNT_RULE.admits(count as f64)) else { return None };
-    Some(Values::Range { from, to, count, whole: ends.iter().all(|(_, end)| !end.is_f64()) })
+    let ([Some(start), Some(end)], true) = (values, COUNT_RULE.admits(count as f64)) else { return None };
+    Some(match (from.as_i64(), to.as_i64()) {
+        (Some(from), Some(to)) => Values::WholeRange { from, to, count },
+        _ => Values::Range { from: start, to: end, count },
+    })
 }
 
 #[cfg(test)]
@@ -202,8 +216,13 @@ mod tests {
 
     #[test]
     fn whole_ends_have_whole_values_between() {
-        let range = Values::Range { from: 0.0, to: 6.0, count: 5, whole: true };
+        let range = Values::WholeRange { from: 0, to: 6, count: 5 };
         let values: Vec<_> = (0..5).map(|place| range.at(place).to_string()).collect();
         assert_eq!(values, ["0", "1.5", "3", "4.5", "6"]);
+        // Sums of the two ends are beyond what doubles hold.
+        let from = 1_482_007_292_733;
+        let range = Values::WholeRange { from, to: 1_488_195_718_263, count: 7416 };
+        let expected = (0..7416).map(|place| Value::from(from + 834_582 * place));
+        assert!((0..7416).map(|place| range.at(place)).eq(expected));
     }
 }
