@@ -24,7 +24,8 @@ pub(super) use self::answers::{
     whole_or_zero,
 };
 pub use self::whole_numbers::Count;
-pub(super) use self::whole_numbers::{some_count, some_long_count, whole_number};
+pub(crate) use self::whole_numbers::some_long_count;
+pub(super) use self::whole_numbers::{some_count, whole_number};
 use super::error_table::ErrorCode;
 use super::problem::{Problem, quoted_path, shortened};
 use super::strict_value::StrictValue;

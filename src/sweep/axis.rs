@@ -24,7 +24,7 @@ pub(super) struct AxisForm {
     from: Option<Number>,
     #[serde(default, deserialize_with = "json::some_value")]
     to: Option<Number>,
-    #[serde(default, deserialize_with = "json::some_value")]
+    #[serde(default, deserialize_with = "json::some_long_count")]
     count: Option<u64>,
     #[serde(default, deserialize_with = "json::some_value")]
     paired: Option<Vec<AxisForm>>,

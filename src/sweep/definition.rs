@@ -20,7 +20,7 @@ struct Form {
     request: StrictValue,
     #[serde(default, deserialize_with = "json::some_objects")]
     axes: Option<Vec<AxisForm>>,
-    #[serde(default, deserialize_with = "json::some_value")]
+    #[serde(default, deserialize_with = "json::some_long_count")]
     chunk_rows: Option<u64>,
     #[serde(default)]
     warm_start: bool,

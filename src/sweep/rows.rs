@@ -157,7 +157,8 @@ impl Lines {
             }
             in_file += 1;
             if !line.trim_ascii().is_empty() {
-                let read = object_of(&line).and_then(|value| warm::check_line(definition, &value).map(|()| value));
+                let text = line.strip_suffix(b"\n").unwrap_or(&line);
+                let read = object_of(text).and_then(|value| warm::check_line(definition, &value).map(|()| value));
                 match read {
                     Ok(value) => {
                         hash.update(b"\n");

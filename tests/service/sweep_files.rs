@@ -39,7 +39,7 @@ fn axes_are_crossed_and_the_last_runs_fastest() {
         "axes": [
             {"field": "robot.wheel_friction_coefficient", "from": 0.2, "to": 0.6, "count": 5},
             {"paired": [
-                {"field": "solver.seed", "from": 1, "to": 3, "count": 3},
+                {"field": "solver.seed", "from": 1, "to": 3, "count": 3.0},
                 {"field": "maneuver.goal.x_m", "values": [0.5, 1, 2]},
             ]},
         ],
@@ -97,6 +97,8 @@ fn hash_is_of_what_decides_the_rows() {
     for change in [json!({"chunk_rows": 8}), json!({"warm_start": true}), json!({"request": {"view": "plan"}})] {
         assert_ne!(plain, hash(change.clone()), "{change}");
     }
+    // Counts may be written as tables of numbers write them, as those of requests.
+    assert_eq!(hash(json!({"chunk_rows": 8})), hash(json!({"chunk_rows": 8.0})));
     let spaced = file.to_string().replace(',', " ,\n ");
     assert_eq!(plain, read(&spaced).unwrap().hash());
 }
@@ -185,6 +187,10 @@ fn all_faulty_lines_are_named_at_once() {
         ["line 3: ", "line 5: it is longer", "line 6: `initial_guess` is given, must be absent", "line 8: "];
     assert_eq!(found.len(), beginnings.len(), "{found:?}");
     assert!(found.iter().zip(beginnings).all(|(fault, beginning)| fault.starts_with(beginning)), "{found:?}");
+    // The line feed is no part of it.
+    let of_length = |bytes: usize| format!("{{{}}}\n{{", " ".repeat(bytes - 2));
+    let (longest, too_long) = (lines(false, &of_length(4 << 20)), lines(false, &of_length((4 << 20) + 1)));
+    assert_eq!((longest.len(), too_long.len()), (1, 2), "{longest:?} {too_long:?}");
     let many = lines(false, &"[]\n".repeat(23));
     assert_eq!((many.len(), many[20].as_str()), (21, "3 more lines are no rows"));
 }

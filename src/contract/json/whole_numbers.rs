@@ -71,9 +71,7 @@ pub(in crate::contract) fn some_count<'de, D: Deserializer<'de>>(deserializer: D
 }
 
 /// Reads a long count that is present.
-pub(in crate::contract) fn some_long_count<'de, D: Deserializer<'de>>(
-    deserializer: D,
-) -> Result<Option<u64>, D::Error> {
+pub(crate) fn some_long_count<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u64>, D::Error> {
     Count::deserialize(deserializer).map(|Count(count)| Some(count))
 }
 
