@@ -1,19 +1,18 @@
 //! `slipdrive sweep`: many jobs of one kind on this machine, with results in a folder.
 
 use std::fs::File;
-use std::io::{self, Cursor, Read as _, Write as _};
+use std::io::{self, Cursor, Read, Write as _};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use slipdrive::contract::Problem;
 use slipdrive::jobs::Jobs;
 use slipdrive::metrics::Metrics;
 use slipdrive::service::Service;
 use slipdrive::sweep::{
-    self, Ended, Index, MapError, Progress, Results, ResultsError, RowFaults, Sweep, TableError, write_whole,
+    self, Ended, Index, MapError, Progress, Results, ResultsError, RowFaults, Sweep, SweepError, TableError, write_whole,
 };
 
 use super::progress_of_rows::ProgressOfRows;
@@ -39,9 +38,14 @@ pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
         (Some(file), folders) => {
             let metrics = Metrics::new();
             let jobs = super::jobs(&metrics);
-            let sweep = match read(file, &jobs)? {
+            let sweep = match read(file, &jobs) {
                 Ok(sweep) => sweep,
-                Err(problem) => return Ok(super::refuse(&problem)),
+                Err(SweepError::Refused(problem)) => return Ok(super::refuse(&problem)),
+                Err(SweepError::Unreadable(error)) => {
+                    let is_input = file == Path::new("-");
+                    let what = if is_input { "standard input".into() } else { file.to_string_lossy() };
+                    return Err(error).context(format!("{what} cannot be read"));
+                }
             };
             if let Some(Err(unfit)) = arguments.figure.as_ref().map(|of| sweep.check_map(of)) {
                 return Ok(refused(&unfit.to_string()));
@@ -59,17 +63,22 @@ pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
     }
 }
 
-fn read(file: &Path, jobs: &Jobs) -> anyhow::Result<Result<Sweep, Problem>> {
+fn read(file: &Path, jobs: &Jobs) -> Result<Sweep, SweepError> {
     if let Some((_, text)) = sweep::EXAMPLES.iter().find(|(name, _)| file == Path::new(name)) {
-        return Ok(Sweep::read(Cursor::new(*text), jobs));
+        return Sweep::read(Cursor::new(*text), jobs);
     }
     if file == Path::new("-") {
-        let mut text = Vec::new();
-        io::stdin().read_to_end(&mut text).context("standard input cannot be read")?;
-        return Ok(Sweep::read(Cursor::new(text), jobs));
+        return Sweep::read(Cursor::new(whole(io::stdin())?), jobs);
     }
-    let source = File::open(file).with_context(|| format!("{} cannot be read", file.display()))?;
-    Ok(Sweep::read(source, jobs))
+    let source = File::open(file)?;
+    // A pipe has no places to come back to.
+    if source.metadata()?.is_file() { Sweep::read(source, jobs) } else { Sweep::read(Cursor::new(whole(source)?), jobs) }
+}
+
+fn whole(mut source: impl Read) -> io::Result<Vec<u8>> {
+    let mut text = Vec::new();
+    source.read_to_end(&mut text)?;
+    Ok(text)
 }
 
 /// Says how much there is, and judges all of it.

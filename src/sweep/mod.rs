@@ -28,7 +28,7 @@ mod table;
 mod warm;
 mod whole_file;
 
-use std::io::{BufRead as _, BufReader, Read as _, SeekFrom};
+use std::io::{self, BufRead as _, BufReader, Read as _, SeekFrom};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -57,6 +57,17 @@ const LARGEST_OBJECT: u64 = 64 << 20;
 /// The version that all results of a sweep come from.
 const SOLVER_VERSION: &str = env!("CARGO_PKG_VERSION");
 
+/// Why there is no sweep in a file.
+#[derive(Debug, thiserror::Error)]
+pub enum SweepError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    Unreadable(#[from] io::Error),
+    /// What it says breaks rules.
+    #[error(transparent)]
+    Refused(#[from] Problem),
+}
+
 /// A sweep that was read.
 pub struct Sweep {
     definition: Definition,
@@ -69,14 +80,14 @@ impl Sweep {
     /// Reads a file: one JSON object, or JSON Lines of which the first is this object.
     ///
     /// # Errors
-    /// All violated rules of the object, or all lines that are no objects. The requests are not looked at: that is
-    /// [`Sweep::check`].
-    pub fn read(source: impl std::io::Read + std::io::Seek + Send + 'static, jobs: &Jobs) -> Result<Self, Problem> {
+    /// All violated rules of the object, or all lines that are no objects; a source that cannot be read. The requests are
+    /// not looked at: that is [`Sweep::check`].
+    pub fn read(source: impl io::Read + io::Seek + Send + 'static, jobs: &Jobs) -> Result<Self, SweepError> {
         let mut source: Box<dyn Source> = Box::new(source);
-        let unreadable = |error: std::io::Error| Problem::new(ErrorCode::MalformedBody, error.to_string());
-        let (object, lines_from) = first_object(&mut *source).map_err(unreadable)?;
+        let (object, lines_from) = first_object(&mut *source)?;
         if object.len() as u64 > LARGEST_OBJECT {
-            return Err(Problem::body_too_large(BodyLimit::of(usize::try_from(LARGEST_OBJECT).unwrap_or(usize::MAX))));
+            let limit = BodyLimit::of(usize::try_from(LARGEST_OBJECT).unwrap_or(usize::MAX));
+            return Err(Problem::body_too_large(limit).into());
         }
         let followed = if lines_from.is_some() { Followed::ByLines } else { Followed::ByNothing };
         let mut definition = Definition::read(&object, followed)?;
@@ -165,7 +176,7 @@ fn key(sweep: &str, row: u64) -> String {
 }
 
 /// The object that a file begins with, and where lines follow it, if any do.
-fn first_object(source: &mut dyn Source) -> std::io::Result<(Vec<u8>, Option<u64>)> {
+fn first_object(source: &mut dyn Source) -> io::Result<(Vec<u8>, Option<u64>)> {
     let mut object = Vec::new();
     let length = {
         let mut reader = BufReader::new(&mut *source).take(LARGEST_OBJECT + 1);
@@ -184,7 +195,7 @@ fn first_object(source: &mut dyn Source) -> std::io::Result<(Vec<u8>, Option<u64
 }
 
 /// Whether there is anything but white space ahead.
-fn has_words(source: &mut dyn Source) -> std::io::Result<bool> {
+fn has_words(source: &mut dyn Source) -> io::Result<bool> {
     let mut reader = BufReader::new(source);
     loop {
         let bytes = reader.fill_buf()?;

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 
 use super::axis::Axis;
 use super::definition::Definition;
-use super::{MOST_FAULTS, MOST_ROWS, warm};
+use super::{MOST_FAULTS, MOST_ROWS, SweepError, warm};
 use crate::contract::{ErrorCode, Problem, StrictValue, json};
 
 /// Longest line of a file, bytes: a request with the longest arrays fits.
@@ -134,26 +134,25 @@ impl Lines {
     ///
     /// # Errors
     /// Lines that are no JSON objects or have a plan where the row before gives one, by their numbers in the file: the first
-    /// [`MOST_FAULTS`], and how many others there are.
+    /// [`MOST_FAULTS`], and how many others there are; a source that cannot be read.
     pub(super) fn find(
         mut source: Box<dyn Source>,
         start: u64,
         definition: &Definition,
         hash: &mut Sha256,
-    ) -> Result<Self, Problem> {
-        let unreadable = |error: std::io::Error| Problem::new(ErrorCode::MalformedBody, error.to_string());
-        source.seek(SeekFrom::Start(start)).map_err(unreadable)?;
+    ) -> Result<Self, SweepError> {
+        source.seek(SeekFrom::Start(start))?;
         let (mut starts, mut at, mut in_file) = (Vec::new(), start, 1_u64);
         let mut reader = BufReader::with_capacity(1 << 16, &mut source);
         let (mut line, mut faults) = (Vec::new(), LineFaults::default());
         loop {
             line.clear();
-            let mut length = reader.by_ref().take(LONGEST_LINE + 1).read_until(b'\n', &mut line).map_err(unreadable)?;
+            let mut length = reader.by_ref().take(LONGEST_LINE + 1).read_until(b'\n', &mut line)?;
             if length == 0 {
                 break;
             }
             if length as u64 > LONGEST_LINE && !line.ends_with(b"\n") {
-                length += reader.skip_until(b'\n').map_err(unreadable)?;
+                length += reader.skip_until(b'\n')?;
             }
             in_file += 1;
             if !line.trim_ascii().is_empty() {
@@ -169,7 +168,7 @@ impl Lines {
                 starts.push(at);
                 if starts.len() as u64 > MOST_ROWS {
                     let text = format!("there are more lines than {MOST_ROWS}");
-                    return Err(Problem::new(ErrorCode::InvalidValue, text));
+                    return Err(Problem::new(ErrorCode::InvalidValue, text).into());
                 }
             }
             at += length as u64;

@@ -328,6 +328,29 @@ fn signals_end_a_sweep_that_can_go_on() {
 
 #[cfg(target_os = "linux")]
 #[test]
+fn sweeps_come_from_pipes_and_what_cannot_be_read_is_named() {
+    let folder = Folder::new("sweep-input");
+    let counted = |file: &str, input: Stdio| {
+        let output = slipdrive().args(["sweep", file, "--count"]).stdin(input).output().unwrap();
+        (output.status.code(), String::from_utf8([output.stdout, output.stderr].concat()).unwrap())
+    };
+    let lines = "{\"job\": \"solve\", \"request\": {}}\n{\"view\": \"plan\"}\n{}\n";
+    for text in [rests(2).to_string().as_str(), lines] {
+        for file in ["-", "/dev/stdin"] {
+            let (input, mut writer) = std::io::pipe().unwrap();
+            writer.write_all(text.as_bytes()).unwrap();
+            drop(writer);
+            let (code, said) = counted(file, input.into());
+            assert!(code == Some(0) && said.starts_with("rows    2\n"), "{file}: {said}");
+        }
+    }
+    let of_folder = counted(&folder.file(""), Stdio::null());
+    let expected = format!("error: {} cannot be read: Is a directory (os error 21)\n", folder.file(""));
+    assert_eq!(of_folder, (Some(1), expected));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
 fn output_that_cannot_be_written_is_told_and_readers_may_leave() {
     let folder = Folder::new("sweep-output");
     let file = written(&folder, "rests.json", &rests(2));

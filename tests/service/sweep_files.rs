@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use slipdrive::contract::Problem;
 use slipdrive::jobs::{Jobs, Limits};
 use slipdrive::metrics::Metrics;
-use slipdrive::sweep::{Row, Shard, Sweep};
+use slipdrive::sweep::{Row, Shard, Sweep, SweepError};
 
 use crate::support::real_solver;
 
@@ -15,7 +15,11 @@ use crate::support::real_solver;
 const TWO: NonZeroUsize = NonZeroUsize::new(2).unwrap();
 
 fn read(text: &str) -> Result<Sweep, Problem> {
-    Sweep::read(Cursor::new(text.to_owned()), &Jobs::new(Limits::default(), real_solver(), &Metrics::new()))
+    let jobs = Jobs::new(Limits::default(), real_solver(), &Metrics::new());
+    Sweep::read(Cursor::new(text.to_owned()), &jobs).map_err(|error| match error {
+        SweepError::Refused(problem) => problem,
+        SweepError::Unreadable(error) => panic!("{error}"),
+    })
 }
 
 fn sweep(file: &Value) -> Sweep {
