@@ -1,10 +1,11 @@
 //! Files that are there whole or not at all.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
 
-/// Writes a file in place of the one that is there, also where others write it at the same time.
+/// Writes a file in place of the one that is there. Meanwhile it has `.new` behind its name, and what a process that was
+/// killed has left there is written over; two must not write one file at the same time.
 ///
 /// # Errors
 /// When it cannot be written; nothing is left of it then.
@@ -13,15 +14,31 @@ pub fn write_whole<T, E: From<io::Error>>(
     write: impl FnOnce(&mut BufWriter<&File>) -> Result<T, E>,
 ) -> Result<T, E> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    // As any file is made: what is temporary is for its owner alone otherwise.
-    let beside = tempfile::Builder::new().suffix(".new").make_in(folder, |beside| File::create_new(beside))?;
-    let mut output = BufWriter::new(beside.as_file());
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".new");
+    let beside = Path::new(&beside);
+    let written = write_synced(beside, write).and_then(|written| {
+        fs::rename(beside, path)?;
+        sync_folder(folder)?;
+        Ok(written)
+    });
+    if written.is_err() {
+        // What is told is why it was not written.
+        let _ = fs::remove_file(beside);
+    }
+    written
+}
+
+fn write_synced<T, E: From<io::Error>>(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<&File>) -> Result<T, E>,
+) -> Result<T, E> {
+    let file = File::create(path)?;
+    let mut output = BufWriter::new(&file);
     let written = write(&mut output)?;
     output.flush()?;
     drop(output);
-    beside.as_file().sync_all()?;
-    beside.persist(path).map_err(|failed| failed.error)?;
-    sync_folder(folder)?;
+    file.sync_all()?;
     Ok(written)
 }
 
@@ -32,26 +49,24 @@ pub(super) fn sync_folder(folder: &Path) -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
     use std::thread;
 
     use super::*;
 
     #[test]
-    fn files_are_whole_whoever_else_writes_them() {
+    fn files_are_whole_for_whoever_reads_them() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rows.csv");
         let text = "row\n".repeat(10_000);
         let write = || write_whole(&path, |output| output.write_all(text.as_bytes()));
+        fs::write(folder.path().join("rows.csv.new"), "of a process that was killed").unwrap();
         write().unwrap();
         thread::scope(|scope| {
-            let writers: Vec<_> = (0..4).map(|_| scope.spawn(|| (0..20).try_for_each(|_| write()))).collect();
-            while writers.iter().any(|writer| !writer.is_finished()) {
+            let writer = scope.spawn(|| (0..20).try_for_each(|_| write()));
+            while !writer.is_finished() {
                 assert_eq!(fs::read_to_string(&path).unwrap().len(), text.len());
             }
-            for writer in writers {
-                writer.join().unwrap().unwrap();
-            }
+            writer.join().unwrap().unwrap();
         });
         let unwritten = write_whole(&path, |output| {
             output.write_all(b"half")?;

@@ -1,13 +1,20 @@
 //! Where the results of some folders are, in the order of the rows.
 
 use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
 
 use super::parts::{self, Place};
 use super::stored::Head;
 use super::{Header, Progress, ResultsError, StoredRow};
 
+/// Held by whoever has an index of the folder.
+const LOCK_FILE: &str = "table.lock";
+
 /// The results of one sweep in one folder or in those of several shards; another process may still write to them.
+///
+/// Of all who may write to the first folder one at a time has an index of it, as far as the file system has locks: what is
+/// written of an index is never older than what is there.
 #[derive(Debug)]
 pub struct Index {
     /// What they are of; the shard is that of the first folder.
@@ -17,10 +24,11 @@ pub struct Index {
     folders: Vec<PathBuf>,
     /// Row, folder and place, by row.
     places: Vec<(u64, usize, Place)>,
+    _lock: Option<File>,
 }
 
 impl Index {
-    /// Finds all rows of the folders.
+    /// Finds all rows of the folders, once nobody else has an index of the first.
     ///
     /// # Errors
     /// Where one of them has no results, or not of the same sweep, or the rows of another one, or cannot be read.
@@ -30,6 +38,7 @@ impl Index {
         let Some(header) = headers.first().cloned() else {
             return Err(ResultsError::Empty { folder: PathBuf::new() });
         };
+        let lock = locked(&folders[0]);
         let mut progress = Progress::default();
         let (mut places, mut counted) = (Vec::new(), super::RowSet::of(header.rows));
         for (folder, (path, of_folder)) in folders.iter().zip(&headers).enumerate() {
@@ -53,7 +62,7 @@ impl Index {
             }
         }
         places.sort_unstable_by_key(|(row, ..)| *row);
-        Ok(Self { header, progress, folders: folders.to_vec(), places })
+        Ok(Self { header, progress, folders: folders.to_vec(), places, _lock: lock })
     }
 
     /// The rows in order.
@@ -85,6 +94,57 @@ impl Index {
     }
 }
 
+/// Who cannot write there is nobody to wait for, and needs no lock.
+fn locked(folder: &Path) -> Option<File> {
+    let lock = OpenOptions::new().create(true).truncate(false).write(true).open(folder.join(LOCK_FILE)).ok()?;
+    lock.lock().is_ok().then_some(lock)
+}
+
 fn known_header(folder: &Path) -> Result<Header, ResultsError> {
     Header::read(folder)?.ok_or_else(|| ResultsError::Empty { folder: folder.to_owned() })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::thread;
+    use std::time::Duration;
+
+    use super::*;
+    use crate::sweep::Shard;
+
+    #[test]
+    fn one_at_a_time_has_an_index() {
+        let folder = tempfile::tempdir().unwrap();
+        let header = Header {
+            sweep: "ab01".to_owned(),
+            solver_version: "0.1.0".to_owned(),
+            job: "solve".to_owned(),
+            rows: 1,
+            chunk_rows: 1,
+            warm_start: false,
+            shard: Shard::WHOLE,
+            fields: Vec::new(),
+            columns: Vec::new(),
+            definition: serde_json::json!({}),
+        };
+        header.write(folder.path()).unwrap();
+        let folders = [folder.path().to_owned()];
+        let (older, is_given_back) = (Index::of(&folders).unwrap(), AtomicBool::new(false));
+        thread::scope(|scope| {
+            let newer = scope.spawn(|| {
+                let newer = Index::of(&folders).unwrap();
+                assert!(is_given_back.load(Ordering::Acquire), "while somebody else has one");
+                newer.progress.done
+            });
+            // Time for a fault to show itself.
+            thread::sleep(Duration::from_millis(50));
+            let line = "{\"key\":\"ab01-0\",\"row\":0,\"axes\":{},\"answer\":{\"status\":\"converged\"}}\n";
+            fs::write(folder.path().join("rows-0000.jsonl"), line).unwrap();
+            is_given_back.store(true, Ordering::Release);
+            drop(older);
+            assert_eq!(newer.join().unwrap(), 1, "what came meanwhile is in it");
+        });
+    }
 }

@@ -14,7 +14,7 @@ pub struct Status {
     pub in_use: Vec<PathBuf>,
 }
 
-/// Reads folders; nothing is written.
+/// Reads folders.
 ///
 /// # Errors
 /// As [`Index::of`].
