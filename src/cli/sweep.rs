@@ -6,14 +6,17 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::thread;
 
 use anyhow::Context as _;
 use slipdrive::jobs::Jobs;
 use slipdrive::metrics::Metrics;
 use slipdrive::service::Service;
 use slipdrive::sweep::{
-    self, Ended, Index, MapError, Progress, Results, ResultsError, RowFaults, Sweep, SweepError, TableError, write_whole,
+    self, Ended, Header, Index, MapError, MapOf, Progress, Results, ResultsError, RowFaults, Sweep, SweepError,
+    TableError, write_whole,
 };
+use tokio::sync::oneshot;
 
 use super::progress_of_rows::ProgressOfRows;
 use super::{refused, say};
@@ -72,7 +75,11 @@ fn read(file: &Path, jobs: &Jobs) -> Result<Sweep, SweepError> {
     }
     let source = File::open(file)?;
     // A pipe has no places to come back to.
-    if source.metadata()?.is_file() { Sweep::read(source, jobs) } else { Sweep::read(Cursor::new(whole(source)?), jobs) }
+    if source.metadata()?.is_file() {
+        Sweep::read(source, jobs)
+    } else {
+        Sweep::read(Cursor::new(whole(source)?), jobs)
+    }
 }
 
 fn whole(mut source: impl Read) -> io::Result<Vec<u8>> {
@@ -106,41 +113,78 @@ pub(super) fn refused_rows(faults: &RowFaults) -> ExitCode {
 }
 
 /// Runs what is missing.
-fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+fn run(sweep: &Sweep, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
     // The folder of the same sweep says that its rows were judged.
     if let Ok(None) = Results::header_of(folder)
         && let Err(faults) = sweep.check(arguments.shard, workers(arguments))
     {
         return Ok(refused_rows(&faults));
     }
-    let mut results = match Results::open(folder, sweep.header(arguments.shard)) {
-        Ok(results) => results,
-        Err(error) => return refused_folder(error),
-    };
-    let service = Arc::new(Service::start(sweep::service_settings(workers(arguments)))?);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let mut shown = ProgressOfRows::of(results.progress());
-    let ended = runtime.block_on(async {
+    runtime.block_on(async {
         let mut signals = Signals::listen()?;
-        let stop = signals.next();
-        sweep::run(sweep, &mut results, &service, |progress| shown.show(progress), stop).await
-    });
-    shown.finish();
-    let progress = results.progress().clone();
-    drop(results);
-    tell(&format_args!("{}: {progress}", folder.display()));
-    match ended {
-        Ok(Ended::Complete) => {}
-        Ok(Ended::Stopped) => return Ok(to_be_continued("stopped")),
-        Err(error) => return Ok(to_be_continued(&error.to_string())),
+        let mut results = match opened(folder, sweep.header(arguments.shard), &mut signals).await? {
+            Ok(results) => results,
+            Err(code) => return Ok(code),
+        };
+        let service = Arc::new(Service::start(sweep::service_settings(workers(arguments)))?);
+        let mut shown = ProgressOfRows::of(results.progress());
+        let show = |progress: &Progress| shown.show(progress);
+        let ended = sweep::run(sweep, &mut results, &service, show, signals.next()).await;
+        shown.finish();
+        let progress = results.progress().clone();
+        drop(results);
+        tell(&format_args!("{}: {progress}", folder.display()));
+        match ended {
+            Ok(Ended::Complete) => complete(&progress, folder, arguments, &mut signals).await,
+            Ok(Ended::Stopped) => Ok(to_be_continued("stopped")),
+            Err(error) => Ok(to_be_continued(&error.to_string())),
+        }
+    })
+}
+
+/// Opens a folder; gives the exit code where it cannot be used, or a signal comes.
+pub(super) async fn opened(
+    folder: &Path,
+    header: Header,
+    signals: &mut Signals,
+) -> anyhow::Result<Result<Results, ExitCode>> {
+    let folder = folder.to_owned();
+    match unless_stopped(signals, move || Results::open(&folder, header)).await? {
+        Some(Ok(results)) => Ok(Ok(results)),
+        Some(Err(error)) => refused_folder(error).map(Err),
+        None => Ok(Err(to_be_continued("stopped"))),
     }
-    complete(&progress, folder, arguments)
 }
 
 /// Shows what is complete; the exit code says whether all rows have answers.
-pub(super) fn complete(progress: &Progress, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
-    let index = Index::of(std::slice::from_ref(folder))?;
-    Ok(write_shown(&index, folder, arguments)?.unwrap_or_else(|| code_of(progress)))
+pub(super) async fn complete(
+    progress: &Progress,
+    folder: &Path,
+    arguments: &SweepArguments,
+    signals: &mut Signals,
+) -> anyhow::Result<ExitCode> {
+    let (folder, figure) = (folder.to_owned(), arguments.figure.clone());
+    let write = move || write_shown(&Index::of(std::slice::from_ref(&folder))?, &folder, figure.as_ref());
+    match unless_stopped(signals, write).await? {
+        Some(written) => Ok(written?.unwrap_or_else(|| code_of(progress))),
+        None => Ok(to_be_continued("stopped")),
+    }
+}
+
+/// What comes of something that takes long and hears no signals; none where one comes before. It ends with the process
+/// then, as if that were killed.
+async fn unless_stopped<T: Send + 'static>(
+    signals: &mut Signals,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> anyhow::Result<Option<T>> {
+    let (tell, outcome) = oneshot::channel();
+    // Nobody may be told any more.
+    thread::Builder::new().spawn(move || drop(tell.send(work())))?;
+    tokio::select! {
+        outcome = outcome => Ok(Some(outcome?)),
+        () = signals.next() => Ok(None),
+    }
 }
 
 fn code_of(progress: &Progress) -> ExitCode {
@@ -160,7 +204,7 @@ pub(super) fn to_be_continued(why: &str) -> ExitCode {
     ExitCode::from(EXIT_TO_BE_CONTINUED)
 }
 
-pub(super) fn refused_folder(error: ResultsError) -> anyhow::Result<ExitCode> {
+fn refused_folder(error: ResultsError) -> anyhow::Result<ExitCode> {
     match error {
         ResultsError::Locked { .. }
         | ResultsError::Foreign { .. }
@@ -184,12 +228,12 @@ fn shown(arguments: &SweepArguments, folders: &[PathBuf]) -> anyhow::Result<Exit
     for folder in &status.in_use {
         say(format!("{} is written to by another process\n", folder.display()).as_bytes())?;
     }
-    Ok(write_shown(&status.index, &folders[0], arguments)?.unwrap_or_else(|| code_of(progress)))
+    Ok(write_shown(&status.index, &folders[0], arguments.figure.as_ref())?.unwrap_or_else(|| code_of(progress)))
 }
 
 /// The table where columns were chosen and the map that is asked for, beside the results of the first folder; gives the
 /// exit code where there is no such map, or no room for it.
-fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<Option<ExitCode>> {
+fn write_shown(index: &Index, folder: &Path, figure: Option<&MapOf>) -> anyhow::Result<Option<ExitCode>> {
     if !index.header.columns.is_empty() {
         let path = folder.join(CSV_FILE);
         match write_whole(&path, |output| sweep::write_csv(index, output)) {
@@ -198,7 +242,7 @@ fn write_shown(index: &Index, folder: &Path, arguments: &SweepArguments) -> anyh
             Err(error @ TableError::Results(_)) => return Err(error.into()),
         }
     }
-    let Some(of) = &arguments.figure else { return Ok(None) };
+    let Some(of) = figure else { return Ok(None) };
     let svg = match sweep::map(index, of) {
         Ok(svg) => svg,
         Err(unfit @ MapError::Unfit(_)) => return Ok(Some(refused(&unfit.to_string()))),

@@ -9,7 +9,7 @@ use slipdrive::sweep::{Results, Shard, Sweep};
 use tokio::time::sleep;
 
 use super::progress_of_rows::{ProgressLine, ProgressOfRows};
-use super::sweep::{complete, refused_folder, refused_rows, to_be_continued, workers};
+use super::sweep::{complete, opened, refused_rows, to_be_continued, workers};
 use super::{refused, say};
 use crate::config::{NatsArguments, SweepArguments};
 use crate::shutdown::Signals;
@@ -36,7 +36,8 @@ pub(super) fn sweep(sweep: &Sweep, folders: &[PathBuf], arguments: &SweepArgumen
     }
     match folders {
         [] => runtime.block_on(async {
-            let published = publish(sweep, Sending::Once, &connected(&over.nats).await?).await?;
+            let (broker, mut signals) = (connected(&over.nats).await?, Signals::listen()?);
+            let published = publish(sweep, Sending::Once, &broker, &mut signals).await?;
             Ok(published.unwrap_or(ExitCode::SUCCESS))
         }),
         [folder] => runtime.block_on(run(sweep, folder, arguments)),
@@ -50,9 +51,13 @@ async fn connected(arguments: &NatsArguments) -> Result<Broker, NatsError> {
 }
 
 /// Publishes what is missing; gives the exit code where not all is published.
-async fn publish(sweep: &Sweep, sending: Sending, broker: &Broker) -> anyhow::Result<Option<ExitCode>> {
+async fn publish(
+    sweep: &Sweep,
+    sending: Sending,
+    broker: &Broker,
+    signals: &mut Signals,
+) -> anyhow::Result<Option<ExitCode>> {
     let mut line = ProgressLine::new(sweep.chunk_count());
-    let mut signals = Signals::listen()?;
     let show = |published: &nats::Published| line.show(published.published, || published.to_string());
     let published = nats::publish(sweep, broker, sending, show, signals.next()).await?;
     line.finish();
@@ -61,13 +66,12 @@ async fn publish(sweep: &Sweep, sending: Sending, broker: &Broker) -> anyhow::Re
 }
 
 /// Publishes again what the server has lost, however long it is away.
-async fn publish_again(sweep: &Sweep, broker: &Broker) -> anyhow::Result<Option<ExitCode>> {
+async fn publish_again(sweep: &Sweep, broker: &Broker, signals: &mut Signals) -> anyhow::Result<Option<ExitCode>> {
     loop {
-        match publish(sweep, Sending::Again, broker).await {
+        match publish(sweep, Sending::Again, broker, signals).await {
             Ok(published) => return Ok(published),
             Err(error) => tell(&format_args!("{error}; trying again")),
         }
-        let mut signals = Signals::listen()?;
         tokio::select! {
             () = signals.next() => return Ok(Some(to_be_continued("stopped"))),
             () = sleep(RETRY_PAUSE) => {}
@@ -76,36 +80,40 @@ async fn publish_again(sweep: &Sweep, broker: &Broker) -> anyhow::Result<Option<
 }
 
 /// Publishes and collects until all rows are there.
-async fn run(sweep: &Sweep, folder: &PathBuf, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+async fn run(sweep: &Sweep, folder: &Path, arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
+    let mut signals = Signals::listen()?;
     // A folder that cannot be written to is refused before anything is published.
-    let mut results = match Results::open(folder, sweep.header(Shard::WHOLE)) {
+    let mut results = match opened(folder, sweep.header(Shard::WHOLE), &mut signals).await? {
         Ok(results) => results,
-        Err(error) => return refused_folder(error),
+        Err(code) => return Ok(code),
     };
-    let (broker, is_publisher) = (connected(&arguments.nats.nats).await?, !arguments.nats.collect);
-    let mut unfinished = if is_publisher { publish(sweep, Sending::Once, &broker).await? } else { None };
+    let is_publisher = !arguments.nats.collect;
+    let broker = tokio::select! {
+        broker = connected(&arguments.nats.nats) => broker?,
+        () = signals.next() => return Ok(to_be_continued("stopped")),
+    };
+    let mut unfinished = if is_publisher { publish(sweep, Sending::Once, &broker, &mut signals).await? } else { None };
     loop {
         if let Some(code) = unfinished {
             return Ok(code);
         }
-        let signals = Signals::listen()?;
-        let ended = match collect(sweep, &mut results, &broker, signals).await {
+        let ended = match collect(sweep, &mut results, &broker, &mut signals).await {
             Ok(ended) => ended,
             Err(NatsError::Io(error)) => return Ok(to_be_continued(&error.to_string())),
             Err(error) => return Err(error.into()),
         };
         let progress = results.progress().clone();
-        tell(&format_args!("{}: {progress}", Path::display(folder)));
+        tell(&format_args!("{}: {progress}", folder.display()));
         match ended {
             Collected::Complete => {
                 drop(results);
-                return complete(&progress, folder, arguments);
+                return complete(&progress, folder, arguments, &mut signals).await;
             }
             Collected::Stopped => return Ok(to_be_continued("stopped")),
             Collected::Cancelled => return Ok(to_be_continued("the sweep is cancelled; without `--collect`")),
             Collected::Unpublished if is_publisher => {
                 tell(&"rows without results have no chunks; these are published again");
-                unfinished = publish_again(sweep, &broker).await?;
+                unfinished = publish_again(sweep, &broker, &mut signals).await?;
             }
             Collected::Unpublished => {
                 return Ok(to_be_continued("rows without results have no chunks; without `--collect`"));
@@ -118,7 +126,7 @@ async fn collect(
     sweep: &Sweep,
     results: &mut Results,
     broker: &Broker,
-    mut signals: Signals,
+    signals: &mut Signals,
 ) -> Result<Collected, NatsError> {
     let mut shown = ProgressOfRows::of(results.progress());
     let ended = nats::collect(sweep.hash(), results, broker, |progress| shown.show(progress), signals.next()).await;

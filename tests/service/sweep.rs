@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
-use std::io::{Cursor, Write as _};
+use std::io::{BufRead as _, BufReader, Cursor, Write as _};
 use std::path::Path;
 use std::process::{Child, Output, Stdio};
 use std::sync::Arc;
@@ -324,6 +324,28 @@ fn signals_end_a_sweep_that_can_go_on() {
     assert!(said.contains("of 400 rows") && said.contains("the same command goes on from here"), "{said}");
     assert!(rows(&[&out]).len() >= 2);
     assert_eq!(run(&["--status", "--out", &out]).status.code(), Some(75));
+}
+
+#[cfg(unix)]
+#[test]
+fn signals_end_the_writing_of_a_table_too() {
+    let folder = Folder::new("sweep-table-signal");
+    let file = written(&folder, "drives.json", &drives(2, &json!({"columns": ["status"]})));
+    let out = folder.file("out");
+    fs::create_dir(&out).unwrap();
+    // As if somebody else was writing it.
+    let other = File::create(folder.path("out/table.lock")).unwrap();
+    other.lock().unwrap();
+    let mut child = slipdrive().args(["sweep", &file, "--out", &out]).stderr(Stdio::piped()).spawn().unwrap();
+    let mut said = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(said.next().unwrap().unwrap().ends_with("2 of 2 rows, 2 converged"));
+    assert!(std::process::Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    assert_eq!(said.next().unwrap().unwrap(), "stopped; the same command goes on from here");
+    assert_eq!(child.wait().unwrap().code(), Some(75));
+    assert!(!folder.path("out/rows.csv").exists());
+    drop(other);
+    done(&[&file, "--out", &out]);
+    assert_eq!(folder.read("out/rows.csv").lines().count(), 3);
 }
 
 #[cfg(target_os = "linux")]

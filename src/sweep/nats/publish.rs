@@ -11,9 +11,9 @@ use tokio::time::{MissedTickBehavior, interval, sleep};
 use super::broker::{Broker, NatsError};
 use super::chunk::Chunk;
 use super::{RETRY_PAUSE, cancel, subjects};
+use crate::sweep::Sweep;
 use crate::sweep::results::RowSet;
 use crate::sweep::runner::SYNC_INTERVAL;
-use crate::sweep::Sweep;
 
 /// Chunks that are sent before the first of them is confirmed.
 const SENT_AHEAD: usize = 64;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
 
-use super::parts::{self, Place};
+use super::parts::{self, LineReader, Place};
 use super::stored::Head;
 use super::{Header, Progress, ResultsError, StoredRow};
 
@@ -70,9 +70,10 @@ impl Index {
     /// # Errors
     /// Of each row: where it cannot be read any more.
     pub fn rows(&self) -> impl Iterator<Item = Result<StoredRow, ResultsError>> {
-        self.places.iter().map(|(_, folder, place)| {
+        let mut reader = LineReader::default();
+        self.places.iter().map(move |(_, folder, place)| {
             let folder = &self.folders[*folder];
-            let line = parts::line_at(folder, *place).map_err(|error| ResultsError::cannot_read(folder, &error))?;
+            let line = reader.read(folder, *place).map_err(|error| ResultsError::cannot_read(folder, &error))?;
             let damaged = || ResultsError::Damaged { file: folder.clone(), fault: "a row has changed".to_owned() };
             StoredRow::read(&line).ok_or_else(damaged)
         })

@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 pub use error::ResultsError;
 pub use header::Header;
 pub use index::Index;
-use parts::{Part, Place};
+use parts::{LineReader, Part, Place};
 pub use progress::Progress;
 pub(super) use row_set::RowSet;
 pub use status::{Status, status};
@@ -146,9 +146,9 @@ impl Results {
 
     /// The plans that rows begin with whose predecessor was done before, by the number of the row.
     pub(super) fn guesses(&self) -> io::Result<Guesses> {
-        let mut guesses = Guesses::new();
+        let (mut guesses, mut reader) = (Guesses::new(), LineReader::default());
         for (row, place) in &self.open_ends {
-            let line = parts::line_at(&self.folder, *place)?;
+            let line = reader.read(&self.folder, *place)?;
             let guess = StoredRow::read(&line).and_then(|stored| Guess::of_value(stored.key, &stored.answer?));
             guesses.extend(guess.map(|guess| (row + 1, guess)));
         }

@@ -1,7 +1,7 @@
 //! The parts of a folder: files of lines that are only appended to.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
+use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 
 use super::ResultsError;
@@ -145,11 +145,31 @@ fn no_row(file: PathBuf, offset: u64) -> ResultsError {
     ResultsError::Damaged { file, fault }
 }
 
-/// The line at a place.
-pub(super) fn line_at(folder: &Path, place: Place) -> io::Result<Vec<u8>> {
-    let mut file = File::open(path_of(folder, place.part))?;
-    file.seek(SeekFrom::Start(place.offset))?;
-    let mut line = Vec::new();
-    BufReader::new(file).read_until(b'\n', &mut line)?;
-    Ok(line)
+/// Reads lines at their places; the part of the last one stays open.
+#[derive(Debug, Default)]
+pub(super) struct LineReader {
+    open: Option<(PathBuf, BufReader<File>)>,
+    /// Where it is in that part.
+    offset: u64,
+}
+
+impl LineReader {
+    /// The line at a place, with its end.
+    pub(super) fn read(&mut self, folder: &Path, place: Place) -> io::Result<Vec<u8>> {
+        let path = path_of(folder, place.part);
+        // Taken away while it reads: after a fault nobody knows where it is.
+        let mut reader = match self.open.take() {
+            Some((open, reader)) if open == path => reader,
+            Some(_) | None => {
+                self.offset = 0;
+                BufReader::new(File::open(&path)?)
+            }
+        };
+        reader.seek_relative(place.offset.wrapping_sub(self.offset).cast_signed())?;
+        let mut line = Vec::new();
+        reader.read_until(b'\n', &mut line)?;
+        self.offset = place.offset + line.len() as u64;
+        self.open = Some((path, reader));
+        Ok(line)
+    }
 }
