@@ -206,6 +206,7 @@ pub(super) fn to_be_continued(why: &str) -> ExitCode {
 
 fn refused_folder(error: ResultsError) -> anyhow::Result<ExitCode> {
     match error {
+        ResultsError::Unwritable { error: ref fault, .. } if is_full(fault) => Ok(to_be_continued(&error.to_string())),
         ResultsError::Locked { .. }
         | ResultsError::Foreign { .. }
         | ResultsError::Empty { .. }
@@ -262,10 +263,14 @@ fn write_shown(index: &Index, folder: &Path, figure: Option<&MapOf>) -> anyhow::
 /// The rows are there: once there is room again, the same command writes what shows them.
 fn unwritten(path: &Path, error: io::Error) -> anyhow::Result<ExitCode> {
     let what = format!("{} cannot be written", path.display());
-    let full = [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded, io::ErrorKind::FileTooLarge];
-    if full.contains(&error.kind()) {
+    if is_full(&error) {
         Ok(to_be_continued(&format!("{what}: {error}")))
     } else {
         Err(error).context(what)
     }
+}
+
+/// Whether there may be room again.
+fn is_full(error: &io::Error) -> bool {
+    [io::ErrorKind::StorageFull, io::ErrorKind::QuotaExceeded, io::ErrorKind::FileTooLarge].contains(&error.kind())
 }

@@ -350,6 +350,21 @@ fn signals_end_the_writing_of_a_table_too() {
 
 #[cfg(target_os = "linux")]
 #[test]
+fn no_room_at_the_start_is_no_reason_to_give_a_shard_up() {
+    let folder = Folder::new("sweep-no-room");
+    let (file, out) = (written(&folder, "rests.json", &rests(2)), folder.file("out"));
+    // No file may grow, which is what a quota does: `sweep.json` cannot be written.
+    let command = "ulimit -f 0; exec \"$0\" sweep \"$1\" --out \"$2\"";
+    let program = env!("CARGO_BIN_EXE_slipdrive");
+    let output = std::process::Command::new("sh").args(["-c", command, program, &file, &out]).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(75), "{said}");
+    assert!(said.contains("out cannot be written: File too large") && said.contains("the same command goes on"), "{said}");
+    done(&[&file, "--out", &out]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
 fn sweeps_come_from_pipes_and_what_cannot_be_read_is_named() {
     let folder = Folder::new("sweep-input");
     let counted = |file: &str, input: Stdio| {
