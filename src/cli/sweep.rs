@@ -229,7 +229,13 @@ fn shown(arguments: &SweepArguments, folders: &[PathBuf]) -> anyhow::Result<Exit
     for folder in &status.in_use {
         say(format!("{} is written to by another process\n", folder.display()).as_bytes())?;
     }
-    Ok(write_shown(&status.index, &folders[0], arguments.figure.as_ref())?.unwrap_or_else(|| code_of(progress)))
+    // One shard may be looked at alone.
+    let elsewhere = if folders.len() > 1 { header.rows - progress.rows } else { 0 };
+    if elsewhere > 0 {
+        say(format!("{elsewhere} rows belong to shards that are not here\n").as_bytes())?;
+    }
+    let code = if elsewhere > 0 { ExitCode::from(EXIT_TO_BE_CONTINUED) } else { code_of(progress) };
+    Ok(write_shown(&status.index, &folders[0], arguments.figure.as_ref())?.unwrap_or(code))
 }
 
 /// The table where columns were chosen and the map that is asked for, beside the results of the first folder; gives the

@@ -92,6 +92,14 @@ fn killed_sweeps_and_shards_come_to_the_rows_of_an_undisturbed_one() {
     });
     assert_eq!(lines(&shards[1]).len(), 20, "chunks 1, 3, 5, 7 and 9 of eleven");
     assert_eq!(rows(&[&shards[0], &shards[1]]), expected);
+    let third = folder.file("third");
+    done(&[&file, "--out", &third, "--shard", "3/4"]);
+    let some = run(&["--status", "--out", &shards[0], "--out", &third]);
+    let said = String::from_utf8(some.stdout).unwrap();
+    assert!(said.starts_with("30 of 30 rows, 30 converged\n"), "{said}");
+    assert!(said.ends_with("12 rows belong to shards that are not here\n"), "{said}");
+    assert_eq!(some.status.code(), Some(75));
+    assert_eq!(run(&["--status", "--out", &third]).status.code(), Some(0), "one shard alone is complete");
     let both = run(&["--status", "--out", &shards[0], "--out", &shards[1]]);
     assert!(String::from_utf8(both.stdout).unwrap().starts_with("42 of 42 rows, 42 converged\n"));
     let overlapping = refused(&["--status", "--out", &shards[0], "--out", &shards[1], "--out", &shards[0]]);
