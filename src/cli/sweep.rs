@@ -132,14 +132,13 @@ fn run(sweep: &Sweep, folder: &Path, arguments: &SweepArguments) -> anyhow::Resu
         let show = |progress: &Progress| shown.show(progress);
         let ended = sweep::run(sweep, &mut results, &service, show, signals.next()).await;
         shown.finish();
-        let progress = results.progress().clone();
-        drop(results);
-        tell(&format_args!("{}: {progress}", folder.display()));
-        match ended {
-            Ok(Ended::Complete) => complete(&progress, folder, arguments, &mut signals).await,
-            Ok(Ended::Stopped) => Ok(to_be_continued("stopped")),
-            Err(error) => Ok(to_be_continued(&error.to_string())),
-        }
+        let why = match ended {
+            Ok(Ended::Complete) => return complete(results, folder, arguments, &mut signals).await,
+            Ok(Ended::Stopped) => "stopped".to_owned(),
+            Err(error) => error.to_string(),
+        };
+        tell_progress(&results, folder);
+        Ok(to_be_continued(&why))
     })
 }
 
@@ -159,15 +158,18 @@ pub(super) async fn opened(
 
 /// Shows what is complete; the exit code says whether all rows have answers.
 pub(super) async fn complete(
-    progress: &Progress,
+    results: Results,
     folder: &Path,
     arguments: &SweepArguments,
     signals: &mut Signals,
 ) -> anyhow::Result<ExitCode> {
+    tell_progress(&results, folder);
+    let code = code_of(results.progress());
+    drop(results);
     let (folder, figure) = (folder.to_owned(), arguments.figure.clone());
     let write = move || write_shown(&Index::of(std::slice::from_ref(&folder))?, &folder, figure.as_ref());
     match unless_stopped(signals, write).await? {
-        Some(written) => Ok(written?.unwrap_or_else(|| code_of(progress))),
+        Some(written) => Ok(written?.unwrap_or(code)),
         None => Ok(to_be_continued("stopped")),
     }
 }
@@ -185,6 +187,10 @@ async fn unless_stopped<T: Send + 'static>(
         outcome = outcome => Ok(Some(outcome?)),
         () = signals.next() => Ok(None),
     }
+}
+
+pub(super) fn tell_progress(results: &Results, folder: &Path) {
+    tell(&format_args!("{}: {}", folder.display(), results.progress()));
 }
 
 fn code_of(progress: &Progress) -> ExitCode {
@@ -269,11 +275,7 @@ fn write_shown(index: &Index, folder: &Path, figure: Option<&MapOf>) -> anyhow::
 /// The rows are there: once there is room again, the same command writes what shows them.
 fn unwritten(path: &Path, error: io::Error) -> anyhow::Result<ExitCode> {
     let what = format!("{} cannot be written", path.display());
-    if is_full(&error) {
-        Ok(to_be_continued(&format!("{what}: {error}")))
-    } else {
-        Err(error).context(what)
-    }
+    if is_full(&error) { Ok(to_be_continued(&format!("{what}: {error}"))) } else { Err(error).context(what) }
 }
 
 /// Whether there may be room again.

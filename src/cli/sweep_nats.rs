@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use slipdrive::sweep::nats::{self, Broker, Collected, NatsError, Sending};
+use slipdrive::sweep::nats::{self, Broker, Collected, NatsError, Sending, Wanted};
 use slipdrive::sweep::{Results, Shard, Sweep};
 use tokio::time::sleep;
 
 use super::progress_of_rows::{ProgressLine, ProgressOfRows};
-use super::sweep::{complete, opened, refused_rows, to_be_continued, workers};
+use super::sweep::{complete, opened, refused_rows, tell_progress, to_be_continued, workers};
 use super::{refused, say};
 use crate::config::{NatsArguments, SweepArguments};
 use crate::shutdown::Signals;
@@ -37,7 +37,8 @@ pub(super) fn sweep(sweep: &Sweep, folders: &[PathBuf], arguments: &SweepArgumen
     match folders {
         [] => runtime.block_on(async {
             let (broker, mut signals) = (connected(&over.nats).await?, Signals::listen()?);
-            let published = publish(sweep, Sending::Once, &broker, &mut signals).await?;
+            let wanted = Wanted { sweep, results: None };
+            let published = publish(wanted, Sending::Once, &broker, &mut signals).await?;
             Ok(published.unwrap_or(ExitCode::SUCCESS))
         }),
         [folder] => runtime.block_on(run(sweep, folder, arguments)),
@@ -52,23 +53,23 @@ async fn connected(arguments: &NatsArguments) -> Result<Broker, NatsError> {
 
 /// Publishes what is missing; gives the exit code where not all is published.
 async fn publish(
-    sweep: &Sweep,
+    wanted: Wanted<'_>,
     sending: Sending,
     broker: &Broker,
     signals: &mut Signals,
 ) -> anyhow::Result<Option<ExitCode>> {
-    let mut line = ProgressLine::new(sweep.chunk_count());
+    let mut line = ProgressLine::new(wanted.sweep.chunk_count());
     let show = |published: &nats::Published| line.show(published.published, || published.to_string());
-    let published = nats::publish(sweep, broker, sending, show, signals.next()).await?;
+    let published = nats::publish(wanted, broker, sending, show, signals.next()).await?;
     line.finish();
     tell(&published);
     Ok(if published.is_complete() { None } else { Some(to_be_continued("stopped")) })
 }
 
 /// Publishes again what the server has lost, however long it is away.
-async fn publish_again(sweep: &Sweep, broker: &Broker, signals: &mut Signals) -> anyhow::Result<Option<ExitCode>> {
+async fn publish_again(wanted: Wanted<'_>, broker: &Broker, signals: &mut Signals) -> anyhow::Result<Option<ExitCode>> {
     loop {
-        match publish(sweep, Sending::Again, broker, signals).await {
+        match publish(wanted, Sending::Again, broker, signals).await {
             Ok(published) => return Ok(published),
             Err(error) => tell(&format_args!("{error}; trying again")),
         }
@@ -87,12 +88,19 @@ async fn run(sweep: &Sweep, folder: &Path, arguments: &SweepArguments) -> anyhow
         Ok(results) => results,
         Err(code) => return Ok(code),
     };
+    if results.progress().is_complete() {
+        return complete(results, folder, arguments, &mut signals).await;
+    }
     let is_publisher = !arguments.nats.collect;
     let broker = tokio::select! {
         broker = connected(&arguments.nats.nats) => broker?,
         () = signals.next() => return Ok(to_be_continued("stopped")),
     };
-    let mut unfinished = if is_publisher { publish(sweep, Sending::Once, &broker, &mut signals).await? } else { None };
+    let mut unfinished = None;
+    if is_publisher {
+        let wanted = Wanted { sweep, results: Some(&results) };
+        unfinished = publish(wanted, Sending::Once, &broker, &mut signals).await?;
+    }
     loop {
         if let Some(code) = unfinished {
             return Ok(code);
@@ -102,23 +110,20 @@ async fn run(sweep: &Sweep, folder: &Path, arguments: &SweepArguments) -> anyhow
             Err(NatsError::Io(error)) => return Ok(to_be_continued(&error.to_string())),
             Err(error) => return Err(error.into()),
         };
-        let progress = results.progress().clone();
-        tell(&format_args!("{}: {progress}", folder.display()));
-        match ended {
-            Collected::Complete => {
-                drop(results);
-                return complete(&progress, folder, arguments, &mut signals).await;
-            }
-            Collected::Stopped => return Ok(to_be_continued("stopped")),
-            Collected::Cancelled => return Ok(to_be_continued("the sweep is cancelled; without `--collect`")),
+        let why = match ended {
+            Collected::Complete => return complete(results, folder, arguments, &mut signals).await,
+            Collected::Stopped => "stopped",
+            Collected::Cancelled => "the sweep is cancelled; without `--collect`",
             Collected::Unpublished if is_publisher => {
                 tell(&"rows without results have no chunks; these are published again");
-                unfinished = publish_again(sweep, &broker, &mut signals).await?;
+                let wanted = Wanted { sweep, results: Some(&results) };
+                unfinished = publish_again(wanted, &broker, &mut signals).await?;
+                continue;
             }
-            Collected::Unpublished => {
-                return Ok(to_be_continued("rows without results have no chunks; without `--collect`"));
-            }
-        }
+            Collected::Unpublished => "rows without results have no chunks; without `--collect`",
+        };
+        tell_progress(&results, folder);
+        return Ok(to_be_continued(why));
     }
 }
 

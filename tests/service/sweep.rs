@@ -367,7 +367,10 @@ fn no_room_at_the_start_is_no_reason_to_give_a_shard_up() {
     let output = std::process::Command::new("sh").args(["-c", command, program, &file, &out]).output().unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(75), "{said}");
-    assert!(said.contains("out cannot be written: File too large") && said.contains("the same command goes on"), "{said}");
+    assert!(
+        said.contains("out cannot be written: File too large") && said.contains("the same command goes on"),
+        "{said}"
+    );
     done(&[&file, "--out", &out]);
 }
 

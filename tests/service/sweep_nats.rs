@@ -189,6 +189,31 @@ async fn lost_row_of_a_warm_chunk_comes_back_as_it_was() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn rows_that_the_folder_has_are_not_run_again() {
+    let Some(nats) = Nats::start("nats-folder").await else { return };
+    let file = nats.file("rests.json", &rests(12));
+    let out = nats.folder.file("out");
+    let local = slipdrive().args(["sweep", &file, "--out", &out]).output().unwrap();
+    assert!(local.status.success());
+    let complete = nats.sweep(&[&file, "--out", &out]);
+    let said = String::from_utf8(complete.stderr).unwrap();
+    assert!(complete.status.success() && !said.contains("published"), "{said}");
+    let lines = nats.folder.read("out/rows-0000.jsonl");
+    let is_of_last = |line: &&str| serde_json::from_str::<Value>(line).unwrap()["row"].as_u64().unwrap() >= 8;
+    let rest: String = lines.split_inclusive('\n').filter(|line| !is_of_last(line)).collect();
+    nats.folder.write("out/rows-0000.jsonl", &rest);
+    let mut results = nats.heard("slipdrive.result.>").await;
+    let _worker = nats.worker(&[]);
+    nats.swept(&[&file, "--out", &out]);
+    assert_eq!(rows(&[&out]).len(), 12);
+    for _ in 8..12 {
+        let row =
+            first("a result", &mut results, |result| result.subject.rsplit('.').next()?.parse::<u64>().ok()).await;
+        assert!(row >= 8, "row {row} is run again");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn results_of_other_versions_are_no_results() {
     let Some(nats) = Nats::start("nats-versions").await else { return };
     let file = nats.file("rests.json", &rests(8));

@@ -33,7 +33,7 @@ pub use broker::{Access, Broker, NatsError, StreamLimits};
 pub use cancel::cancel;
 pub use collect::{Collected, collect};
 pub use metrics::WorkerMetrics;
-pub use publish::{Published, Sending, publish};
+pub use publish::{Published, Sending, Wanted, publish};
 pub use worker::Worker;
 
 /// How long to wait until something is tried again, a full queue for instance.

@@ -12,8 +12,17 @@ use super::broker::{Broker, NatsError};
 use super::chunk::Chunk;
 use super::{RETRY_PAUSE, cancel, subjects};
 use crate::sweep::Sweep;
-use crate::sweep::results::RowSet;
+use crate::sweep::results::{Results, RowSet};
 use crate::sweep::runner::SYNC_INTERVAL;
+
+/// What is to be run.
+#[derive(Clone, Copy)]
+pub struct Wanted<'a> {
+    /// The sweep; its rows must have been judged.
+    pub sweep: &'a Sweep,
+    /// The folder that the results are for, if there is one: what it has is not run again.
+    pub results: Option<&'a Results>,
+}
 
 /// Chunks that are sent before the first of them is confirmed.
 const SENT_AHEAD: usize = 64;
@@ -71,23 +80,24 @@ impl std::fmt::Display for Published {
     }
 }
 
-/// Publishes the chunks of a sweep that are not finished, until all are there or `stop` comes; its rows must have been
-/// judged. Chunks that are published again are run again only as far as rows have no results.
+/// Publishes the chunks of a sweep that are not finished, until all are there or `stop` comes. Chunks that are published
+/// again are run again only as far as rows have no results.
 ///
 /// # Errors
 /// When the servers refuse, and where a chunk is too large for a message. A full queue and a lost connection are waited
 /// for.
 pub async fn publish(
-    sweep: &Sweep,
+    wanted: Wanted<'_>,
     broker: &Broker,
     sending: Sending,
     mut show: impl FnMut(&Published),
     stop: impl Future<Output = ()>,
 ) -> Result<Published, NatsError> {
+    let sweep = wanted.sweep;
     // Before the chunks, so that what scales the workers finds it.
     broker.consumer(None).await?;
     let generation = cancel::resume(sweep.hash(), sending, broker).await?;
-    let done = rows_with_results(sweep, broker).await?;
+    let done = rows_with_results(wanted, broker).await?;
     let published = RefCell::new(Published { chunks: sweep.chunk_count(), ..Published::default() });
     let chunks = stream::iter((0..sweep.chunk_count()).map(Ok::<_, NatsError>));
     let send = |chunk| publish_chunk(sweep, chunk, generation, (&done, broker, &published));
@@ -149,11 +159,11 @@ pub(super) fn why(error: &(dyn std::error::Error + 'static)) -> String {
     words
 }
 
-async fn rows_with_results(sweep: &Sweep, broker: &Broker) -> Result<RowSet, NatsError> {
+async fn rows_with_results(Wanted { sweep, results }: Wanted<'_>, broker: &Broker) -> Result<RowSet, NatsError> {
     let failed = NatsError::failed("the results cannot be listed");
     let subjects = broker.results.info_with_subjects(subjects::results_of_sweep(sweep.hash())).await;
     let mut subjects = subjects.map_err(|error| failed(&error))?;
-    let mut done = RowSet::of(sweep.row_count());
+    let mut done = results.map_or_else(|| RowSet::of(sweep.row_count()), |results| results.done().clone());
     while let Some((subject, _)) = subjects.try_next().await.map_err(|error| failed(&error))? {
         if let Some(row) = subjects::row_of(&subject).filter(|row| *row < sweep.row_count()) {
             done.insert(row);
