@@ -334,6 +334,32 @@ async fn worker_says_whether_it_is_connected_and_what_it_did() {
     assert_eq!(get("/livez").await.0, 200);
 }
 
+#[test]
+fn empty_variables_are_absent_and_others_need_no_url() {
+    let folder = Folder::new("nats-variables");
+    folder.write("rests.json", &rests(2).to_string());
+    let file = folder.file("rests.json");
+    let told = |arguments: &[&str], variables: &[(&str, &str)]| {
+        let output = slipdrive().args(arguments).envs(variables.iter().copied()).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let empty = ["NATS_URL", "NATS_CREDENTIALS", "NATS_CA", "NATS_CHUNKS_MIB", "NATS_RESULTS_MIB", "NATS_REPLICAS"];
+    let empty: Vec<_> = [&empty[..], &["LEASE_S", "THREADS", "ADMIN"]].concat();
+    let names: Vec<_> = empty.iter().map(|name| format!("SLIPDRIVE_{name}")).collect();
+    let empty: Vec<_> = names.iter().map(|name| (name.as_str(), "")).collect();
+    let of_others = [("SLIPDRIVE_NATS_CA", "/x"), ("SLIPDRIVE_NATS_CREDENTIALS", "/x")];
+    for (variables, out) in [(&empty[..], "one"), (&of_others[..], "other")] {
+        let (code, said) = told(&["sweep", &file, "--out", &folder.file(out)], variables);
+        assert_eq!(code, Some(0), "{said}");
+    }
+    let (code, said) = told(&["worker"], &empty);
+    assert!(code == Some(64) && said.contains("there is no URL of NATS"), "{said}");
+    for flag in ["--nats-ca", "--nats-credentials"] {
+        let (code, said) = told(&["sweep", &file, "--count", flag, "/x"], &empty);
+        assert!(code == Some(64) && said.contains(&format!("`{flag}` needs `--nats`")), "{said}");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn users_and_tokens_stand_in_the_url() {
     let by_password = ConnectOptions::with_user_and_password("fleet".to_owned(), "p@ss:word".to_owned());
