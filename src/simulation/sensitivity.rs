@@ -14,7 +14,7 @@
 //! can leave their two rows out. Transitions between sticking and slipping are exact; at a slip reversal the derivative of
 //! every fixed-step scheme is wrong (`docs/model.md`).
 
-use nalgebra::{SVector, Vector2};
+use nalgebra::SVector;
 
 use super::friction_law::FrictionLaw;
 use super::moreau_step::{Step, StepModel};
@@ -24,7 +24,6 @@ use super::rollout::{Model, Rollout, Simulator, integrate_under};
 use super::step_derivative::{ByInput, StepDerivative};
 use super::tape::TapeEntry;
 use super::torque_schedule::control_interval;
-use super::turn::turned;
 use crate::robot::{BodyVector, PerWheel, State};
 use crate::stop::{Stop, Stopped};
 
@@ -244,7 +243,7 @@ struct BackwardStep<'a, const N: usize> {
     rotation: (f64, f64),
     start_velocity: BodyVector,
     /// In the world frame.
-    end_velocity: Vector2<f64>,
+    end_velocity: (f64, f64),
     mean_yaw_rate: f64,
     step_length: f64,
 }
@@ -253,12 +252,13 @@ impl<'a, const N: usize> BackwardStep<'a, N> {
     #[expect(clippy::inline_always, reason = "a call would take derivatives through memory")]
     #[inline(always)]
     fn new(model: &'a StepModel<N>, entry: &TapeEntry, controls: (PerWheel<f64>, f64), law: FrictionLaw) -> Self {
+        let ((sin, cos), w) = (entry.rotation, &entry.end_velocity);
         Self {
             derivative: StepDerivative::new(model, entry, controls, law),
             rotation: entry.rotation,
             start_velocity: entry.start_velocity,
-            end_velocity: turned(entry.end_velocity.xy(), entry.rotation),
-            mean_yaw_rate: 0.5 * (entry.start_velocity[2] + entry.end_velocity[2]),
+            end_velocity: (cos * w[0] - sin * w[1], sin * w[0] + cos * w[1]),
+            mean_yaw_rate: 0.5 * (entry.start_velocity[2] + w[2]),
             step_length: controls.1,
         }
     }
@@ -287,7 +287,7 @@ impl RowPair {
         let BackwardStep { derivative, rotation: (sin, cos), start_velocity: v, end_velocity: w, .. } = step;
         // u_E from the body frame of the midpoint into the world: rotate the derivatives back.
         let [x, y, yaw, left, right] = self.by_velocity;
-        let mut by_midpoint_heading = y * w.x - x * w.y;
+        let mut by_midpoint_heading = y * w.0 - x * w.1;
         let by_end = [x * *cos + y * *sin, y * *cos - x * *sin, yaw, left, right];
 
         let ByInput { by_velocity, by_torque, by_step_length } = derivative.back(&by_end);

@@ -62,7 +62,8 @@ async fn slow_ones_are(server: &TestServer, count: usize) {
 
 #[tokio::test]
 async fn silent_and_half_spoken_connections_are_closed() {
-    let server = impatient().await;
+    let settings = ServerSettings { head_timeout: Duration::from_millis(100), ..ServerSettings::default() };
+    let server = TestServer::start_with(4, instant_solver(), ApiSettings::default(), settings).await;
     let half_spoken: [&[u8]; 5] = [
         b"",
         b"P",

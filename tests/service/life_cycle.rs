@@ -105,7 +105,8 @@ async fn no_accepted_request_is_lost_in_a_drain() {
     assert_eq!(server.wait().code(), Some(0));
 }
 
-#[tokio::test]
+// The connection answers while this waits for the process.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn nobody_waits_for_watches_of_the_health() {
     let mut server = ServerProcess::start(&[], &[]);
     let channel = Endpoint::from_shared(format!("http://{}", server.grpc)).unwrap().connect().await.unwrap();

@@ -370,7 +370,7 @@ async fn users_and_tokens_stand_in_the_url() {
         ("nats-token", &token[..], "t%2Fken@", by_token),
     ] {
         let Some(nats) = Nats::guarded(name, flags, user, options).await else { return };
-        nats.swept(&[&nats.file("drives.json", &drives(1, &json!({})))]);
+        nats.swept(&[&nats.file("drives.json", &drives(4, &json!({})))]);
     }
 }
 

@@ -14,11 +14,12 @@ use super::drive_rate::{LEVELS, drive_rates};
 use super::grid_error::Grid;
 use super::loads::{Loads, moments};
 use super::rolling::{Rolling, SpeedLimit};
+use crate::contact::PROMISED_RESIDUAL;
 use crate::robot::{PerWheel, Robot};
 use crate::solver::settings::SolveInput;
 
 /// Largest accepted residual of the contact law, relative to m g dt: a plan's friction forces may be as far from the friction law.
-pub(in crate::solver) const LAW_ERROR: f64 = 1e-10;
+pub(in crate::solver) const LAW_ERROR: f64 = PROMISED_RESIDUAL;
 /// Steps of half a turn in which the friction along a direction of the floor is bounded: twice as many gain 0.03 % of a
 /// bound in the median over the suite.
 const TURNS: u32 = 16;

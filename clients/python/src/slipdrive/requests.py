@@ -63,7 +63,7 @@ Method = Literal["sequential_linear", "nelder_mead"]
 ReferencePoint = Literal["chassis_center_of_mass", "axle_midpoint"]
 
 # Whether the wheels may slip.
-# - `allowed`: Wherever it is faster.
+# - `allowed`: Wherever it is faster; contradicts limits.grip_utilization.
 # - `forbidden`: Never: both wheels stick at every step.
 SlipPolicy = Literal["allowed", "forbidden"]
 
