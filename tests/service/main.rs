@@ -12,8 +12,10 @@ mod container;
 mod corpus;
 mod departures;
 mod deployment;
+mod drawn;
 mod error_table;
 mod export;
+mod fields;
 mod frames;
 mod grpc_contract;
 mod helped_service;
@@ -26,6 +28,7 @@ mod http_deadlines;
 mod http_events;
 mod http_forward_drive;
 mod http_refusals;
+mod job_promises;
 #[cfg(unix)]
 mod keys;
 #[cfg(unix)]
@@ -55,7 +58,10 @@ mod sweep_deployment;
 mod sweep_files;
 #[cfg(all(feature = "nats", unix))]
 mod sweep_nats;
+mod sweep_rows;
 mod time_limits;
 #[cfg(feature = "tls")]
 mod tls;
 mod transport_parity;
+mod units;
+mod values;
