@@ -2,6 +2,7 @@
 
 import { brief, byId } from "./dom.js";
 import { download } from "./files.js";
+import { listen } from "./state.js";
 import { ask } from "./transport.js";
 
 /** @typedef {import("slipdrive-api").components["schemas"]["ExportResponse"]} Exported */
@@ -13,9 +14,11 @@ import { ask } from "./transport.js";
  */
 export function offerFiles(shownPlan, refuse) {
   const said = byId("handed-over", HTMLElement);
+  const forget = () => (said.textContent = "");
+  listen(["plan"], forget);
   byId("handover", HTMLFormElement).addEventListener("submit", async (event) => {
     event.preventDefault();
-    said.textContent = "";
+    forget();
     const format = byId("format", HTMLSelectElement).value;
     const rate_hz = byId("rate", HTMLInputElement).valueAsNumber;
     try {
