@@ -99,7 +99,7 @@ def damaged_plans(browser: Browser, service: Service) -> None:
 
 def files_for_a_controller(browser: Browser, service: Service) -> None:
     """As `export` makes them, and what the twist alone would miss."""
-    visit = Visit(browser, service, fragment_of({"solver": {"starts": 1}}))
+    visit = Visit(browser, service, fragment_of({"maneuver": {"goal": {"y_m": 2}}, "solver": {"starts": 1}}))
     page = visit.page
     end_s = visit.solve()["final_time_s"]
     page.fill("#rate", "20")
@@ -111,9 +111,9 @@ def files_for_a_controller(browser: Browser, service: Service) -> None:
     expect(page.locator("#handed-over")).to_have_text(re.compile(r"^trajectory\.csv: .* ends [\d.]+ mm and [\de.-]+ rad off\.$"))
     page.select_option("#format", "ros2_mcap")
     downloads: list[Download] = []
-    page.on("download", downloads.append)
+    page.on("download", lambda download: downloads.append(download))
     page.click("text=Export")
-    service.wait_until(lambda: len(downloads) == 2 or page.wait_for_timeout(50), "both files of a bag come")
+    service.wait_until(lambda: page.evaluate("true") and len(downloads) == 2, "both files of a bag come")
     bag = {each.suggested_filename: Path(each.path()).read_bytes() for each in downloads}
     assert bag["plan.mcap"].startswith(b"\x89MCAP0\r\n") and b"rosbag2" in bag["metadata.yaml"], bag.keys()
     page.fill("#rate", "10000")
