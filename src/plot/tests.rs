@@ -1,5 +1,7 @@
 //! Figures of real motions.
 
+mod drawn;
+
 use std::sync::atomic::AtomicBool;
 
 use super::*;

@@ -26,7 +26,7 @@ fn body(plan: &Value, further: &Value) -> Value {
 }
 
 /// The files of an export by name, the same by both transports, and the answer.
-async fn exported(server: &TestServer, body: &Value) -> (BTreeMap<String, Vec<u8>>, Value) {
+pub(crate) async fn exported(server: &TestServer, body: &Value) -> (BTreeMap<String, Vec<u8>>, Value) {
     let answer = server.post("/export", body.to_string()).await;
     assert_eq!(answer.status, 200, "{}", answer.text());
     let rest = answer.json();
@@ -54,7 +54,7 @@ fn decoded(base64: &str) -> Vec<u8> {
 }
 
 /// The columns of a file by name.
-fn columns(csv: &[u8]) -> BTreeMap<String, Vec<f64>> {
+pub(crate) fn columns(csv: &[u8]) -> BTreeMap<String, Vec<f64>> {
     let text = std::str::from_utf8(csv).unwrap();
     let mut rows = text.lines().map(|row| row.split(',').collect::<Vec<_>>());
     let names = rows.next().unwrap();

@@ -12,7 +12,6 @@ mod container;
 mod corpus;
 mod departures;
 mod deployment;
-mod drawn;
 mod error_table;
 mod export;
 mod fields;

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
-use slipdrive::jobs::{Jobs, Limits};
+use slipdrive::jobs::{Jobs, Limits, ManeuverSolver};
 use slipdrive::metrics::Metrics;
 use slipdrive::service::Service;
 use slipdrive::solver::{RunControl, SolveInput, Status, StopReason};
@@ -36,9 +36,20 @@ fn any_number_of_threads_judges_every_row() {
     }
 }
 
+/// All results of a sweep by one worker, in the folder `out`.
+async fn swept(file: &Value, solver: Arc<dyn ManeuverSolver>, folder: &Folder) -> Results {
+    let jobs = Jobs::new(Limits::default(), solver, &Metrics::new());
+    let sweep = Sweep::read(Cursor::new(file.to_string()), &jobs).unwrap();
+    let service = Service::start(sweep::service_settings(NonZeroUsize::MIN)).unwrap();
+    let mut results = Results::open(&folder.0.join("out"), sweep.header(Shard::WHOLE)).unwrap();
+    let ended = sweep::run(&sweep, &mut results, &service, |_| {}, std::future::pending()).await.unwrap();
+    assert_eq!(ended, Ended::Complete);
+    results
+}
+
 #[tokio::test]
 async fn a_row_that_a_plan_leads_nowhere_is_searched_as_any_other() {
-    let folder = Folder::new("rv-warm");
+    let folder = Folder::new("rows-warm");
     let solver = FakeSolver(|input: &SolveInput, _: &RunControl<'_>| {
         let mut solution = small_solution(StopReason::Finished);
         if input.initial_guess.is_some() {
@@ -46,13 +57,7 @@ async fn a_row_that_a_plan_leads_nowhere_is_searched_as_any_other() {
         }
         solution
     });
-    let jobs = Jobs::new(Limits::default(), Arc::new(solver), &Metrics::new());
-    let file = drives(4, &json!({"warm_start": true, "chunk_rows": 4}));
-    let sweep = Sweep::read(Cursor::new(file.to_string()), &jobs).unwrap();
-    let service = Service::start(sweep::service_settings(NonZeroUsize::MIN)).unwrap();
-    let mut results = Results::open(&folder.0.join("out"), sweep.header(Shard::WHOLE)).unwrap();
-    let ended = sweep::run(&sweep, &mut results, &service, |_| {}, std::future::pending()).await.unwrap();
-    assert_eq!(ended, Ended::Complete);
+    let results = swept(&drives(4, &json!({"warm_start": true, "chunk_rows": 4})), Arc::new(solver), &folder).await;
     assert_eq!(results.progress().statuses.get("converged"), Some(&4), "{:?}", results.progress());
     for line in lines(&folder.file("out")) {
         let row: Value = serde_json::from_str(&line).unwrap();
@@ -62,7 +67,7 @@ async fn a_row_that_a_plan_leads_nowhere_is_searched_as_any_other() {
 
 #[tokio::test]
 async fn plans_that_have_not_converged_are_handed_to_no_row() {
-    let folder = Folder::new("rv-unconverged");
+    let folder = Folder::new("rows-unconverged");
     let solver = FakeSolver(|input: &SolveInput, _: &RunControl<'_>| {
         let mut solution = small_solution(StopReason::Finished);
         if input.initial_guess.is_none() {
@@ -70,30 +75,19 @@ async fn plans_that_have_not_converged_are_handed_to_no_row() {
         }
         solution
     });
-    let jobs = Jobs::new(Limits::default(), Arc::new(solver), &Metrics::new());
-    let file = drives(3, &json!({"warm_start": true, "chunk_rows": 3}));
-    let sweep = Sweep::read(Cursor::new(file.to_string()), &jobs).unwrap();
-    let service = Service::start(sweep::service_settings(NonZeroUsize::MIN)).unwrap();
-    let mut results = Results::open(&folder.0.join("out"), sweep.header(Shard::WHOLE)).unwrap();
-    sweep::run(&sweep, &mut results, &service, |_| {}, std::future::pending()).await.unwrap();
+    let results = swept(&drives(3, &json!({"warm_start": true, "chunk_rows": 3})), Arc::new(solver), &folder).await;
     assert_eq!(results.progress().statuses.get("feasible"), Some(&3), "{:?}", results.progress());
 }
 
 #[tokio::test]
 async fn tables_are_in_the_order_of_the_rows_whatever_order_the_results_came_in() {
-    let folder = Folder::new("rv-order");
-    let jobs = Jobs::new(Limits::default(), instant_solver(), &Metrics::new());
-    let sweep = Sweep::read(Cursor::new(rests(30).to_string()), &jobs).unwrap();
-    let service = Service::start(sweep::service_settings(NonZeroUsize::MIN)).unwrap();
-    let out = folder.0.join("out");
-    let mut results = Results::open(&out, sweep.header(Shard::WHOLE)).unwrap();
-    sweep::run(&sweep, &mut results, &service, |_| {}, std::future::pending()).await.unwrap();
-    drop(results);
+    let folder = Folder::new("rows-order");
+    drop(swept(&rests(30), instant_solver(), &folder).await);
     let mut written = lines(&folder.file("out"));
     written.reverse();
     folder.write("out/rows-0000.jsonl", &(written.join("\n") + "\n"));
     let mut table = Vec::new();
-    write_csv(&Index::of(&[out]).unwrap(), &mut table).unwrap();
+    write_csv(&Index::of(&[folder.0.join("out")]).unwrap(), &mut table).unwrap();
     let table = String::from_utf8(table).unwrap();
     let rows: Vec<u64> = table.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
     assert_eq!(rows, (0..30).collect::<Vec<_>>());

@@ -3,25 +3,18 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use base64::Engine as _;
 use serde_json::{Value, json};
 use slipdrive::jobs::assess::Assess;
 use slipdrive::jobs::{Jobs, Kind as _, Limits};
 use slipdrive::service::{Class, Service, ServiceSettings};
 
+use crate::export::{columns, exported};
 use crate::support::{TestServer, real_solver};
 
-async fn columns(server: &TestServer, request: &Value, rate_hz: f64) -> BTreeMap<String, Vec<f64>> {
+/// The columns of the rows that a motion is exported as.
+async fn exported_columns(server: &TestServer, request: &Value, rate_hz: f64) -> BTreeMap<String, Vec<f64>> {
     let body = json!({"simulate": {"request": request, "answer": {}}, "format": "csv", "rate_hz": rate_hz});
-    let answer = server.post("/export", body.to_string()).await;
-    assert_eq!(answer.status, 200, "{}", answer.text());
-    let answer = answer.json();
-    let csv = base64::engine::general_purpose::STANDARD.decode(answer["files"][0]["base64"].as_str().unwrap()).unwrap();
-    let text = String::from_utf8(csv).unwrap();
-    let mut rows = text.lines().map(|row| row.split(',').collect::<Vec<_>>());
-    let names = rows.next().unwrap();
-    let rows: Vec<Vec<f64>> = rows.map(|row| row.iter().map(|value| value.parse().unwrap()).collect()).collect();
-    names.iter().enumerate().map(|(at, name)| ((*name).to_owned(), rows.iter().map(|row| row[at]).collect())).collect()
+    columns(&exported(server, &body).await.0["trajectory.csv"])
 }
 
 #[tokio::test]
@@ -29,7 +22,7 @@ async fn between_nodes_wheels_turn_by_the_area_below_their_rates() {
     let server = TestServer::start(4, real_solver()).await;
     let torques = json!({"interval_s": 0.2, "left_n_m": [0.6, -0.2], "right_n_m": [0.6, 0.1]});
     // Ten points in each of four steps.
-    let of = columns(&server, &json!({"torque_schedule": torques, "grid": {"steps": 4}}), 100.0).await;
+    let of = exported_columns(&server, &json!({"torque_schedule": torques, "grid": {"steps": 4}}), 100.0).await;
     let times = &of["time_s"];
     for (position, rate) in [
         ("wheel_angle_left_rad", "wheel_rate_left_rad_s"),
@@ -55,7 +48,8 @@ async fn files_speak_of_the_axle_midpoint_whatever_the_plan_speaks_of() {
     let start = json!({"x_m": -right, "y_m": -forward});
     let by_axle =
         json!({"torque_schedule": torques, "grid": {"steps": 40}, "reference_point": "axle_midpoint", "start": start});
-    let (one, other) = (columns(&server, &by_center, 100.0).await, columns(&server, &by_axle, 100.0).await);
+    let (one, other) =
+        (exported_columns(&server, &by_center, 100.0).await, exported_columns(&server, &by_axle, 100.0).await);
     for (name, values) in &one {
         for (one, other) in values.iter().zip(&other[name]) {
             assert!((one - other).abs() < 1e-12, "{name}: {one} {other}");

@@ -118,13 +118,17 @@ mod tests {
         assert_eq!(status.metadata().get(PUSHBACK).unwrap(), "1500");
     }
 
-    #[test]
-    fn violations_in_trailers_are_few_and_the_rest_is_counted() {
+    fn with_faults(count: usize) -> Problem {
         let mut checks = Checks::new();
-        for index in 0..100 {
+        for index in 0..count {
             checks.bounds(&format!("torque_left_n_m[{index}]"), 9e9, &Rule::between(-1.0, 1.0, "N m"));
         }
-        let problem = Problem::from(checks.finish().unwrap_err());
+        checks.finish().unwrap_err().into()
+    }
+
+    #[test]
+    fn violations_in_trailers_are_few_and_the_rest_is_counted() {
+        let problem = with_faults(100);
         let status = of_problem(&problem, "id-1");
         let details = status.get_error_details();
         let listed = details.bad_request().unwrap().field_violations.len();
@@ -138,11 +142,7 @@ mod tests {
 
     #[test]
     fn violations_that_are_listed_nowhere_are_counted_too() {
-        let mut checks = Checks::new();
-        for index in 0..1000 {
-            checks.bounds(&format!("torque_left_n_m[{index}]"), 9e9, &Rule::between(-1.0, 1.0, "N m"));
-        }
-        let problem = Problem::from(checks.finish().unwrap_err());
+        let problem = with_faults(1000);
         let details = of_problem(&problem, "id-1").get_error_details();
         let listed = details.bad_request().unwrap().field_violations.len();
         assert_eq!(details.error_info().unwrap().metadata[LEFT_OUT], (1000 - listed).to_string());

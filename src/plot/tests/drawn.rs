@@ -1,36 +1,11 @@
 //! What figures draw, and where.
 
-use slipdrive::contact::{ContactMode, PerContact};
-use slipdrive::plot::{AxesMap, AxisMap, Figure, Plan, figures};
-use slipdrive::robot::{Motor, PerWheel, Robot, RobotParameters, State};
-use slipdrive::shooting::{Goal, ManeuverLimits, ReferencePoint};
-use slipdrive::simulation::{ContactSample, TorqueSchedule, Trajectory};
-
-fn figure<'a>(figures: &'a [Figure], name: &str) -> &'a Figure {
-    figures.iter().find(|figure| figure.name == name).unwrap()
-}
-
-fn paths(figure: &Figure, class: &str) -> Vec<Vec<[f64; 2]>> {
-    let elements = figure.svg.split("<path ").skip(1).filter(|element| element.contains(&format!("class=\"{class}\"")));
-    elements.map(|element| points(element.split(" d=\"").nth(1).unwrap().split('"').next().unwrap())).collect()
-}
-
-fn points(path: &str) -> Vec<[f64; 2]> {
-    let spaced = path.replace('-', " -").replace(['M', 'l', 'z'], " ");
-    let numbers: Vec<f64> = spaced.split_whitespace().map(|number| number.parse().unwrap()).collect();
-    let mut at = [0.0; 2];
-    numbers
-        .chunks_exact(2)
-        .map(|difference| {
-            at = [at[0] + difference[0], at[1] + difference[1]];
-            at
-        })
-        .collect()
-}
-
-fn data(axis: &AxisMap, px: f64) -> f64 {
-    axis.data[0] + (axis.data[1] - axis.data[0]) * (px - axis.px[0]) / (axis.px[1] - axis.px[0])
-}
+use super::super::{AxesMap, AxisMap, Plan, figures};
+use super::{data, figure, paths};
+use crate::contact::{ContactMode, PerContact};
+use crate::robot::{Motor, PerWheel, Robot, RobotParameters, State};
+use crate::shooting::{Goal, ManeuverLimits, ReferencePoint};
+use crate::simulation::{ContactSample, TorqueSchedule, Trajectory};
 
 /// Within the rounding of a picture.
 fn is_near(found: f64, expected: f64, axis: &AxisMap) -> bool {
