@@ -30,7 +30,7 @@ mod ratio_test;
 use basis::Basis;
 use nalgebra::{DMatrix, DVector};
 use perturbation::PERTURBATION;
-use pricing::Leaving;
+use pricing::{Edge, Leaving};
 use ratio_test::{Kink, KinkAt};
 
 use super::elastic_program::{ElasticProgram, ElasticSolution, violation_sum};
@@ -181,7 +181,7 @@ impl ElasticSolver {
             } else if !self.compute_afresh(program) {
                 continue;
             }
-            let Some((leaving, rise)) = self.leaving(program) else {
+            let Some(edge) = self.steepest_edge(program) else {
                 if !is_afresh || self.has_drifted(program) && self.basis.forget_updates() {
                     is_afresh = true;
                     continue;
@@ -193,19 +193,19 @@ impl ElasticSolver {
                 }
                 return Ok(true);
             };
-            self.update_direction(program, leaving);
-            self.list_kinks(program, leaving);
-            let Some(kink) = self.first_kink_without_rise(rise) else {
+            self.update_direction(&edge);
+            self.list_kinks(program, edge.leaving);
+            let Some(kink) = self.first_kink_without_rise(edge.rise) else {
                 if is_afresh && !self.basis.forget_updates() {
                     return Ok(false);
                 }
                 is_afresh = true;
                 continue;
             };
-            stalled = if kink.step * rise > self.rounding { 0 } else { stalled + 1 };
+            stalled = if kink.step * edge.rise > self.rounding { 0 } else { stalled + 1 };
             add_multiple(&mut self.multiplier, kink.step, self.direction.as_slice());
             add_multiple(&mut self.gradient, kink.step, self.slope.as_slice());
-            self.exchange(program, leaving, kink.at);
+            self.exchange(program, &edge, kink.at);
             is_afresh = !self.basis.is_inverted;
             // As many iterations as there are variables without progress are no accident.
             if stalled > columns {
@@ -328,29 +328,21 @@ impl ElasticSolver {
     }
 
     /// The change of the multipliers along the edge, and that of the gradients.
-    fn update_direction(&mut self, program: &ElasticProgram, leaving: Leaving) {
+    fn update_direction(&mut self, edge: &Edge) {
         self.direction.as_mut_slice().fill(0.0);
-        if let Leaving::Row { row, sign } = leaving {
+        if let Leaving::Row { row, sign } = edge.leaving {
             self.direction[row] = sign;
         }
-        for (row, change) in self.basis.tight.iter().zip(self.changes_of_tight(program, leaving).iter()) {
+        for (row, change) in self.basis.tight.iter().zip(edge.changes.iter()) {
             self.direction[*row] = *change;
         }
         self.slope.as_mut_slice().fill(0.0);
         add_rows(&mut self.slope, &self.direction, &self.by_row);
     }
 
-    /// The changes of the tight rows' multipliers along the edge.
-    fn changes_of_tight(&self, program: &ElasticProgram, leaving: Leaving) -> DVector<f64> {
-        match leaving {
-            Leaving::Basic { position, sign } => self.basis.inverse.row(position).transpose() * sign,
-            Leaving::Row { row, sign } => self.basis.inverse.tr_mul(&(self.basis.basic_part(program, row) * -sign)),
-        }
-    }
-
     /// Lets one leave its place and the other take it.
-    fn exchange(&mut self, program: &ElasticProgram, leaving: Leaving, entering: KinkAt) {
-        match leaving {
+    fn exchange(&mut self, program: &ElasticProgram, edge: &Edge, entering: KinkAt) {
+        match edge.leaving {
             Leaving::Basic { position, sign } => {
                 let column = self.basis.basic[position];
                 (self.is_basic[column], self.rest[column]) = (false, Rest::by(sign));
@@ -362,15 +354,19 @@ impl ElasticSolver {
             KinkAt::Row(row) if self.direction[row] > 0.0 => self.place[row] = RowPlace::High,
             KinkAt::Row(row) => self.place[row] = RowPlace::Low,
         }
-        match (leaving, entering) {
+        match (edge.leaving, entering) {
             (Leaving::Basic { position, .. }, KinkAt::Variable(column)) => {
                 self.basis.replace_column(program, position, column);
             }
             (Leaving::Basic { position, .. }, KinkAt::Row(row)) => self.basis.remove(row, position),
-            (Leaving::Row { row, .. }, KinkAt::Variable(column)) => self.basis.add(program, row, column),
+            (Leaving::Row { row, sign }, KinkAt::Variable(column)) => {
+                self.basis.add(program, (row, &edge.changes * -sign), column);
+            }
             // From one bound to the other.
             (Leaving::Row { row, .. }, KinkAt::Row(other)) if row == other => {}
-            (Leaving::Row { row, .. }, KinkAt::Row(other)) => self.basis.replace_row(program, other, row),
+            (Leaving::Row { row, sign }, KinkAt::Row(other)) => {
+                self.basis.replace_row(other, (row, &edge.changes * -sign));
+            }
         }
     }
 }

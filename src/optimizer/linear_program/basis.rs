@@ -92,11 +92,10 @@ impl Basis {
         }
     }
 
-    /// Another row becomes tight in place of one.
-    pub(super) fn replace_row(&mut self, program: &ElasticProgram, old: usize, new: usize) {
+    /// Another row becomes tight in place of one; with what its basic part is in terms of the tight rows.
+    pub(super) fn replace_row(&mut self, old: usize, (new, change): (usize, DVector<f64>)) {
         let position = self.position(old);
         self.tight[position] = new;
-        let change = self.inverse.tr_mul(&self.basic_part(program, new));
         if self.may_update(change[position], change.amax()) {
             let column = self.inverse.column(position) / change[position];
             self.inverse.ger(-1.0, &column, &change, 1.0);
@@ -104,13 +103,12 @@ impl Basis {
         }
     }
 
-    /// A row becomes tight and a variable basic.
-    pub(super) fn add(&mut self, program: &ElasticProgram, row: usize, column: usize) {
+    /// A row becomes tight and a variable basic; the row with what its basic part is in terms of the tight rows.
+    pub(super) fn add(&mut self, program: &ElasticProgram, (row, by_row): (usize, DVector<f64>), column: usize) {
         let size = self.tight.len();
         let of_column = program.matrix.column(column).select_rows(&self.tight);
         let of_row = self.basic_part(program, row);
         let by_column = &self.inverse * &of_column;
-        let by_row = self.inverse.tr_mul(&of_row);
         let corner = program.matrix[(row, column)];
         let pivot = corner - of_row.dot(&by_column);
         self.push(row, column);

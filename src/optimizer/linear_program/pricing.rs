@@ -14,12 +14,22 @@ pub(super) enum Leaving {
     Row { row: usize, sign: f64 },
 }
 
+/// An edge of the dual from a vertex on.
+#[derive(Debug)]
+pub(super) struct Edge {
+    pub(super) leaving: Leaving,
+    /// The slope of D along it, at first.
+    pub(super) rise: f64,
+    /// How the multipliers of the tight rows change along it.
+    pub(super) changes: DVector<f64>,
+}
+
 impl ElasticSolver {
-    /// The variable or row that contradicts its place and whose edge is the steepest: along which D rises most for the length that the
-    /// multipliers, each times its row's range, move; and the slope of D along it, at first. None at the optimum.
-    pub(super) fn leaving(&self, program: &ElasticProgram) -> Option<(Leaving, f64)> {
+    /// The steepest edge of a variable or row that contradicts its place: along which D rises most for the length that the multipliers, each
+    /// times its row's range, move. None at the optimum.
+    pub(super) fn steepest_edge(&self, program: &ElasticProgram) -> Option<Edge> {
         let ranges = self.range.select_rows(&self.basis.tight);
-        let (mut steepest, mut leaving) = (0.0, None);
+        let (mut steepest, mut of_basic) = (0.0, None);
         for (position, &column) in self.basis.basic.iter().enumerate() {
             let (below, above) = (program.lower[column] - self.x[column], self.x[column] - program.upper[column]);
             let rise = below.max(above);
@@ -29,9 +39,13 @@ impl ElasticSolver {
             let steepness = rise / length(self.basis.inverse.row(position).iter(), &ranges);
             if steepness > steepest {
                 let sign = if below > above { 1.0 } else { -1.0 };
-                (steepest, leaving) = (steepness, Some((Leaving::Basic { position, sign }, rise)));
+                (steepest, of_basic) = (steepness, Some((position, sign, rise)));
             }
         }
+        let mut edge = of_basic.map(|(position, sign, rise)| {
+            let changes = self.basis.inverse.row(position).transpose() * sign;
+            Edge { leaving: Leaving::Basic { position, sign }, rise, changes }
+        });
         for (row, place) in self.place.iter().enumerate() {
             let sign = match place {
                 RowPlace::Low => 1.0,
@@ -43,14 +57,13 @@ impl ElasticSolver {
             if rise <= TOLERANCE.max(steepest) * self.range[row] || self.range[row] <= 0.0 {
                 continue;
             }
-            let candidate = Leaving::Row { row, sign };
-            let changes = self.changes_of_tight(program, candidate);
+            let changes = self.basis.inverse.tr_mul(&(self.basis.basic_part(program, row) * -sign));
             let steepness = rise / length(changes.iter(), &ranges).hypot(self.range[row]);
             if steepness > steepest {
-                (steepest, leaving) = (steepness, Some((candidate, rise)));
+                (steepest, edge) = (steepness, Some(Edge { leaving: Leaving::Row { row, sign }, rise, changes }));
             }
         }
-        leaving
+        edge
     }
 }
 
