@@ -213,10 +213,11 @@ pub(super) fn to_be_continued(why: &str) -> ExitCode {
 fn refused_folder(error: ResultsError) -> anyhow::Result<ExitCode> {
     match error {
         ResultsError::Unwritable { error: ref fault, .. } if is_full(fault) => Ok(to_be_continued(&error.to_string())),
-        ResultsError::Locked { .. }
-        | ResultsError::Foreign { .. }
-        | ResultsError::Empty { .. }
-        | ResultsError::Overlapping { .. } => Ok(refused(&error.to_string())),
+        // A pod that takes the place of another may come while that one ends.
+        ResultsError::Locked { .. } => Ok(to_be_continued(&error.to_string())),
+        ResultsError::Foreign { .. } | ResultsError::Empty { .. } | ResultsError::Overlapping { .. } => {
+            Ok(refused(&error.to_string()))
+        }
         ResultsError::Damaged { .. } | ResultsError::Unreadable { .. } | ResultsError::Unwritable { .. } => {
             Err(error.into())
         }

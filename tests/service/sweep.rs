@@ -166,7 +166,9 @@ fn folders_of_others_are_refused() {
     fs::write(folder.0.join("out/sweep.json"), header).unwrap();
     let lock = File::open(folder.0.join("out/lock")).unwrap();
     lock.try_lock().unwrap();
-    assert!(refused(&[&one, "--out", &out]).contains("is in use"));
+    let in_use = run(&[&one, "--out", &out]);
+    assert_eq!(in_use.status.code(), Some(75));
+    assert!(String::from_utf8(in_use.stderr).unwrap().contains("is in use"));
     let status = String::from_utf8(run(&["--status", "--out", &out]).stdout).unwrap();
     assert!(status.starts_with("3 of 3 rows, 3 converged\n") && status.contains("by another process"), "{status}");
     drop(lock);
