@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Args, Parser, Subcommand, value_parser};
 use serde_json::Value;
 
-use crate::maneuvers::{self, Maneuver, drawn_maneuvers};
+use crate::maneuvers::{self, Drive, Maneuver, drawn_maneuvers};
 use crate::program::Program;
 
 /// Seed of the maneuvers on which changes of the search are judged, and which have references. Others are for the last word.
@@ -45,6 +45,9 @@ pub(crate) struct Drawing {
     /// Number of maneuvers.
     #[arg(long, value_name = "N", default_value_t = 100)]
     count: usize,
+    /// Robots have motors in place of torque limits.
+    #[arg(long)]
+    motors: bool,
 }
 
 /// Which maneuvers are meant.
@@ -54,7 +57,7 @@ pub(crate) struct Selection {
     #[arg(value_name = "FILTER")]
     filters: Vec<String>,
     /// A file of `draw`, in place of a seed.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["seed", "count"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["seed", "count", "motors"])]
     maneuvers: Option<PathBuf>,
     #[command(flatten)]
     drawing: Drawing,
@@ -164,7 +167,8 @@ pub(crate) struct ReferencesArguments {
 impl Drawing {
     /// Draws the maneuvers.
     pub(crate) fn maneuvers(&self) -> Vec<Maneuver> {
-        drawn_maneuvers(self.seed, self.count)
+        let drive = if self.motors { Drive::Motors } else { Drive::TorqueLimits };
+        drawn_maneuvers(self.seed, self.count, drive)
     }
 }
 

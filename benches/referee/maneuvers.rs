@@ -12,6 +12,10 @@
 //! | axle-curve | rest | the same of the axle midpoint |
 //!
 //! Goals on a curve ask for what planners do: exact rolling, all rates to six decimals.
+//!
+//! On request the robots have motors in place of torque limits. They have four times as much torque at standstill, 1.2 to 80 times what
+//! the wheels can pass on, and turn the wheels without load at 0.1 to 3 times the speed sqrt(g w) of the robot, log-uniform. These
+//! maneuvers begin and end at rest, and none of them is long: a motor may never get to a speed, or take hours.
 
 use std::fs;
 use std::path::Path;
@@ -31,6 +35,10 @@ use crate::suite::{CONTROL_COUNT, Case, STEP_COUNT};
 
 /// The kinds that `draw.rs` does not have, or only smaller.
 const OWN_KINDS: [&str; 5] = ["nudge", "long", "strong", "curve", "axle-curve"];
+/// Kinds from rest to rest over a short way.
+const SHORT_KINDS: [&str; 8] = ["straight", "turn", "pose", "free", "unequal", "axle", "nudge", "strong"];
+/// How many times its torque limit the motor of a robot has at standstill.
+const STALL_MULTIPLE: f64 = 4.0;
 /// Share of the friction that rolling on the goal's curve may need.
 const CURVE_GRIP: f64 = 0.5;
 
@@ -43,26 +51,42 @@ pub(crate) struct Maneuver {
     pub(crate) request: Value,
 }
 
+/// What bounds the torques of drawn robots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Drive {
+    /// The torque limits of the maneuvers.
+    TorqueLimits,
+    /// Motors.
+    Motors,
+}
+
 /// The maneuvers of a seed; more of them begin with the same ones.
-pub(crate) fn drawn_maneuvers(seed: u64, count: usize) -> Vec<Maneuver> {
+pub(crate) fn drawn_maneuvers(seed: u64, count: usize, drive: Drive) -> Vec<Maneuver> {
     let known = draw::KINDS.into_iter().filter(|kind| !OWN_KINDS.contains(kind));
-    let kinds: Vec<&str> = known.chain(OWN_KINDS).collect();
+    let (set, kinds): (String, Vec<&str>) = match drive {
+        Drive::TorqueLimits => (seed.to_string(), known.chain(OWN_KINDS).collect()),
+        Drive::Motors => (format!("motors-{seed}"), SHORT_KINDS.to_vec()),
+    };
     (0..count)
         .map(|index| {
             // A sequence for each maneuver: a rule that refuses one robot more leaves all other maneuvers as they are.
             let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
             (0..index).for_each(|_| rng.jump());
             let kind = kinds[index % kinds.len()];
-            accepted_maneuver(&format!("{seed}/{index:03}-{kind}"), kind, &mut rng)
+            accepted_maneuver(&format!("{set}/{index:03}-{kind}"), (kind, drive), &mut rng)
         })
         .collect()
 }
 
 /// Draws until the rules for requests accept the robot and the maneuver.
-fn accepted_maneuver(name: &str, kind: &str, rng: &mut Xoshiro256PlusPlus) -> Maneuver {
+fn accepted_maneuver(name: &str, (kind, drive): (&str, Drive), rng: &mut Xoshiro256PlusPlus) -> Maneuver {
     loop {
         let Ok(robot) = Robot::new(drawn_robot(rng)) else { continue };
-        let request = with_rounded_numbers(request(kind, &robot, rng));
+        let mut request = request(kind, &robot, rng);
+        if drive == Drive::Motors {
+            give_motors(&mut request, robot.parameters(), rng);
+        }
+        let request = with_rounded_numbers(request);
         if Case::new(name.to_owned(), request.clone()).is_ok() {
             return Maneuver { name: name.to_owned(), request };
         }
@@ -92,6 +116,16 @@ fn request(kind: &str, robot: &Robot, rng: &mut Xoshiro256PlusPlus) -> Value {
         "maneuver": maneuver,
         "grid": { "steps": STEP_COUNT, "control_intervals": CONTROL_COUNT },
     })
+}
+
+/// Puts motors in the place of the torque limits.
+fn give_motors(request: &mut Value, robot: &RobotParameters, rng: &mut Xoshiro256PlusPlus) {
+    let maneuver = request["maneuver"].as_object_mut().expect("a maneuver is an object");
+    let limits = ["torque_limit_left_n_m", "torque_limit_right_n_m"].map(|field| maneuver.remove(field));
+    let torque_limit = limits.iter().flatten().filter_map(Value::as_f64).fold(0.0, f64::max);
+    let rim_speed = log_uniform(rng, 0.1..3.0) * (robot.gravity * robot.track_width).sqrt();
+    request["robot"]["motor_stall_torque_n_m"] = json!(STALL_MULTIPLE * torque_limit);
+    request["robot"]["motor_free_speed_rad_s"] = json!(rim_speed / robot.wheel_radius);
 }
 
 /// The torque that a wheel can pass on at rest, N m; the mean of both wheels.

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use slipdrive::simulation::TorqueSchedule;
 
 use crate::arguments::{ReferencesArguments, TUNING_SEED, selected};
-use crate::maneuvers::{Maneuver, drawn_maneuvers};
+use crate::maneuvers::{Drive, Maneuver, drawn_maneuvers};
 use crate::peer;
 use crate::program::{Answer, Program, merge};
 use crate::suite::{Case, Witness};
@@ -86,7 +86,7 @@ pub(crate) fn run(arguments: &ReferencesArguments) -> Result<()> {
     let mut references = References::read_or_new(share)?;
     ensure!(references.normal_load_share == share, "the references keep a share of {:?}", references.normal_load_share);
     let searches = searches(arguments, &programs);
-    for maneuver in selected(drawn_maneuvers(TUNING_SEED, COUNT), &arguments.filters) {
+    for maneuver in selected(drawn_maneuvers(TUNING_SEED, COUNT, Drive::TorqueLimits), &arguments.filters) {
         let case = Case::new(maneuver.name.clone(), maneuver.request.clone())?;
         for search in &searches {
             if references.entry(&maneuver).searches.contains(&search.name) {

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::contact_kinematics::{BodyVector, TangentJacobian};
 use super::normal_force::NormalForceProjection;
-use super::parameters::{Motor, RobotParameters};
+use super::parameters::RobotParameters;
 use super::state::PerWheel;
 use crate::rules::Violations;
 
@@ -114,21 +114,22 @@ impl Robot {
         BodyVector::from([rate_squared * right, rate_squared * forward, 0.0, torque[0], torque[1]])
     }
 
-    /// The torque limits, capped at a multiple of what a wheel could use if it carried the whole weight, N m: what moves the robot
-    /// by friction, and what speeds up the wheel itself as fast as gravity times the friction coefficient. As they are with viscous
-    /// friction, against which a fast wheel may need any torque.
+    /// The torque limits, capped at a multiple of the grip, or at the grip itself where the motors have more.
     pub fn torques_near_grip(&self, limit: PerWheel<f64>) -> PerWheel<f64> {
-        let cap = GRIP_MULTIPLE * self.grip_torque();
+        let multiple = if self.has_motors_beyond_grip() { 1.0 } else { GRIP_MULTIPLE };
+        let cap = multiple * self.grip_torque();
         PerWheel::new(limit.left.min(cap), limit.right.min(cap))
     }
 
-    /// The motors with no more torque at standstill than that, once. All that they may give, those of the robot may give too. One whose
-    /// torque is many times the grip turns a wheel from rest to its free speed within a step.
-    pub fn motor_near_grip(&self) -> Option<Motor> {
-        let cap = self.grip_torque();
-        self.parameters.motor.map(|motor| Motor { stall_torque: motor.stall_torque.min(cap), ..motor })
+    /// Whether the motors have more torque at standstill than the grip. One that has many times as much turns a wheel from rest to its free
+    /// speed within a step.
+    pub fn has_motors_beyond_grip(&self) -> bool {
+        self.parameters.motor.is_some_and(|motor| motor.stall_torque > self.grip_torque())
     }
 
+    /// What a wheel could use if it carried the whole weight, N m: what moves the robot by friction, and what speeds up the wheel itself as
+    /// fast as gravity times the friction coefficient. Infinite with viscous friction, against which a fast wheel may need any torque, and
+    /// without grip.
     fn grip_torque(&self) -> f64 {
         let robot = &self.parameters;
         let acceleration = robot.wheel_friction_coefficient * robot.gravity;

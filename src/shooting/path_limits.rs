@@ -4,8 +4,8 @@ use nalgebra::Vector2;
 
 use super::aisle::Aisle;
 use super::maneuver::{Maneuver, ManeuverLimits, ReferencePoint};
-use crate::robot::{Payload, Robot, RobotParameters};
-use crate::simulation::PathQuantity;
+use crate::robot::{Motor, Payload, Robot, RobotParameters};
+use crate::simulation::{MotorJudged, PathQuantity};
 
 /// A wheel that carries less than this share of the weight is judged by the friction that this share would give: without normal
 /// force no share of the friction is needed or left.
@@ -51,8 +51,8 @@ impl PathLimit {
 
     /// What a value uses, in the unit of the field: of a motor its stall torque with the excess over its curve.
     pub fn used(&self, value: f64) -> f64 {
-        if let PathQuantity::MotorTorque { stall_torque, .. } = self.quantity {
-            stall_torque * (1.0 + value)
+        if let PathQuantity::MotorTorque { motor, .. } = self.quantity {
+            motor.stall_torque * (1.0 + value)
         } else {
             value
         }
@@ -128,9 +128,9 @@ pub(crate) fn limited_point(
 
 /// The motors' curves.
 fn motor_limits(robot: &Robot) -> Vec<PathLimit> {
-    let of_wheel = |motor: crate::robot::Motor, wheel: usize| PathLimit {
+    let of_wheel = |motor: Motor, wheel: usize| PathLimit {
         field: "robot.motor_stall_torque_n_m",
-        quantity: PathQuantity::MotorTorque { wheel, stall_torque: motor.stall_torque, free_speed: motor.free_speed },
+        quantity: PathQuantity::MotorTorque { wheel, motor, judged: MotorJudged::AtNodes },
         largest: 0.0,
         unit: 1.0,
     };

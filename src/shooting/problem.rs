@@ -44,7 +44,7 @@ pub struct ShootingProblem<'a> {
     /// The variable scale of the torques: their limits near the grip.
     torque_scale: PerWheel<f64>,
     torque_limit: PerWheel<f64>,
-    /// The limited quantities with the motors as they are, where those that are watched have motors near the grip.
+    /// The limited quantities with motors at all nodes, where those that are watched have motors beyond the grip at the ends of steps.
     beyond_grip: Option<Vec<PathQuantity>>,
     lower: DVector<f64>,
     upper: DVector<f64>,
@@ -68,12 +68,10 @@ impl<'a> ShootingProblem<'a> {
     ) -> Self {
         let parameters = simulator.robot().parameters();
         let free = PerWheel { left: 0.0, right: 0.0 };
-        let mut torque_scale = simulator.robot().torques_near_grip(maneuver.torque_limit);
+        let torque_scale = simulator.robot().torques_near_grip(maneuver.torque_limit);
         let (mut quantities, mut beyond_grip) = (limits.quantities(), None);
-        if let Some(motor) = simulator.robot().motor_near_grip().filter(|motor| parameters.motor != Some(*motor)) {
-            let torque = motor.stall_torque;
-            torque_scale = PerWheel::new(torque_scale.left.min(torque), torque_scale.right.min(torque));
-            let near_grip = quantities.iter().map(|quantity| quantity.of_weaker_motor(torque)).collect();
+        if simulator.robot().has_motors_beyond_grip() {
+            let near_grip = quantities.iter().map(|quantity| quantity.judged_at_ends()).collect();
             beyond_grip = Some(std::mem::replace(&mut quantities, near_grip));
         }
         let (rows, length_unit) = goal_rows(maneuver, parameters);
@@ -103,10 +101,12 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
-    /// Allows all torques within their limits and those of the motors; before, they stay near the grip. Beyond it more torque gains
-    /// little, and the search should not depend on it.
-    pub fn release_torques(&mut self) {
-        if let Some(quantities) = self.beyond_grip.take() {
+    /// Allows all torques within their limits; before, they stay near the grip. Beyond it more torque gains little, and the search should
+    /// not depend on it. Whether motors beyond the grip are judged at all nodes from now on: before, at the ends of steps.
+    pub fn release_torques(&mut self) -> bool {
+        let quantities = self.beyond_grip.take();
+        let judges_motors_anew = quantities.is_some();
+        if let Some(quantities) = quantities {
             self.sensitivity.path.watch(quantities);
             self.recorded = None;
         }
@@ -114,6 +114,7 @@ impl<'a> ShootingProblem<'a> {
         let limit = each_torque(self.torque_limit, last / 2);
         self.lower.rows_mut(0, last).copy_from(&-&limit);
         self.upper.rows_mut(0, last).copy_from(&limit);
+        judges_motors_anew
     }
 
     /// Whether torques may exceed those near the grip.
@@ -122,7 +123,7 @@ impl<'a> ShootingProblem<'a> {
         self.beyond_grip.is_some() || self.torque_scale.left < left || self.torque_scale.right < right
     }
 
-    /// Whether a plan may need more than the torques and motors near the grip.
+    /// Whether a plan may need more than the torques near the grip, or what motors beyond it leave.
     pub fn exceeds_grip(&self, decision: &DVector<f64>) -> bool {
         let bounds = self.lower.iter().zip(&self.upper);
         let mut torques = decision.iter().zip(bounds).take(decision.len() - 1);

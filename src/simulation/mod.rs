@@ -22,6 +22,7 @@ mod turn;
 pub use contact_timeline::{ContactModeSpan, NormalLoad, Separation};
 pub use end_frame::{EndFrame, EndFrameAt};
 pub use friction_law::FrictionLaw;
+pub use motor_load::MotorJudged;
 pub use path_extremes::PathExtremes;
 pub use path_maxima::{PathMaxima, PathMaximum};
 pub use path_quantity::PathQuantity;

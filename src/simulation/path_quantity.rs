@@ -3,11 +3,11 @@
 use nalgebra::{RowSVector, RowVector3, Vector2};
 
 use super::moreau_step::Step;
-use super::motor_load::MotorLoad;
+use super::motor_load::{MotorJudged, MotorLoad};
 use super::tape::TapeEntry;
 use super::turn::{sine_and_cosine, turned};
 use crate::contact::{UtilizationGradient, WheelFriction};
-use crate::robot::{BodyVector, PerWheel};
+use crate::robot::{BodyVector, Motor, PerWheel};
 
 /// Half of what a search may leave of a limit's excess, as a share of the limit.
 const NEGLIGIBLE: f64 = 5e-7;
@@ -21,15 +21,14 @@ pub enum PathQuantity {
         /// The contact.
         contact: usize,
     },
-    /// By how much the torque of a wheel (0 left, 1 right) exceeds its motor's curve, as a share of the stall torque, at the worse
-    /// node of the step.
+    /// By how much the torque of a wheel (0 left, 1 right) exceeds its motor's curve, as a share of the stall torque.
     MotorTorque {
         /// The wheel.
         wheel: usize,
-        /// N m.
-        stall_torque: f64,
-        /// rad/s.
-        free_speed: f64,
+        /// Its motor.
+        motor: Motor,
+        /// Where the torque is judged.
+        judged: MotorJudged,
     },
     /// The magnitude of a wheel's rate at the end of the step, rad/s.
     WheelRate {
@@ -140,11 +139,11 @@ impl PathSample {
 }
 
 impl PathQuantity {
-    /// Of a motor with at most so much torque at standstill, N m.
+    /// With the torque of a motor judged at the ends of steps.
     #[must_use]
-    pub(crate) fn of_weaker_motor(mut self, torque: f64) -> Self {
-        if let Self::MotorTorque { stall_torque, .. } = &mut self {
-            *stall_torque = stall_torque.min(torque);
+    pub(crate) fn judged_at_ends(mut self) -> Self {
+        if let Self::MotorTorque { judged, .. } = &mut self {
+            *judged = MotorJudged::AtEnds;
         }
         self
     }
@@ -166,12 +165,13 @@ impl PathQuantity {
     /// Whether the quantity jumps where the torques do, rather than to follow speeds or positions.
     pub const fn jumps_with_torque(self) -> bool {
         match self {
-            Self::MotorTorque { .. }
+            Self::MotorTorque { judged: MotorJudged::AtNodes, .. }
             | Self::Acceleration { .. }
             | Self::YawAcceleration { .. }
             | Self::GripUtilization { .. }
             | Self::LengthwiseUtilization { .. } => true,
-            Self::Unloading { .. }
+            Self::MotorTorque { judged: MotorJudged::AtEnds, .. }
+            | Self::Unloading { .. }
             | Self::WheelRate { .. }
             | Self::Speed { .. }
             | Self::YawRate
@@ -218,8 +218,8 @@ impl PathQuantity {
         let (start, end) = (&entry.start_velocity, &entry.end_velocity);
         match self {
             Self::Unloading { contact } => -entry.normal_impulse[contact],
-            Self::MotorTorque { wheel, stall_torque, free_speed } => {
-                MotorLoad::of_step((wheel, stall_torque, free_speed), entry, sample.torque).excess
+            Self::MotorTorque { wheel, motor, judged } => {
+                MotorLoad::of_step((wheel, motor, judged), entry, sample.torque).excess
             }
             Self::WheelRate { wheel } => end[3 + wheel].abs(),
             Self::Speed { point } => velocity_at(point, end).norm(),
@@ -241,8 +241,8 @@ impl PathQuantity {
 
     /// The node of a step that has its value: 0 is its start, 1 its end, also for what is of the whole step.
     pub(super) fn node(self, entry: &TapeEntry, sample: &PathSample) -> usize {
-        if let Self::MotorTorque { wheel, stall_torque, free_speed } = self {
-            MotorLoad::of_step((wheel, stall_torque, free_speed), entry, sample.torque).node
+        if let Self::MotorTorque { wheel, motor, judged } = self {
+            MotorLoad::of_step((wheel, motor, judged), entry, sample.torque).node
         } else {
             1
         }
@@ -276,12 +276,12 @@ impl PathQuantity {
         let (start, end) = (&entry.start_velocity, &entry.end_velocity);
         match self {
             Self::Unloading { contact } => gradient.by_normal_impulse[contact] = -1.0,
-            Self::MotorTorque { wheel, stall_torque, free_speed } => {
-                let load = MotorLoad::of_step((wheel, stall_torque, free_speed), entry, sample.torque);
-                let [by_start, by_end] = load.by_rate.map(|by_rate| by_rate / free_speed);
+            Self::MotorTorque { wheel, motor, judged } => {
+                let load = MotorLoad::of_step((wheel, motor, judged), entry, sample.torque);
+                let [by_start, by_end] = load.by_rate.map(|by_rate| by_rate / motor.free_speed);
                 gradient.by_start_velocity[3 + wheel] = by_start;
                 gradient.by_end_velocity[3 + wheel] = by_end;
-                let by_torque = load.by_torque / stall_torque;
+                let by_torque = load.by_torque / motor.stall_torque;
                 gradient.by_torque =
                     if wheel == 0 { PerWheel::new(by_torque, 0.0) } else { PerWheel::new(0.0, by_torque) };
             }

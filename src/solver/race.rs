@@ -1,13 +1,13 @@
 //! The race of a search: from starts through ever fewer and ever more thorough heats to the best local optimum.
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, distinct, is_distinct};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, distinct, is_distinct, keep_best};
 use super::hops::PATIENCE;
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, RunPart};
 use super::progress::BestProgress;
 use super::run_control::RunControl;
 use super::search::SearchResult;
-use super::settings::SolveInput;
+use super::settings::{Method, SolveInput};
 use super::starts::{ONE_IN, Start, Strategy, spun, starts};
 use super::strategies::Heat;
 use crate::optimizer::Interruption;
@@ -188,11 +188,7 @@ impl<'a> Race<'a> {
     /// Polishes the best plan where it is not shown to be a local optimum: a descent only passed it, or torques near the grip are not
     /// all.
     fn settle_best(&mut self) {
-        if self.problem.has_torque_beyond_grip() {
-            // What was measured is that of torques near the grip.
-            self.optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
-            self.problem.release_torques();
-        }
+        self.release_torques();
         let Some(best) = self.found.best.clone().filter(|_| !self.found.is_interrupted()) else { return };
         if best.stationarity.is_some() || !best.is_feasible(self.input.settings.goal_tolerance) {
             return;
@@ -201,6 +197,40 @@ impl<'a> Race<'a> {
             self.optima.retain(|optimum| optimum.decision != best.decision);
             self.optima.push(local);
         }
+    }
+
+    /// Allows all torques; where motors were judged at the ends of steps alone, each optimum moves to where it keeps their whole curves.
+    pub(super) fn release_torques(&mut self) {
+        if !self.problem.has_torque_beyond_grip() {
+            return;
+        }
+        // What was measured is that of torques near the grip.
+        self.optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
+        let judges_motors_anew = self.problem.release_torques();
+        // Nelder-Mead has had all torques from the start.
+        if judges_motors_anew && self.input.settings.method != Method::NelderMead && !self.found.is_interrupted() {
+            self.move_optima();
+        }
+    }
+
+    /// Moves each optimum, once where several are one, to where it keeps limits that are others than before; the best is left to be
+    /// polished.
+    fn move_optima(&mut self) {
+        best_first(&mut self.optima, |optimum| optimum);
+        let slowest = (1.0 + LARGEST_LAG) * self.optima.first().map_or(0.0, |best| best.merit);
+        let groups = distinct(&self.optima, |optimum| optimum.merit).into_iter();
+        let chosen: Vec<_> = groups.map(|group| self.optima[group.start].clone()).collect();
+        let passed = self.found.best.take().map(|best| Candidate { breaks_limits: true, ..best });
+        let moved = self.round(&chosen, |optimum, search| {
+            search.aim(optimum.goal_heading);
+            // Those that may become the best in every way there is.
+            if optimum.merit <= slowest { search.adapt(optimum) } else { search.back_off(optimum) }
+        });
+        let moved = moved.into_iter();
+        let moved = moved.map(|(optimum, moved)| Candidate { times_found: optimum.times_found, ..moved });
+        self.optima = moved.collect();
+        keep_best(&mut self.found.best, passed, self.input.settings.goal_tolerance);
+        self.found.best.iter_mut().for_each(|best| best.stationarity = None);
     }
 
     /// Runs a round, one part for each entrant; the local optima to which they led, each with its entrant.

@@ -133,6 +133,7 @@ pub(super) fn further_optima(
     let best = result.best.take();
     let mut race = Race::new(input, problem, (std::mem::take(result), input.settings.rollout_limit), control);
     race.block();
+    race.release_torques();
     *result = SearchResult { best, ..race.found };
     feasible(race.optima, input.settings.goal_tolerance)
 }

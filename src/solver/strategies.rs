@@ -51,7 +51,9 @@ impl LocalSearch<'_> {
         self.start = number;
         self.aim(start.goal_heading);
         let guess = decision_from_schedule(&start.schedule);
-        if start.strategy == Strategy::Warm && self.problem.exceeds_grip(&guess) {
+        // Guesses of callers may need more, and no descent follows on Nelder-Mead.
+        let needs_all = start.strategy == Strategy::Warm || self.settings.method == Method::NelderMead;
+        if needs_all && self.problem.exceeds_grip(&guess) {
             self.problem.release_torques();
         }
         if let (Strategy::Warm, Some(heading)) = (start.strategy, start.goal_heading) {

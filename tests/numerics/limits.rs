@@ -117,15 +117,17 @@ fn geared_low(stall_torque: f64) -> RobotParameters {
 
 #[test]
 fn motors_far_stronger_than_the_grip_have_plans() {
-    for stall_torque in [0.3, 1.0, 10.0] {
+    for (stall_torque, distance) in [(0.3, 1.0), (1.0, 1.0), (10.0, 1.0), (1.0, 3.0)] {
         let mut parameters = symmetric();
         parameters.robot = geared_low(stall_torque);
         parameters.maneuver.slip = SlipPolicy::Allowed;
-        parameters.maneuver.goal = Goal::at_rest(0.0, 1.0, 0.0);
+        parameters.maneuver.goal = Goal::at_rest(0.0, distance, 0.0);
         parameters.maneuver.torque_limit = PerWheel::new(stall_torque, stall_torque);
-        let plan = converged(parameters);
-        // At the free speed it takes 4.73 s.
-        assert!((4.73..5.2).contains(&plan.schedule.final_time), "{stall_torque} N m: {} s", plan.schedule.final_time);
+        let final_time = converged(parameters).schedule.final_time;
+        // Some 3 % go into getting there, and into the friction of the caster.
+        let at_free_speed = distance / (6.4 * 0.033);
+        let share = final_time / at_free_speed;
+        assert!((1.0..1.08).contains(&share), "{stall_torque} N m, {distance} m: {final_time} s");
     }
 }
 

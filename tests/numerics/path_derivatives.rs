@@ -2,9 +2,9 @@
 
 use nalgebra::Vector2;
 use slipdrive::contact::{ContactMode, ContactName};
-use slipdrive::robot::{Robot, RobotParameters, State};
+use slipdrive::robot::{Motor, Robot, RobotParameters, State};
 use slipdrive::simulation::{
-    ContactMethod, EndSensitivity, FrictionLaw, PathQuantity, Rollout, Simulator, TorqueSchedule,
+    ContactMethod, EndSensitivity, FrictionLaw, MotorJudged, PathQuantity, Rollout, Simulator, TorqueSchedule,
 };
 use slipdrive::stop::Stop;
 
@@ -34,9 +34,10 @@ struct Case<'a> {
 fn quantities(cases: &mut RandomCases, robot: &RobotParameters) -> Vec<PathQuantity> {
     let point = Vector2::new(cases.between(-0.3, 0.3), cases.between(-0.3, 0.3));
     let angle = cases.between(-3.0, 3.0);
-    let (stall_torque, free_speed) = (cases.between(0.5, 3.0), cases.between(5.0, 30.0));
+    let motor = Motor { stall_torque: cases.between(0.5, 3.0), free_speed: cases.between(5.0, 30.0) };
     let of_wheels = [0, 1].into_iter().flat_map(|wheel| {
-        [PathQuantity::MotorTorque { wheel, stall_torque, free_speed }, PathQuantity::WheelRate { wheel }]
+        let of_motor = |judged| PathQuantity::MotorTorque { wheel, motor, judged };
+        [of_motor(MotorJudged::AtNodes), of_motor(MotorJudged::AtEnds), PathQuantity::WheelRate { wheel }]
     });
     let others = [
         PathQuantity::Speed { point },

@@ -53,7 +53,7 @@ impl Rolling {
         let spin = 2.0 * robot.wheel_spin_inertia / robot.wheel_radius.powi(2);
         let mass = robot.total_mass() + spin;
         let drive_torque = straightened(torque, robot.chassis_mass * robot.center_of_mass_right / (mass * half_track));
-        let rim_speed = robot.wheel_radius * top_wheel_rate(input.robot.motor_near_grip(), limits, torque);
+        let rim_speed = robot.wheel_radius * top_wheel_rate(robot.motor, limits, torque);
         Self {
             torque,
             drive_torque,
