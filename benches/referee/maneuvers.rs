@@ -123,7 +123,7 @@ fn give_motors(request: &mut Value, robot: &RobotParameters, rng: &mut Xoshiro25
     let maneuver = request["maneuver"].as_object_mut().expect("a maneuver is an object");
     let limits = ["torque_limit_left_n_m", "torque_limit_right_n_m"].map(|field| maneuver.remove(field));
     let torque_limit = limits.iter().flatten().filter_map(Value::as_f64).fold(0.0, f64::max);
-    let rim_speed = log_uniform(rng, 0.1..3.0) * (robot.gravity * robot.track_width).sqrt();
+    let rim_speed = log_uniform(rng, 0.1..3.0) * robot.track_width / robot.natural_time();
     request["robot"]["motor_stall_torque_n_m"] = json!(STALL_MULTIPLE * torque_limit);
     request["robot"]["motor_free_speed_rad_s"] = json!(rim_speed / robot.wheel_radius);
 }

@@ -169,11 +169,9 @@ impl<'a> Race<'a> {
             if self.found.is_interrupted() {
                 return;
             }
-            best_first(&mut self.optima, |optimum| optimum);
-            let slowest = (1.0 + LARGEST_LAG) * self.optima.first().map_or(0.0, |best| best.merit);
-            let groups = distinct(&self.optima, |optimum| optimum.merit).into_iter();
-            let groups = groups.filter(|group| self.optima[group.start].merit <= slowest).take(count);
-            let chosen: Vec<_> = groups.map(|group| (group.start, self.optima[group.start].clone())).collect();
+            let (places, slowest) = self.rank_optima();
+            let may_win = places.into_iter().filter(|place| self.optima[*place].merit <= slowest).take(count);
+            let chosen: Vec<_> = may_win.map(|place| (place, self.optima[place].clone())).collect();
             for ((place, _), local) in self.round(&chosen, |(_, plan), search| search.polish(plan, patience, round)) {
                 self.optima[*place] = local;
             }
@@ -213,13 +211,19 @@ impl<'a> Race<'a> {
         }
     }
 
+    /// Sorts the optima by merit; the places of the distinct ones, and the largest merit of those that may become the best.
+    fn rank_optima(&mut self) -> (Vec<usize>, f64) {
+        best_first(&mut self.optima, |optimum| optimum);
+        let groups = distinct(&self.optima, |optimum| optimum.merit).into_iter();
+        let slowest = (1.0 + LARGEST_LAG) * self.optima.first().map_or(0.0, |best| best.merit);
+        (groups.map(|group| group.start).collect(), slowest)
+    }
+
     /// Moves each optimum, once where several are one, to where it keeps limits that are others than before; the best is left to be
     /// polished.
     fn move_optima(&mut self) {
-        best_first(&mut self.optima, |optimum| optimum);
-        let slowest = (1.0 + LARGEST_LAG) * self.optima.first().map_or(0.0, |best| best.merit);
-        let groups = distinct(&self.optima, |optimum| optimum.merit).into_iter();
-        let chosen: Vec<_> = groups.map(|group| self.optima[group.start].clone()).collect();
+        let (places, slowest) = self.rank_optima();
+        let chosen: Vec<_> = places.into_iter().map(|place| self.optima[place].clone()).collect();
         let passed = self.found.best.take().map(|best| Candidate { breaks_limits: true, ..best });
         let moved = self.round(&chosen, |optimum, search| {
             search.aim(optimum.goal_heading);
