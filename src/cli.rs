@@ -180,6 +180,10 @@ fn run_job<K: Kind>(
     if arguments.out.is_some() && !K::HAS_FILES {
         return Ok(refused(&format!("there are no files of `{}`", K::NAME)));
     }
+    let folders = [("svg", &arguments.svg), ("out", &arguments.out)];
+    if let Some((flag, _)) = folders.iter().find(|(_, folder)| folder.as_deref().is_some_and(is_standard_output)) {
+        return Ok(refused(&format!("`--{flag}` is `-`, must be a folder")));
+    }
     let to_output = output_files(arguments).filter(|path| is_standard_output(path)).count();
     if to_output > 1 {
         return Ok(refused(&format!("{to_output} outputs are `-`, must be at most one")));
@@ -190,10 +194,21 @@ fn run_job<K: Kind>(
     }
     // The two seconds of light jobs are for servers.
     let limits = if K::CLASS == Class::Light { jobs.limits().without_clock() } else { *jobs.limits() };
-    let read = read_body::<K>(arguments, &limits)?.and_then(|body| with_flags(body, flags));
-    let (input, body) = match read.and_then(|body| Ok((K::read(&body, &limits)?, body))) {
-        Ok(read) => read,
+    let body = match read_body::<K>(arguments, &limits)?.and_then(|body| with_flags(body, flags)) {
+        Ok(body) => body,
         Err(problem) => return Ok(refuse(&problem)),
+    };
+    let input = match K::read(&body, &limits) {
+        Ok(input) => input,
+        Err(problem) => {
+            let code = refuse(&problem);
+            if K::SAVED_FILES == 0 && is_saved(&body) {
+                tell(
+                    &"  `--save` has written this: it is for `present`, `export` and `assess`, and has the request in `request`",
+                );
+            }
+            return Ok(code);
+        }
     };
     // Nobody else is in the queue: all workers help with the one job.
     let workers = thread_count(arguments.threads);
@@ -268,6 +283,11 @@ fn with_flags(body: Vec<u8>, flags: Map<String, Value>) -> Result<Vec<u8>, Probl
     let mut object = json::read_any_object(&body)?;
     object.extend(flags);
     Ok(json::write(&object))
+}
+
+/// Whether this is a saved plan: the name of its kind with request and answer.
+fn is_saved(body: &[u8]) -> bool {
+    json::read_any_object(body).is_ok_and(|object| object.values().any(|value| value.get("request").is_some()))
 }
 
 /// A file of which at most one byte above the limit is read: enough for the reader to refuse it.

@@ -196,10 +196,16 @@ const API_KEYS_VARIABLE: &str = "SLIPDRIVE_API_KEYS";
 pub(crate) fn log_settings(matches: &ArgMatches) -> anyhow::Result<Result<LogSettings, Faults>> {
     let given = Given::<LogSettings>::from_arg_matches(matches)?;
     let mut faults = Faults::default();
-    let log = Sources::new(None, &mut faults).read(&given, &mut faults);
-    #[cfg(feature = "otel")]
-    crate::telemetry::check(&mut faults);
+    let log = read_log_settings(&Sources::new(None, &mut faults), &given, &mut faults);
     Ok(faults.into_result(log))
+}
+
+/// What is logged, and where traces go.
+fn read_log_settings(sources: &Sources, given: &Given<LogSettings>, faults: &mut Faults) -> Option<LogSettings> {
+    let log = sources.read(given, faults);
+    #[cfg(feature = "otel")]
+    crate::telemetry::check(faults);
+    log
 }
 
 /// A checked configuration of a server.
@@ -223,9 +229,7 @@ impl ServeArguments {
         let sources = self.server.sources(&mut faults);
         sources.check_keys(&[ServeSettings::TABLE, LogSettings::TABLE], &mut faults);
         let settings: Option<ServeSettings> = sources.read(&self.server.given, &mut faults);
-        let log_settings = sources.read(log, &mut faults);
-        #[cfg(feature = "otel")]
-        crate::telemetry::check(&mut faults);
+        let log_settings = read_log_settings(&sources, log, &mut faults);
         let checked = settings.as_ref().and_then(|settings| {
             settings.check(&mut faults);
             let keys = settings.keys(env::var_os(API_KEYS_VARIABLE), &mut faults);

@@ -122,6 +122,18 @@ mod tests {
     }
 
     #[test]
+    fn shares_are_those_of_the_means_without_their_noise() {
+        // 8 bins of 8 samples each: means 0 to 7, about which the values scatter by 3 either way.
+        let causes: Vec<f64> = (0..64).map(f64::from).collect();
+        let values: Vec<f64> =
+            (0..64).map(|sample| f64::from(sample / 8) + if sample % 2 == 0 { 3.0 } else { -3.0 }).collect();
+        // Of the means of 8 numbers that scatter so freely 7 parts of 56 would come by chance.
+        let (between, within) = (64.0 * 5.25, 64.0 * 9.0);
+        let share = (between - within * 7.0 / 56.0) / (between + within);
+        assert!((share_of_variance(&causes, &values) - share).abs() < 1e-14);
+    }
+
+    #[test]
     fn there_are_no_shares_of_few_or_equal_values() {
         assert!(share_of_variance(&[0.0; 63], &[0.0; 63]).is_nan());
         assert!(share_of_variance(&[0.0; 100], &[0.1; 100]).is_nan());

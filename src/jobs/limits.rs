@@ -187,6 +187,19 @@ impl Visitor for Listed {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::jobs::InProcessSolver;
+    use crate::metrics::Metrics;
+
+    #[test]
+    fn all_kinds_with_a_robot_list_the_rules_of_its_footprint() {
+        let jobs = Jobs::new(Limits::default(), Arc::new(InProcessSolver), &Metrics::new());
+        let message = limits_message(&jobs, &ServiceSettings::default(), 1);
+        let kinds_with = |field: &str| -> Vec<_> {
+            message.rules.iter().filter(|rule| rule.field == field).map(|rule| rule.job.as_str()).collect()
+        };
+        assert_eq!(kinds_with("robot.wheel_radius_m"), ["solve", "simulate", "assess"]);
+        assert_eq!(kinds_with("robot.footprint"), kinds_with("robot.wheel_radius_m"));
+    }
 
     #[test]
     fn longest_torque_arrays_fit_the_largest_body() {

@@ -378,6 +378,12 @@ mod tests {
     }
 
     #[test]
+    fn colours_rise_evenly_with_the_value() {
+        let place = |value| colour(value, [10.0, 42.0]);
+        assert_eq!([10.0, 10.9, 11.1, 25.9, 26.1, 41.9, 42.0].map(place), [0, 0, 1, 15, 16, 31, 31]);
+    }
+
+    #[test]
     fn maps_without_spread_or_values_can_be_drawn() {
         for cells in [vec![MapCell::Value(3.0)], vec![MapCell::Failed], vec![MapCell::Value(0.0)]] {
             let svg = map(cells, 1, 1).svg();

@@ -298,3 +298,20 @@ pub(super) fn friction(plans: &[Plan]) -> Option<Figure> {
     };
     Some(sheet.figure())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrows_point_where_the_robot_drives() {
+        for (on_side, heading) in [false, true].into_iter().flat_map(|on_side| [0.0, 0.7, -2.0].map(|of| (on_side, of)))
+        {
+            let view = View { on_side };
+            let [across, along] = view.place(Vector2::new(-f64::sin(heading), f64::cos(heading)));
+            let up = if on_side { -along } else { along };
+            let (sin, cos) = view.direction(heading).sin_cos();
+            assert!((sin - up).abs() + (cos - across).abs() < 1e-15, "{heading}, on its side: {on_side}");
+        }
+    }
+}

@@ -34,6 +34,14 @@ const FOOTPRINT_RULES: PolygonRules = PolygonRules {
     coordinate: Rule::within_magnitude(100.0, "m"),
 };
 
+impl PolygonRules {
+    fn of_field(self, field: &str) -> RuleSet {
+        let coordinates = self.coordinates.map(|name| (format!("{field}[].{name}"), self.coordinate));
+        let fields = std::iter::once((field.to_owned(), self.corner_count)).chain(coordinates);
+        RuleSet { fields: fields.collect(), ..RuleSet::default() }.across(&[field], CONVEX_RULE)
+    }
+}
+
 /// A half plane: the points with `normal . p <= offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Edge {
@@ -130,14 +138,13 @@ pub struct AisleCorners {
 impl AisleCorners {
     /// The rules of all fields, the aisle being in the field `keep_in`.
     pub(crate) fn rules(keep_in: &str) -> RuleSet {
-        [(keep_in, KEEP_IN_RULES), (FOOTPRINT, FOOTPRINT_RULES)]
-            .into_iter()
-            .fold(RuleSet::default(), |mut rules, (field, of)| {
-                rules.fields.push((field.to_owned(), of.corner_count));
-                rules.fields.extend(of.coordinates.map(|name| (format!("{field}[].{name}"), of.coordinate)));
-                rules.across(&[field], CONVEX_RULE)
-            })
-            .across(&[keep_in, FOOTPRINT], "an aisle needs a footprint")
+        let rules = KEEP_IN_RULES.of_field(keep_in).and(Self::footprint_rules());
+        rules.across(&[keep_in, FOOTPRINT], "an aisle needs a footprint")
+    }
+
+    /// Those of the footprint alone.
+    pub(crate) fn footprint_rules() -> RuleSet {
+        FOOTPRINT_RULES.of_field(FOOTPRINT)
     }
 
     /// The aisle, if there is one; violated rules go to `checks`. A footprint alone is checked, and bounds nothing.

@@ -41,6 +41,25 @@ fn bad_values_are_refused_with_the_words_of_the_service() {
 }
 
 #[test]
+fn folders_are_no_standard_output() {
+    assert!(refused(&["solve", "--svg", "-"], b"").contains("`--svg` is `-`, must be a folder"));
+    assert!(refused(&["export", "--out", "-", "-"], b"{}").contains("`--out` is `-`, must be a folder"));
+}
+
+#[test]
+fn saved_plans_are_told_from_requests() {
+    let saved = br#"{"solve": {"request": {}, "response": {}}}"#;
+    for kind in ["solve", "simulate"] {
+        let message = refused(&[kind, "-"], saved);
+        assert!(
+            message.contains("unknown field `solve`") && message.contains("`--save` has written this"),
+            "{message}"
+        );
+    }
+    assert!(!refused(&["solve", "-"], br#"{"solves": 1}"#).contains("--save"));
+}
+
+#[test]
 fn malformed_and_large_bodies_are_refused() {
     assert!(refused(&["solve", "-"], b"{").contains("malformed_body"));
     assert!(refused(&["simulate", "-"], b"{}").contains("missing field `torque_schedule`"));

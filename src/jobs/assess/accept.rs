@@ -62,6 +62,7 @@ pub(super) fn rules() -> RuleSet {
         .with("tolerances", RuleSet::of(TOLERANCES))
         .with("robot", RobotParameters::rules())
         .with("payload", Payload::rules())
+        .and(AisleCorners::footprint_rules())
         .across(&["solve", "simulate"], "either `solve` or `simulate`, whose request keeps the rules of its kind")
         .across(&["solve.answer", "simulate.answer"], "an answer with a plan that moves")
         .across(&["tolerances"], "at least one tolerance")
