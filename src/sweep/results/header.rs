@@ -91,3 +91,28 @@ impl Header {
         self.shard.chunks(chunks).map(all).sum()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_row_belongs_to_one_shard() {
+        // Chunks of four, the last one with two.
+        let of = |index| Header {
+            sweep: String::new(),
+            solver_version: String::new(),
+            job: "solve".to_owned(),
+            rows: 10,
+            chunk_rows: 4,
+            warm_start: false,
+            shard: Shard { index, of: 2 },
+            fields: Vec::new(),
+            columns: Vec::new(),
+            definition: Value::Null,
+        };
+        let rows_of = |index| (0..20).filter(|row| of(index).has(*row)).collect::<Vec<_>>();
+        assert_eq!([rows_of(0), rows_of(1)], [vec![0, 1, 2, 3, 8, 9], vec![4, 5, 6, 7]]);
+        assert_eq!([0, 1].map(|index| of(index).rows_of_shard()), [6, 4]);
+    }
+}
