@@ -91,6 +91,9 @@ fn request(bound: &Bound, value: &Value) -> Value {
         let plans = value.as_array().unwrap().iter().map(|_| json!({}));
         return json!({"plans": plans.collect::<Vec<_>>()});
     }
+    // Three items whatever they mean: only what is said of the bound counts.
+    let triangle = json!([{}, {}, {}]);
+    let robot = json!({"motor_stall_torque_n_m": 1, "motor_free_speed_rad_s": 10, "footprint": triangle});
     if bound.job == "export" || bound.job == "assess" {
         let torques = json!({"interval_s": 0.1, "left_n_m": [0], "right_n_m": [0]});
         let simulate = json!({"request": {"torque_schedule": torques}, "answer": {}});
@@ -98,18 +101,16 @@ fn request(bound: &Bound, value: &Value) -> Value {
             json!({"simulate": simulate, "format": "csv", "rate_hz": 100})
         } else {
             json!({"simulate": simulate, "tolerances": {}, "uncertain": [{"parameter": "mass", "low": 0, "high": 0}],
-                   "robot": {"motor_stall_torque_n_m": 1, "motor_free_speed_rad_s": 10},
+                   "robot": robot,
                    "payload": {"mass_kg": 0, "height_m": 0}})
         };
-        *bound.field.split('.').fold(&mut body, |place, name| &mut place[name]) = value.clone();
+        *place_of(&mut body, &bound.field) = value.clone();
         return body;
     }
     let zeros = match value.as_array() {
         Some(items) if bound.field.ends_with("_n_m") => items.clone(),
         _ => vec![json!(0)],
     };
-    // Three items whatever they mean: only what is said of the bound counts.
-    let triangle = json!([{}, {}, {}]);
     let mut body = if bound.job == "solve" {
         json!({"maneuver": {"goal": {"y_m": 5}, "keep_in": triangle},
                "initial_guess": {"final_time_s": 1, "torque_left_n_m": zeros, "torque_right_n_m": zeros}})
@@ -117,17 +118,18 @@ fn request(bound: &Bound, value: &Value) -> Value {
         json!({"torque_schedule": {"interval_s": 0.1, "left_n_m": zeros, "right_n_m": zeros}, "grid": {},
                "keep_in": triangle})
     };
-    body["robot"] = json!({"motor_stall_torque_n_m": 1, "motor_free_speed_rad_s": 10, "footprint": triangle});
+    body["robot"] = robot;
     body["payload"] = json!({"mass_kg": 0, "height_m": 0});
-    let mut place = &mut body;
-    for name in bound.field.split('.') {
-        place = match name.strip_suffix("[]") {
-            Some(array) => &mut place[array][0],
-            None => &mut place[name],
-        };
-    }
-    *place = value.clone();
+    *place_of(&mut body, &bound.field) = value.clone();
     body
+}
+
+/// The field of a body; of lists that of the first item.
+fn place_of<'a>(body: &'a mut Value, field: &str) -> &'a mut Value {
+    field.split('.').fold(body, |place, name| match name.strip_suffix("[]") {
+        Some(array) => &mut place[array][0],
+        None => &mut place[name],
+    })
 }
 
 /// Whether a refusal names the bound of a field.
