@@ -173,20 +173,8 @@ fn run_job<K: Kind>(
     arguments: &JobArguments,
     flags: Map<String, Value>,
 ) -> anyhow::Result<ExitCode> {
-    let shows = arguments.save.is_some() || shown::is_asked_for(arguments);
-    if shows && !K::HAS_FIGURES {
-        return Ok(refused(&format!("there is nothing to show of `{}`", K::NAME)));
-    }
-    if arguments.out.is_some() && !K::HAS_FILES {
-        return Ok(refused(&format!("there are no files of `{}`", K::NAME)));
-    }
-    let folders = [("svg", &arguments.svg), ("out", &arguments.out)];
-    if let Some((flag, _)) = folders.iter().find(|(_, folder)| folder.as_deref().is_some_and(is_standard_output)) {
-        return Ok(refused(&format!("`--{flag}` is `-`, must be a folder")));
-    }
-    let to_output = output_files(arguments).filter(|path| is_standard_output(path)).count();
-    if to_output > 1 {
-        return Ok(refused(&format!("{to_output} outputs are `-`, must be at most one")));
+    if let Some(fault) = faulty_output::<K>(arguments) {
+        return Ok(refused(&fault));
     }
     let (given, most) = (arguments.input.len(), K::SAVED_FILES.max(1));
     if given > most {
@@ -200,15 +188,7 @@ fn run_job<K: Kind>(
     };
     let input = match K::read(&body, &limits) {
         Ok(input) => input,
-        Err(problem) => {
-            let code = refuse(&problem);
-            if K::SAVED_FILES == 0 && is_saved(&body) {
-                tell(
-                    &"  `--save` has written this: it is for `present`, `export` and `assess`, and has the request in `request`",
-                );
-            }
-            return Ok(code);
-        }
+        Err(problem) => return Ok(refuse_request::<K>(&problem, &body)),
     };
     // Nobody else is in the queue: all workers help with the one job.
     let workers = thread_count(arguments.threads);
@@ -230,9 +210,30 @@ fn run_job<K: Kind>(
         let request = K::presentation(&body, made.answer).context("the answer cannot be shown")?;
         shown::write(&request, jobs, &service, arguments)
     };
-    let shown = if shows { show() } else { Ok(()) };
+    let shown = if shows(arguments) { show() } else { Ok(()) };
     answer.and(files).and(shown)?;
     Ok(if is_success { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO_SUCCESS) })
+}
+
+/// Whether anything but the answer is asked for of a plan.
+fn shows(arguments: &JobArguments) -> bool {
+    arguments.save.is_some() || shown::is_asked_for(arguments)
+}
+
+/// What cannot be written, if there is anything.
+fn faulty_output<K: Kind>(arguments: &JobArguments) -> Option<String> {
+    if shows(arguments) && !K::HAS_FIGURES {
+        return Some(format!("there is nothing to show of `{}`", K::NAME));
+    }
+    if arguments.out.is_some() && !K::HAS_FILES {
+        return Some(format!("there are no files of `{}`", K::NAME));
+    }
+    let folders = [("svg", &arguments.svg), ("out", &arguments.out)];
+    if let Some((flag, _)) = folders.iter().find(|(_, folder)| folder.as_deref().is_some_and(is_standard_output)) {
+        return Some(format!("`--{flag}` is `-`, must be a folder"));
+    }
+    let to_output = output_files(arguments).filter(|path| is_standard_output(path)).count();
+    (to_output > 1).then(|| format!("{to_output} outputs are `-`, must be at most one"))
 }
 
 /// What a command writes.
@@ -283,6 +284,15 @@ fn with_flags(body: Vec<u8>, flags: Map<String, Value>) -> Result<Vec<u8>, Probl
     let mut object = json::read_any_object(&body)?;
     object.extend(flags);
     Ok(json::write(&object))
+}
+
+/// As [`refuse`], with what a saved plan is for where this is one in place of a request.
+fn refuse_request<K: Kind>(problem: &Problem, body: &[u8]) -> ExitCode {
+    let code = refuse(problem);
+    if K::SAVED_FILES == 0 && is_saved(body) {
+        tell(&"  `--save` has written this, for `present`, `export` and `assess`; the request is in its `request`");
+    }
+    code
 }
 
 /// Whether this is a saved plan: the name of its kind with request and answer.

@@ -48,7 +48,7 @@ fn folders_are_no_standard_output() {
 
 #[test]
 fn saved_plans_are_told_from_requests() {
-    let saved = br#"{"solve": {"request": {}, "response": {}}}"#;
+    let saved = br#"{"solve": {"request": {}, "answer": {}}}"#;
     for kind in ["solve", "simulate"] {
         let message = refused(&[kind, "-"], saved);
         assert!(
