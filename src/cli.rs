@@ -18,6 +18,7 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use clap::{Arg, ArgAction, ArgMatches, Args as _, Command, FromArgMatches as _};
 use serde_json::{Map, Value};
+use slipdrive::contract::message::PresentedPlan;
 use slipdrive::contract::{Problem, indented, json};
 use slipdrive::jobs::{Flag, InProcessSolver, Jobs, Kind, Limits, Visitor};
 use slipdrive::metrics::Metrics;
@@ -295,9 +296,9 @@ fn refuse_request<K: Kind>(problem: &Problem, body: &[u8]) -> ExitCode {
     code
 }
 
-/// Whether this is a saved plan: the name of its kind with request and answer.
+/// Whether this is a plan as [`shown::write`] saves it.
 fn is_saved(body: &[u8]) -> bool {
-    json::read_any_object(body).is_ok_and(|object| object.values().any(|value| value.get("request").is_some()))
+    json::read_object(body).is_ok_and(|PresentedPlan { solve, simulate }| solve.is_some() || simulate.is_some())
 }
 
 /// A file of which at most one byte above the limit is read: enough for the reader to refuse it.
