@@ -151,6 +151,16 @@ impl<'a> Budget<'a> {
         self.spent
     }
 
+    /// Rollouts that are left.
+    pub fn left(&self) -> u64 {
+        self.limit - self.spent
+    }
+
+    /// Counts so many of those left as spent, by a search that had them for its limit.
+    pub fn count(&mut self, rollouts: u64) {
+        self.spent += rollouts;
+    }
+
     /// Takes one rollout, and gives what ends it early.
     ///
     /// # Errors

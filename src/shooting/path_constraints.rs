@@ -63,6 +63,11 @@ impl PathConstraints {
         Self { path: constraints, torque_rate: TorqueRateConstraints::new(path.torque_rate) }
     }
 
+    /// Keeps further limits from now on.
+    pub(super) fn extend(&mut self, limits: &[PathLimit]) {
+        self.path.extend(limits.iter().map(PathConstraint::of_limit));
+    }
+
     /// Keeps the limit of a field with a share of it to spare from now on.
     pub(super) fn tighten(&mut self, field: &str, share: f64) {
         for constraint in self.path.iter_mut().filter(|constraint| constraint.field == Some(field)) {

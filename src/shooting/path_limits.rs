@@ -78,7 +78,7 @@ impl PathLimits {
         if maneuver.forbids_slip() {
             limits.forbids_slip = true;
             if maneuver.limits.grip_utilization.is_none() {
-                limits.path.extend(grip_limits(robot, "maneuver.slip", 1.0));
+                limits.path.extend(holding_limits(robot));
             }
         }
         limits
@@ -135,6 +135,11 @@ fn motor_limits(robot: &Robot) -> Vec<PathLimit> {
         unit: 1.0,
     };
     robot.parameters().motor.into_iter().flat_map(|motor| [0, 1].map(|wheel| of_wheel(motor, wheel))).collect()
+}
+
+/// What keeps wheels that rollouts hold from slipping: they use no more than all of their friction.
+pub(super) fn holding_limits(robot: &Robot) -> [PathLimit; 5] {
+    grip_limits(robot, "maneuver.slip", 1.0)
 }
 
 /// What both wheels together may use of their friction, and what each may use lengthwise, which is no more.

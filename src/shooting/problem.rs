@@ -11,7 +11,7 @@ use super::decision::{decision_len, schedule_from_decision, write_schedule};
 use super::goal_rows::{GoalRow, GoalScales, goal_rows};
 use super::maneuver::{Maneuver, StateComponent};
 use super::path_constraints::PathConstraints;
-use super::path_limits::PathLimits;
+use super::path_limits::{PathLimits, holding_limits};
 use crate::optimizer::{Constraints, Linearisation, Problem};
 use crate::robot::{PerWheel, State};
 use crate::simulation::{
@@ -101,13 +101,35 @@ impl<'a> ShootingProblem<'a> {
         }
     }
 
+    /// Whether a wheel that begins to slip soon breaks a limit: spun up, it has no torque left on its motor's curve. So kinks are steep where
+    /// wheels begin to slip, and a linear model, which knows the sticking side, does not see them.
+    pub fn is_steep_where_wheels_slip(&self) -> bool {
+        let holds_wheels = matches!(self.law, FrictionLaw::Held(_));
+        !holds_wheels && self.simulator.robot().parameters().motor.is_some()
+    }
+
+    /// The same problem for rollouts that hold the wheels, with their grip as one more limit. Where that is kept its motions are those of
+    /// the exact law.
+    #[must_use]
+    pub fn holding_wheels(&self) -> Self {
+        let limits = holding_limits(self.simulator.robot());
+        let grip = limits.map(|limit| limit.quantity);
+        let mut held = self.clone();
+        held.law = FrictionLaw::Held(0.0);
+        held.path_constraints.extend(&limits);
+        held.sensitivity.path.watch([self.sensitivity.path.others(), &grip].concat(), self.control_count());
+        held.beyond_grip.iter_mut().for_each(|quantities| quantities.extend(grip));
+        held.recorded = None;
+        held
+    }
+
     /// Allows all torques within their limits; before, they stay near the grip. Beyond it more torque gains little, and the search should
     /// not depend on it. Whether motors beyond the grip are judged at all nodes from now on: before, at the ends of steps.
     pub fn release_torques(&mut self) -> bool {
         let quantities = self.beyond_grip.take();
         let judges_motors_anew = quantities.is_some();
         if let Some(quantities) = quantities {
-            self.sensitivity.path.watch(quantities);
+            self.sensitivity.path.watch(quantities, self.control_count());
             self.recorded = None;
         }
         let last = self.cost.len() - 1;

@@ -52,9 +52,15 @@ impl PathExtremes {
         extremes
     }
 
-    /// Has other ones in place of the other quantities, as many, from the next rollout on.
-    pub(crate) fn watch(&mut self, others: Vec<PathQuantity>) {
+    /// Has other ones in place of the other quantities, for schedules of so many control intervals, from the next rollout on.
+    pub(crate) fn watch(&mut self, others: Vec<PathQuantity>, control_count: usize) {
         self.others = others;
+        self.forget_values(control_count);
+    }
+
+    /// The quantities other than normal forces.
+    pub(crate) fn others(&self) -> &[PathQuantity] {
+        &self.others
     }
 
     /// Whether there are quantities other than normal forces.

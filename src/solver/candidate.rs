@@ -72,6 +72,11 @@ impl Candidate {
         self.goal_error <= goal_tolerance && !self.breaks_limits
     }
 
+    /// Its final time, s, where it is feasible; any plan beats one that is not.
+    pub(super) fn time_to_beat(&self, goal_tolerance: f64) -> f64 {
+        if self.is_feasible(goal_tolerance) { self.final_time() } else { f64::INFINITY }
+    }
+
     /// Whether it is feasible, and so little is promised, by its linear model in the whole first trust region, that it is left as it is: at
     /// a smooth optimum nothing is promised, on a kink what lies behind it.
     pub(super) fn has_no_promise(&self, goal_tolerance: f64) -> bool {

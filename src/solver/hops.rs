@@ -26,8 +26,8 @@ impl LocalSearch<'_> {
                 break;
             }
             let perturbed = perturb(self, &best.decision, &mut rng);
-            let time_to_beat = if best.is_feasible(tolerance) { best.final_time() } else { f64::INFINITY };
-            let next = self.descend_until(&perturbed, (FIRST_RADIUS, None), (SMALLEST_PREDICTION, time_to_beat))?;
+            let until = (SMALLEST_PREDICTION, best.time_to_beat(tolerance));
+            let next = self.descend_until(&perturbed, (FIRST_RADIUS, None), until)?;
             // Less than what `converged` allows is no gain.
             in_vain = if next.gains_on(best, CRITICALITY_TOLERANCE, tolerance) { 0 } else { in_vain + 1 };
             keep_better(best, next, tolerance);

@@ -203,7 +203,7 @@ impl<'a> LocalSearch<'a> {
         Ok(Arc::new(Stationarity { penalty_parameter, time_unit, measure }))
     }
 
-    fn note(&mut self, candidate: &Candidate) {
+    pub(super) fn note(&mut self, candidate: &Candidate) {
         let tolerance = self.settings.goal_tolerance;
         if improves(self.best.as_ref(), candidate, tolerance) {
             self.best = Some(candidate.clone());

@@ -7,6 +7,7 @@ mod control_grid;
 mod course;
 mod goal_miss;
 mod grid_problem;
+mod held_wheels;
 mod helpers;
 mod hops;
 mod local_search;

@@ -138,7 +138,10 @@ impl LocalSearch<'_> {
         self.aim(plan.goal_heading);
         if !self.settles_without_promise(&mut best)? {
             match round {
-                0 => self.cross_kinks(&mut best)?,
+                0 => {
+                    self.cross_kinks(&mut best)?;
+                    self.hold_wheels(&mut best)?;
+                }
                 2 => self.leave_kinks(&mut best)?,
                 _ => (),
             }
@@ -168,13 +171,9 @@ impl LocalSearch<'_> {
 
     /// Under the exact law, across kinks, then from perturbed copies of the best point, unless that has no promise; through smoothing where
     /// the exact law does not lead to the goal. A smooth motion has no kinks to leave; its descents begin on coarser control grids.
-    fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let (from, radius) = self.on_coarser_controls(guess)?;
-        let mut best = self.descend(&from, radius)?;
-        if !best.is_feasible(self.settings.goal_tolerance) {
-            let next = self.around(guess, &SMOOTHING, START_RADIUS)?;
-            keep_better(&mut best, next, self.settings.goal_tolerance);
-        }
+    pub(super) fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
+        let held = self.holding_wheels(f64::INFINITY, |held| held.directly(guess))?;
+        let mut best = held.map_or_else(|| self.descend_directly(guess), Ok)?;
         if !self.problem.is_smooth() && !self.settles_without_promise(&mut best)? {
             self.cross_kinks(&mut best)?;
             if !best.has_no_promise(self.settings.goal_tolerance) {
@@ -182,6 +181,17 @@ impl LocalSearch<'_> {
             }
         }
         self.settle(&mut best)?;
+        Ok(best)
+    }
+
+    /// Under the exact law at once; through smoothing where that does not lead to the goal.
+    fn descend_directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
+        let (from, radius) = self.on_coarser_controls(guess)?;
+        let mut best = self.descend(&from, radius)?;
+        if !best.is_feasible(self.settings.goal_tolerance) {
+            let next = self.around(guess, &SMOOTHING, START_RADIUS)?;
+            keep_better(&mut best, next, self.settings.goal_tolerance);
+        }
         Ok(best)
     }
 
@@ -202,7 +212,11 @@ impl LocalSearch<'_> {
 
     /// From a plan of a similar maneuver or of another grid: one descent near it, and other ways where that loses the goal or
     /// much time. The other goal heading is for a guess whose motion is unstable: it may end turned round.
-    fn warmly(&mut self, guess: &DVector<f64>, other_heading: Option<f64>) -> Result<Candidate, Interruption> {
+    pub(super) fn warmly(
+        &mut self,
+        guess: &DVector<f64>,
+        other_heading: Option<f64>,
+    ) -> Result<Candidate, Interruption> {
         let tolerance = self.settings.goal_tolerance;
         let slowest = (1.0 + LARGEST_LAG) * guess[guess.len() - 1];
         let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
@@ -210,6 +224,11 @@ impl LocalSearch<'_> {
         if !arrived(&best) && self.goal_heading != other_heading {
             self.aim(other_heading);
             keep_better(&mut best, self.near(guess)?, tolerance);
+            self.aim(best.goal_heading);
+        }
+        if !arrived(&best) {
+            let held = self.holding_wheels(best.time_to_beat(tolerance), |held| held.warmly(guess, other_heading))?;
+            held.into_iter().for_each(|held| keep_better(&mut best, held, tolerance));
             self.aim(best.goal_heading);
         }
         if !arrived(&best) {
@@ -248,7 +267,7 @@ impl LocalSearch<'_> {
     }
 
     /// One descent near a plan of a similar problem.
-    fn near(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
+    pub(super) fn near(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         self.descend_until(guess, (FIRST_RADIUS, None), (CRITICALITY_TOLERANCE, f64::INFINITY))
     }
 
@@ -265,7 +284,7 @@ impl LocalSearch<'_> {
     /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find it
     /// too. Where that leads to no better plan, the merit trades the goal for time, and its penalty parameter is too small. One that
     /// is measured has settled.
-    fn settle(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
+    pub(super) fn settle(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
         if best.stationarity.is_some() {
             return Ok(());
         }

@@ -1,0 +1,68 @@
+//! Plans in which no wheel slips, as a way along the kinks where wheels begin to.
+//!
+//! Under the exact law a descent stops on such a kink, most of all where slip breaks a limit at once. Rollouts that hold the wheels have
+//! none: there the grip is a limit like others, and a descent follows it. What they lead to is a plan of the exact law too.
+
+use nalgebra::DVector;
+
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, keep_better};
+use super::local_search::LocalSearch;
+use crate::optimizer::{Interruption, Problem};
+
+impl LocalSearch<'_> {
+    /// The plan of the exact law near one that a search with held wheels finds; none where that finds none faster than `time_to_beat`, s,
+    /// or where kinks are not steep.
+    ///
+    /// # Errors
+    /// When the budget ended the search; the best point so far is kept.
+    pub(super) fn holding_wheels(
+        &mut self,
+        time_to_beat: f64,
+        search: impl FnOnce(&mut LocalSearch) -> Result<Candidate, Interruption>,
+    ) -> Result<Option<Candidate>, Interruption> {
+        if !self.problem.is_steep_where_wheels_slip() {
+            return Ok(None);
+        }
+        // What it comes to is not judged by the exact law yet.
+        let control = self.control.quietly();
+        let mut held = LocalSearch::new(self.problem.holding_wheels(), self.settings, &control, self.budget.left());
+        held.coarse_step_count = self.coarse_step_count;
+        held.aim(self.goal_heading);
+        let found = search(&mut held);
+        self.iterations += held.iterations;
+        self.budget.count(held.budget.spent());
+        let found = found?;
+        let tolerance = self.settings.goal_tolerance;
+        if !found.is_feasible(tolerance) || found.final_time() >= time_to_beat {
+            return Ok(None);
+        }
+        let aimed_at = self.goal_heading;
+        self.aim(found.goal_heading);
+        let mut plan = self.judged(&found.decision)?;
+        keep_better(&mut plan, self.near(&found.decision)?, tolerance);
+        self.aim(aimed_at);
+        Ok(Some(plan))
+    }
+
+    /// From a plan that has settled to a faster one near it, found with held wheels.
+    pub(super) fn hold_wheels(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
+        let tolerance = self.settings.goal_tolerance;
+        let next = self.holding_wheels(best.time_to_beat(tolerance), |held| held.near(&best.decision))?;
+        if let Some(next) = next.filter(|next| next.gains_on(best, CRITICALITY_TOLERANCE, tolerance)) {
+            *best = next;
+            self.settle(best)?;
+        }
+        Ok(())
+    }
+
+    /// A decision as it is, under the law of the problem.
+    fn judged(&mut self, decision: &DVector<f64>) -> Result<Candidate, Interruption> {
+        let stop = self.budget.spend()?;
+        let constraints = self.problem.evaluate(decision, stop)?;
+        let goal_error = self.problem.goal_scales().largest_goal_error(&constraints.residual);
+        let breaks_limits = self.problem.breaks_limits(&constraints);
+        let judged = Candidate::new(decision.clone(), goal_error, breaks_limits, self.goal_heading);
+        self.note(&judged);
+        Ok(Candidate { merit: judged.final_time(), ..judged })
+    }
+}
