@@ -423,6 +423,24 @@ mod tests {
     }
 
     #[test]
+    fn held_wheels_move_as_those_that_do_not_slip_and_break_a_limit_where_these_would() {
+        let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
+        let limits = PathLimits::default();
+        let mut exact = ShootingProblem::new(&simulator, (&Maneuver::forward_drive(), &limits), (50, 5), 1.0);
+        let mut held = exact.holding_wheels();
+        for (share, slips) in [(0.2, false), (4.0, true)] {
+            let decision =
+                DVector::from_vec(vec![0.9, 0.3, -0.2, 0.7, -0.6, 0.5, 0.8, 0.1, -0.4, 0.2, 1.7 / share]) * share;
+            let [exact, constraints] =
+                [&mut exact, &mut held].map(|problem| problem.evaluate(&decision, Stop::never()).unwrap());
+            assert_eq!(held.breaks_limits(&constraints), slips, "{share}");
+            // Sticking wheels and held ones solve the same three equations, differently.
+            let difference = (exact.residual - constraints.residual).amax();
+            assert_eq!(difference > 1e-12, slips, "{share}: {difference:e}");
+        }
+    }
+
+    #[test]
     fn jacobian_agrees_with_differences_at_the_axle_midpoint() {
         let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
         let maneuver = Maneuver { reference_point: ReferencePoint::AxleMidpoint, ..Maneuver::forward_drive() };

@@ -132,6 +132,25 @@ fn motors_far_stronger_than_the_grip_have_plans() {
 }
 
 #[test]
+fn wheels_of_strong_motors_gain_by_leave_to_slip() {
+    let motor = Motor { stall_torque: 30.0, free_speed: 6.0 };
+    for goal in [Goal::at_rest(1.0, 2.0, 0.0), Goal::at_rest(0.5, 0.5, -1.4), Goal::at_rest(0.0, 0.0, 1.5)] {
+        let mut parameters = SolveParameters::forward_drive();
+        parameters.robot.motor = Some(motor);
+        parameters.maneuver.torque_limit = PerWheel::new(motor.stall_torque, motor.stall_torque);
+        parameters.maneuver.goal = goal;
+        (parameters.settings.step_count, parameters.settings.control_count) = (100, 20);
+        let [allowed, forbidden] = [SlipPolicy::Allowed, SlipPolicy::Forbidden].map(|slip| {
+            let mut parameters = parameters.clone();
+            parameters.maneuver.slip = slip;
+            converged(parameters).schedule.final_time
+        });
+        // A plan without slip is one where wheels may slip. Both are known as closely as searches end.
+        assert!(allowed <= 1.001 * forbidden, "{allowed} s, without slip {forbidden} s");
+    }
+}
+
+#[test]
 fn run_up_follows_the_motor() {
     let mut parameters = symmetric();
     let motor = Motor { stall_torque: 1.5, free_speed: 40.0 };
