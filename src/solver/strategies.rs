@@ -125,7 +125,7 @@ impl LocalSearch<'_> {
     }
 
     /// Improves a local optimum, unless it has no promise, by hops, others in each round. Before them kinks are crossed in the first round,
-    /// and the third one begins with a way back through smoothed laws.
+    /// and steep ones followed, and the third one begins with a way back through smoothed laws.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
@@ -169,8 +169,8 @@ impl LocalSearch<'_> {
         self.descend(&smoothed.decision, FIRST_RADIUS)
     }
 
-    /// Under the exact law, across kinks, then from perturbed copies of the best point, unless that has no promise; through smoothing where
-    /// the exact law does not lead to the goal. A smooth motion has no kinks to leave; its descents begin on coarser control grids.
+    /// Under held wheels where kinks are steep, else under the exact law, across kinks, then from perturbed copies of the best point, unless
+    /// that has no promise. A smooth motion has no kinks to leave; its descents begin on coarser control grids.
     pub(super) fn directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let held = self.holding_wheels(f64::INFINITY, |held| held.directly(guess))?;
         let mut best = held.map_or_else(|| self.descend_directly(guess), Ok)?;
