@@ -59,9 +59,7 @@ impl LocalSearch<'_> {
     fn judged(&mut self, decision: &DVector<f64>) -> Result<Candidate, Interruption> {
         let stop = self.budget.spend()?;
         let constraints = self.problem.evaluate(decision, stop)?;
-        let goal_error = self.problem.goal_scales().largest_goal_error(&constraints.residual);
-        let breaks_limits = self.problem.breaks_limits(&constraints);
-        let judged = Candidate::new(decision.clone(), goal_error, breaks_limits, self.goal_heading);
+        let judged = self.candidate(decision.clone(), &constraints);
         self.note(&judged);
         Ok(Candidate { merit: judged.final_time(), ..judged })
     }

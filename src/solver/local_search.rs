@@ -104,10 +104,8 @@ impl<'a> LocalSearch<'a> {
         let result =
             minimise_sequentially(&mut self.problem, from, (&settings, accepted), &mut self.budget, &mut report_each);
         self.iterations += result.iterations;
-        let goal_error = scales.largest_goal_error(&result.constraints.residual);
-        let breaks_limits = self.problem.breaks_limits(&result.constraints);
         let merit = self.merit(&result);
-        let candidate = Candidate { merit, ..Candidate::new(result.x, goal_error, breaks_limits, self.goal_heading) };
+        let candidate = Candidate { merit, ..self.candidate(result.x, &result.constraints) };
         self.note(&candidate);
         // When a descent ends infeasible, its last feasible iterate is kept.
         if let Some(passed) = passed.filter(|_| !candidate.is_feasible(tolerance)) {
@@ -201,6 +199,12 @@ impl<'a> LocalSearch<'a> {
         let from = (&plan.decision, &mut self.programs);
         let measure = criticality_measure(&mut self.problem, from, &settings, &mut self.budget)?;
         Ok(Arc::new(Stationarity { penalty_parameter, time_unit, measure }))
+    }
+
+    /// A point with its constraint values, as a candidate.
+    pub(super) fn candidate(&self, decision: DVector<f64>, constraints: &Constraints) -> Candidate {
+        let goal_error = self.problem.goal_scales().largest_goal_error(&constraints.residual);
+        Candidate::new(decision, goal_error, self.problem.breaks_limits(constraints), self.goal_heading)
     }
 
     pub(super) fn note(&mut self, candidate: &Candidate) {
