@@ -229,11 +229,7 @@ fn faulty_output<K: Kind>(arguments: &JobArguments) -> Option<String> {
     if arguments.out.is_some() && !K::HAS_FILES {
         return Some(format!("there are no files of `{}`", K::NAME));
     }
-    let folders = [("svg", &arguments.svg), ("out", &arguments.out)];
-    if let Some((flag, _)) = folders.iter().find(|(_, folder)| folder.as_deref().is_some_and(is_standard_output)) {
-        return Some(format!("`--{flag}` is `-`, must be a folder"));
-    }
-    let to_output = output_files(arguments).filter(|path| is_standard_output(path)).count();
+    let to_output = output_files(arguments).filter(|path| is_standard_stream(path)).count();
     (to_output > 1).then(|| format!("{to_output} outputs are `-`, must be at most one"))
 }
 
@@ -305,7 +301,7 @@ fn is_saved(body: &[u8]) -> bool {
 fn read_file(input: &Path, limit: usize) -> io::Result<Vec<u8>> {
     let mut body = Vec::new();
     let most = limit as u64 + 1;
-    if input == Path::new("-") {
+    if is_standard_stream(input) {
         io::stdin().take(most).read_to_end(&mut body)?;
     } else {
         File::open(input)?.take(most).read_to_end(&mut body)?;
@@ -331,10 +327,10 @@ fn refuse(problem: &Problem) -> ExitCode {
 /// Prints the table, where standard output is for nothing else, and writes the JSON answer where it is asked for.
 fn write_answer<K: Kind>(arguments: &JobArguments, made: &Made<K>) -> anyhow::Result<()> {
     let written = arguments.json.as_deref().map_or(Ok(()), |path| {
-        let end: &[u8] = if is_standard_output(path) { b"\n" } else { b"" };
+        let end: &[u8] = if is_standard_stream(path) { b"\n" } else { b"" };
         write_file(path, &[&json::write(&made.answer), end].concat())
     });
-    let is_free = output_files(arguments).all(|path| !is_standard_output(path));
+    let is_free = output_files(arguments).all(|path| !is_standard_stream(path));
     let printed = if is_free { say(made.table.as_bytes()) } else { Ok(()) };
     written.and(printed)
 }
@@ -358,12 +354,13 @@ fn output_files(arguments: &JobArguments) -> impl Iterator<Item = &Path> {
     [json, save, report, csv].into_iter().flatten().map(PathBuf::as_path)
 }
 
-fn is_standard_output(path: &Path) -> bool {
+/// Whether this is `-`: standard input where it is read, standard output where it is written.
+fn is_standard_stream(path: &Path) -> bool {
     path == Path::new("-")
 }
 
 fn write_file(path: &Path, content: &[u8]) -> anyhow::Result<()> {
-    if is_standard_output(path) {
+    if is_standard_stream(path) {
         return say(content);
     }
     fs::write(path, content).with_context(|| format!("{} cannot be written", path.display()))

@@ -33,6 +33,7 @@ pub(crate) use nats::{NatsArguments, SweepOverNats, WorkerArguments};
 pub(crate) use settings::{LogSettings, ServeSettings};
 use sources::{Given, Shown, Sources};
 pub(crate) use tls::for_probes;
+use value::folder;
 pub(crate) use value::{LogFormat, Threads};
 
 /// What the exit codes mean.
@@ -131,7 +132,7 @@ pub(crate) struct SweepArguments {
     /// nothing runs: the results are shown.
     pub(crate) file: Option<PathBuf>,
     /// The folder of the results; to show those of several shards, all of their folders.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = folder())]
     pub(crate) out: Vec<PathBuf>,
     /// Runs the chunks whose number leaves I when divided by N, from 0.
     #[arg(long, value_name = "I/N", default_value_t = Shard::WHOLE)]
@@ -170,13 +171,13 @@ pub(crate) struct JobArguments {
     #[arg(long, value_name = "PAGE")]
     pub(crate) report: Option<PathBuf>,
     /// Writes the figures into this folder, one SVG file each.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = folder())]
     pub(crate) svg: Option<PathBuf>,
     /// Writes the motion here, one row of numbers per node; `-` is standard output.
     #[arg(long, value_name = "OUT")]
     pub(crate) csv: Option<PathBuf>,
     /// Writes the files of the answer into this folder; without it they are listed only.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = folder())]
     pub(crate) out: Option<PathBuf>,
     /// Threads that work; the answer does not depend on their number [default: cores].
     #[arg(long)]

@@ -19,7 +19,7 @@ use slipdrive::sweep::{
 use tokio::sync::oneshot;
 
 use super::progress_of_rows::ProgressOfRows;
-use super::{refused, say};
+use super::{is_standard_stream, refused, say};
 use crate::config::{SweepArguments, thread_count};
 use crate::shutdown::Signals;
 use crate::{EXIT_BAD_INPUT, tell};
@@ -45,8 +45,7 @@ pub(crate) fn sweep(arguments: &SweepArguments) -> anyhow::Result<ExitCode> {
                 Ok(sweep) => sweep,
                 Err(SweepError::Refused(problem)) => return Ok(super::refuse(&problem)),
                 Err(SweepError::Unreadable(error)) => {
-                    let is_input = file == Path::new("-");
-                    let what = if is_input { "standard input".into() } else { file.to_string_lossy() };
+                    let what = if is_standard_stream(file) { "standard input".into() } else { file.to_string_lossy() };
                     return Err(error).context(format!("{what} cannot be read"));
                 }
             };
@@ -70,7 +69,7 @@ fn read(file: &Path, jobs: &Jobs) -> Result<Sweep, SweepError> {
     if let Some((_, text)) = sweep::EXAMPLES.iter().find(|(name, _)| file == Path::new(name)) {
         return Sweep::read(Cursor::new(*text), jobs);
     }
-    if file == Path::new("-") {
+    if is_standard_stream(file) {
         return Sweep::read(Cursor::new(whole(io::stdin())?), jobs);
     }
     let source = File::open(file)?;

@@ -2,11 +2,12 @@
 
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
 use axum::http::HeaderValue;
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use tracing_subscriber::EnvFilter;
 
 /// A type that settings may have.
@@ -162,6 +163,12 @@ impl Value for PathBuf {
     fn parse(text: &str) -> Option<Self> {
         Some(Self::from(text))
     }
+}
+
+/// For flags that are no settings. A file may be `-`, standard output, a folder may not.
+pub(crate) fn folder() -> impl TypedValueParser<Value = PathBuf> {
+    let is_folder = |path: PathBuf| if path == Path::new("-") { Err("must be a folder") } else { Ok(path) };
+    PathBufValueParser::new().try_map(is_folder)
 }
 
 /// Absent where the text is empty.

@@ -42,8 +42,10 @@ fn bad_values_are_refused_with_the_words_of_the_service() {
 
 #[test]
 fn folders_are_no_standard_output() {
-    assert!(refused(&["solve", "--svg", "-"], b"").contains("`--svg` is `-`, must be a folder"));
-    assert!(refused(&["export", "--out", "-", "-"], b"{}").contains("`--out` is `-`, must be a folder"));
+    for (command, flag) in [("solve", "--svg"), ("export", "--out"), ("sweep", "--out")] {
+        let told = refused(&[command, flag, "-", "-"], b"{}");
+        assert!(told.contains(&format!("invalid value '-' for '{flag} <DIR>': must be a folder")), "{told}");
+    }
 }
 
 #[test]
