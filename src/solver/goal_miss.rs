@@ -145,8 +145,13 @@ mod tests {
                 SHORTEST_FINAL_TIME,
                 control_count,
             )));
-            let reason = goal_missed(&input, &plan, &SVector::repeat(1.0), (None, StopReason::Finished));
-            assert_eq!(reason.code, "goal_missed", "{control_count}");
+            let missed = |plan: &TorqueSchedule| {
+                let reason = goal_missed(&input, plan, &SVector::repeat(1.0), (None, StopReason::Finished));
+                (reason.code, reason.time)
+            };
+            assert_eq!(missed(&plan), ("goal_missed", Some(plan.final_time)), "{control_count}");
+            let shorter = TorqueSchedule { final_time: 0.1 * SHORTEST_FINAL_TIME, ..plan };
+            assert_eq!(missed(&shorter), ("motion_diverges", None), "{control_count}");
         }
     }
 

@@ -287,7 +287,7 @@ fn random_case(seed: u64, adapt: impl Fn(&mut Xoshiro256PlusPlus, RobotParameter
 }
 
 impl Case {
-    /// Its end as the goal, where the motion stays in the model.
+    /// Its end as the goal, or what is within a tolerance of that, where the motion stays in the model.
     fn with_goal(mut self) -> Option<Self> {
         let simulator = Simulator::new(&self.input.robot);
         let parameters = *self.input.robot.parameters();
@@ -302,8 +302,10 @@ impl Case {
         self.input.maneuver.limits.normal_load_share = 0.0;
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(!self.seed);
         let free = if rng.random_bool(0.5) { 0.0 } else { 0.4 };
+        let tolerance = if rng.random_bool(0.5) { 1e-6 } else { 10.0_f64.powf(rng.random_range(-3.0..0.0)) };
+        self.input.settings.goal_tolerance = tolerance;
         for component in StateComponent::ALL {
-            let mut value = end.to_vector()[component.index()];
+            let mut value = end.to_vector()[component.index()] + 0.99 * tolerance * rng.random_range(-1.0..1.0);
             if component == StateComponent::Heading {
                 value += std::f64::consts::TAU * f64::from(rng.random_range(-2..3));
             }
