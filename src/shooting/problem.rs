@@ -119,6 +119,11 @@ impl<'a> ShootingProblem<'a> {
         judges_motors_anew
     }
 
+    /// Whether plans that keep its limits may break those of the maneuver, since motors beyond the grip are judged at the ends of steps.
+    pub fn is_stand_in(&self) -> bool {
+        self.beyond_grip.is_some()
+    }
+
     /// Whether torques may exceed those near the grip.
     pub fn has_torque_beyond_grip(&self) -> bool {
         let PerWheel { left, right } = self.torque_limit;

@@ -63,6 +63,11 @@ impl Candidate {
         }
     }
 
+    /// As found under another problem than the maneuver's own: it may break limits.
+    pub(super) fn not_judged(self) -> Self {
+        Self { breaks_limits: true, stationarity: None, ..self }
+    }
+
     pub(super) fn final_time(&self) -> f64 {
         self.decision[self.decision.len() - 1]
     }

@@ -5,7 +5,7 @@
 
 use nalgebra::DVector;
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, keep_better};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, keep_best, keep_better};
 use super::local_search::LocalSearch;
 use crate::optimizer::{Interruption, Problem};
 
@@ -23,7 +23,6 @@ impl LocalSearch<'_> {
         if !self.problem.is_steep_where_wheels_slip() {
             return Ok(None);
         }
-        // What it comes to is not judged by the exact law yet.
         let control = self.control.quietly();
         let mut held = LocalSearch::new(self.problem.holding_wheels(), self.settings, &control, self.budget.left());
         held.coarse_step_count = self.coarse_step_count;
@@ -31,16 +30,20 @@ impl LocalSearch<'_> {
         let found = search(&mut held);
         self.iterations += held.iterations;
         self.budget.count(held.budget.spent());
-        let found = found?;
         let tolerance = self.settings.goal_tolerance;
+        // Where the budget ends before they are judged by the exact law: any plan of that is better.
+        let known = match &found {
+            Ok(found) => Some(found.clone()).filter(|found| found.is_feasible(tolerance)),
+            Err(_) => held.best.take().filter(|best| best.goal_error <= tolerance),
+        };
+        keep_best(&mut self.best, known.map(Candidate::not_judged), tolerance);
+        let found = found?;
         if !found.is_feasible(tolerance) || found.final_time() >= time_to_beat {
             return Ok(None);
         }
-        let aimed_at = self.goal_heading;
         self.aim(found.goal_heading);
         let mut plan = self.judged(&found.decision)?;
         keep_better(&mut plan, self.near(&found.decision)?, tolerance);
-        self.aim(aimed_at);
         Ok(Some(plan))
     }
 
@@ -61,6 +64,6 @@ impl LocalSearch<'_> {
         let constraints = self.problem.evaluate(decision, stop)?;
         let judged = self.candidate(decision.clone(), &constraints);
         self.note(&judged);
-        Ok(Candidate { merit: judged.final_time(), ..judged })
+        Ok(judged)
     }
 }

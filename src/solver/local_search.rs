@@ -8,8 +8,8 @@ use super::candidate::{CRITICALITY_TOLERANCE, Candidate, Stationarity, improves,
 use super::run_control::{RunControl, SolveProgress};
 use super::settings::SolverSettings;
 use crate::optimizer::{
-    Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, SequentialLinearResult,
-    SequentialLinearSettings, criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
+    Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, SequentialLinearSettings,
+    criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
 };
 use crate::shooting::{Penalty, ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
@@ -88,24 +88,24 @@ impl<'a> LocalSearch<'a> {
         let merit_to_beat = time_to_beat / self.problem.time_unit();
         let settings = SequentialLinearSettings { merit_to_beat, ..self.descent(radius, smallest_prediction) };
         let (tolerance, inequality_tolerance) = (self.settings.goal_tolerance, self.problem.inequality_tolerance());
-        let scales = self.problem.goal_scales();
+        let (scales, is_stand_in) = (self.problem.goal_scales(), self.problem.is_stand_in());
         // The latest feasible point is the fastest one since the penalty parameter last grew: the merit only falls.
         let mut passed = None;
         let mut report_each = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
             let breaks_limits = constraints.largest_inequality_violation() > inequality_tolerance;
             let reached = Candidate::new(x.clone(), goal_error, breaks_limits, self.goal_heading);
-            report(self.control, self.start, &reached, tolerance);
-            if reached.is_feasible(tolerance) {
-                passed = Some(reached);
+            let is_feasible = reached.is_feasible(tolerance);
+            if !(is_stand_in && is_feasible) {
+                report(self.control, self.start, &reached, tolerance);
             }
+            passed = if is_feasible { Some(reached) } else { passed.take() };
         };
         let from = (guess, &mut self.programs);
         let result =
             minimise_sequentially(&mut self.problem, from, (&settings, accepted), &mut self.budget, &mut report_each);
         self.iterations += result.iterations;
-        let merit = self.merit(&result);
-        let candidate = Candidate { merit, ..self.candidate(result.x, &result.constraints) };
+        let candidate = self.candidate(result.x, &result.constraints);
         self.note(&candidate);
         // When a descent ends infeasible, its last feasible iterate is kept.
         if let Some(passed) = passed.filter(|_| !candidate.is_feasible(tolerance)) {
@@ -131,9 +131,9 @@ impl<'a> LocalSearch<'a> {
     }
 
     /// The final time and what violations cost, s.
-    pub(super) fn merit(&self, result: &SequentialLinearResult) -> f64 {
-        let violation = PENALTY * result.constraints.violation_sum();
-        result.x[result.x.len() - 1] + self.problem.time_unit() * violation
+    pub(super) fn merit(&self, decision: &DVector<f64>, constraints: &Constraints) -> f64 {
+        let violation = PENALTY * constraints.violation_sum();
+        decision[decision.len() - 1] + self.problem.time_unit() * violation
     }
 
     pub(super) fn nelder_mead(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
@@ -204,15 +204,20 @@ impl<'a> LocalSearch<'a> {
     /// A point with its constraint values, as a candidate.
     pub(super) fn candidate(&self, decision: DVector<f64>, constraints: &Constraints) -> Candidate {
         let goal_error = self.problem.goal_scales().largest_goal_error(&constraints.residual);
-        Candidate::new(decision, goal_error, self.problem.breaks_limits(constraints), self.goal_heading)
+        let merit = self.merit(&decision, constraints);
+        let breaks_limits = self.problem.breaks_limits(constraints);
+        Candidate { merit, ..Candidate::new(decision, goal_error, breaks_limits, self.goal_heading) }
     }
 
+    /// Keeps a candidate where it is the best one so far that is certain to keep the limits of the maneuver.
     pub(super) fn note(&mut self, candidate: &Candidate) {
         let tolerance = self.settings.goal_tolerance;
-        if improves(self.best.as_ref(), candidate, tolerance) {
-            self.best = Some(candidate.clone());
-            report(self.control, self.start, candidate, tolerance);
+        let is_stand_in = self.problem.is_stand_in();
+        let candidate = if is_stand_in { candidate.clone().not_judged() } else { candidate.clone() };
+        if improves(self.best.as_ref(), &candidate, tolerance) {
+            report(self.control, self.start, &candidate, tolerance);
         }
+        keep_best(&mut self.best, Some(candidate), tolerance);
     }
 }
 

@@ -1,6 +1,8 @@
 //! The race of a search: from starts through ever fewer and ever more thorough heats to the best local optimum.
 
-use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, distinct, is_distinct, keep_best};
+use std::ops::Range;
+
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, distinct, is_distinct};
 use super::hops::PATIENCE;
 use super::local_search::LocalSearch;
 use super::parts::{PartOutcome, RunPart};
@@ -159,6 +161,17 @@ impl<'a> Race<'a> {
         let chosen: Vec<_> = groups.into_iter().map(|group| representative(&mut self.smoothed[group])).collect();
         let arrived = self.heat(&chosen, Heat::Descend);
         self.optima.extend(arrived.into_iter().map(|arrived| arrived.local));
+        self.secure_best();
+    }
+
+    /// Moves the fastest plan to where it is certain to keep all limits of the maneuver, so that a search which is stopped has one.
+    fn secure_best(&mut self) {
+        let tolerance = self.input.settings.goal_tolerance;
+        let plans = self.optima.iter().filter(|optimum| optimum.is_feasible(tolerance));
+        let fastest = plans.min_by(|a, b| a.final_time().total_cmp(&b.final_time()));
+        if let Some(fastest) = fastest.filter(|_| self.problem.is_stand_in() && !self.found.is_interrupted()).cloned() {
+            self.round(&[fastest], |fastest, search| search.secure(fastest));
+        }
     }
 
     /// Improves the fastest distinct optima that come near the best, ever fewer of them and ever more thoroughly (successive halving:
@@ -169,8 +182,9 @@ impl<'a> Race<'a> {
             if self.found.is_interrupted() {
                 return;
             }
-            let (places, slowest) = self.rank_optima();
-            let may_win = places.into_iter().filter(|place| self.optima[*place].merit <= slowest).take(count);
+            let (groups, slowest) = self.rank_optima();
+            let places = groups.into_iter().map(|group| group.start);
+            let may_win = places.filter(|place| self.optima[*place].merit <= slowest).take(count);
             let chosen: Vec<_> = may_win.map(|place| (place, self.optima[place].clone())).collect();
             for ((place, _), local) in self.round(&chosen, |(_, plan), search| search.polish(plan, patience, round)) {
                 self.optima[*place] = local;
@@ -192,8 +206,9 @@ impl<'a> Race<'a> {
             return;
         }
         if let Some((best, local)) = self.round(&[best], |best, search| search.polish(best, PATIENCE, 0)).pop() {
-            self.optima.retain(|optimum| optimum.decision != best.decision);
-            self.optima.push(local);
+            let same = self.optima.extract_if(.., |optimum| optimum.decision == best.decision);
+            let times_found = same.map(|optimum| optimum.times_found).sum::<usize>().max(local.times_found);
+            self.optima.push(Candidate { times_found, ..local });
         }
     }
 
@@ -206,34 +221,40 @@ impl<'a> Race<'a> {
         self.optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
         let judges_motors_anew = self.problem.release_torques();
         // Nelder-Mead has had all torques from the start.
-        if judges_motors_anew && self.input.settings.method != Method::NelderMead && !self.found.is_interrupted() {
+        if !judges_motors_anew || self.input.settings.method == Method::NelderMead {
+            return;
+        }
+        if self.found.is_interrupted() {
+            // Of the others it is not known whether they keep the whole curves.
+            self.optima = self.found.best.iter().cloned().collect();
+        } else {
             self.move_optima();
         }
     }
 
-    /// Sorts the optima by merit; the places of the distinct ones, and the largest merit of those that may become the best.
-    fn rank_optima(&mut self) -> (Vec<usize>, f64) {
+    /// Sorts the optima by merit; the distinct ones, and the largest merit of those that may become the best.
+    fn rank_optima(&mut self) -> (Vec<Range<usize>>, f64) {
         best_first(&mut self.optima, |optimum| optimum);
-        let groups = distinct(&self.optima, |optimum| optimum.merit).into_iter();
         let slowest = (1.0 + LARGEST_LAG) * self.optima.first().map_or(0.0, |best| best.merit);
-        (groups.map(|group| group.start).collect(), slowest)
+        (distinct(&self.optima, |optimum| optimum.merit), slowest)
     }
 
     /// Moves each optimum, once where several are one, to where it keeps limits that are others than before; the best is left to be
     /// polished.
     fn move_optima(&mut self) {
-        let (places, slowest) = self.rank_optima();
-        let chosen: Vec<_> = places.into_iter().map(|place| self.optima[place].clone()).collect();
-        let passed = self.found.best.take().map(|best| Candidate { breaks_limits: true, ..best });
+        let (groups, slowest) = self.rank_optima();
+        let once = |group: Range<usize>| {
+            let times_found = self.optima[group.clone()].iter().map(|optimum| optimum.times_found).sum();
+            Candidate { times_found, ..self.optima[group.start].clone() }
+        };
+        let chosen: Vec<_> = groups.into_iter().map(once).collect();
         let moved = self.round(&chosen, |optimum, search| {
             search.aim(optimum.goal_heading);
             // Those that may become the best in every way there is.
-            if optimum.merit <= slowest { search.adapt(optimum) } else { search.back_off(optimum) }
+            let moved = if optimum.merit <= slowest { search.adapt(optimum) } else { search.back_off(optimum) }?;
+            Ok(Candidate { times_found: optimum.times_found, ..moved })
         });
-        let moved = moved.into_iter();
-        let moved = moved.map(|(optimum, moved)| Candidate { times_found: optimum.times_found, ..moved });
-        self.optima = moved.collect();
-        keep_best(&mut self.found.best, passed, self.input.settings.goal_tolerance);
+        self.optima = moved.into_iter().map(|(_, moved)| moved).collect();
         self.found.best.iter_mut().for_each(|best| best.stationarity = None);
     }
 

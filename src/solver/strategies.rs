@@ -2,9 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::candidate::{
-    CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, LEAST_PROMISE, is_distinct, keep_best, keep_better,
-};
+use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, LEAST_PROMISE, is_distinct, keep_better};
 use super::hops::PATIENCE;
 use super::local_search::{LARGEST_PENALTY, LocalSearch, SMALLEST_PREDICTION, STRICT_PENALTY};
 use super::run_control::Phase;
@@ -66,7 +64,10 @@ impl LocalSearch<'_> {
                 self.cross_kink(&mut best, WORTH_CROSSING)?;
                 Ok(best)
             }
-            (Method::SequentialLinear, Strategy::Direct) => self.directly(&guess),
+            (Method::SequentialLinear, Strategy::Direct) => {
+                let best = self.directly(&guess)?;
+                self.secure(&best)
+            }
             (Method::SequentialLinear, Strategy::Smoothed | Strategy::Sharper) => {
                 let law = &laws_of(start.strategy)[..1];
                 self.coarsely(|search| search.smoothed(&guess, law, (START_RADIUS, ROUGH_ITERATION_LIMIT)))
@@ -95,6 +96,19 @@ impl LocalSearch<'_> {
             self.settle(&mut best)?;
         }
         Ok(best)
+    }
+
+    /// Keeps a plan, which it gives back, where that is certain to keep all limits of the maneuver, so that a search which is stopped has one.
+    pub(super) fn secure(&mut self, plan: &Candidate) -> Result<Candidate, Interruption> {
+        if self.problem.is_stand_in() && plan.is_feasible(self.settings.goal_tolerance) {
+            let near_grip = self.problem.clone();
+            self.aim(plan.goal_heading);
+            self.problem.release_torques();
+            let secured = self.back_off(plan);
+            self.problem = near_grip;
+            secured?;
+        }
+        Ok(plan.clone())
     }
 
     /// A further heat of a start of several, from where the last one led.
@@ -228,9 +242,7 @@ impl LocalSearch<'_> {
         }
         if !arrived(&best) {
             let held = self.holding_wheels(best.time_to_beat(tolerance), |held| held.warmly(guess, other_heading))?;
-            if let Some(held) = held {
-                keep_better(&mut best, held, tolerance);
-            }
+            held.into_iter().for_each(|held| keep_better(&mut best, held, tolerance));
             self.aim(best.goal_heading);
         }
         if !arrived(&best) {
@@ -297,7 +309,7 @@ impl LocalSearch<'_> {
             let Some(better) = known.measure.better.clone()? else {
                 best.stationarity = Some(known);
                 // It may be the best one of all.
-                keep_best(&mut self.best, Some(best.clone()), tolerance);
+                self.note(best);
                 return Ok(());
             };
             // On a short way the goal tolerance gains much time, and from a plan that uses it a descent to the goal itself is slower.
@@ -344,7 +356,7 @@ impl LocalSearch<'_> {
             self.problem.set_slip_smoothing(0.0);
             self.iterations += result.iterations;
             result.ending?;
-            merit = self.merit(&result);
+            merit = self.merit(&result.x, &result.constraints);
             decision = result.x;
             first_radius = FIRST_RADIUS;
         }

@@ -150,6 +150,24 @@ fn wheels_of_strong_motors_gain_by_leave_to_slip() {
     }
 }
 
+/// A search that is cut off while it holds the wheels, or while it judges motors beyond the grip at the ends of steps alone, has a plan.
+#[test]
+fn plan_of_a_motor_is_not_lost_where_the_search_is_cut_off() {
+    let beyond_grip = (10.0, Goal::at_rest(0.3, 1.0, 0.0), 12, [1000, 2500, 5400]);
+    let holding = (1.0, Goal::at_rest(-2.0, 3.0, 1.5), 1, [60, 75, 96]);
+    for (stall_torque, goal, start_count, limits) in [beyond_grip, holding] {
+        let mut parameters = SolveParameters::forward_drive();
+        parameters.robot.motor = Some(Motor { stall_torque, free_speed: 40.0 });
+        parameters.maneuver.goal = goal;
+        (parameters.settings.step_count, parameters.settings.start_count) = (100, start_count);
+        for limit in limits {
+            parameters.settings.rollout_limit = limit;
+            let solution = solved(parameters.clone());
+            assert!(matches!(solution.status, Status::Feasible | Status::Converged), "{limit}: {:?}", solution.status);
+        }
+    }
+}
+
 #[test]
 fn run_up_follows_the_motor() {
     let mut parameters = symmetric();
