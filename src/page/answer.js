@@ -33,10 +33,10 @@ export function showFacts({ shown, trajectory }, byDefault) {
 const isMet = (status) => status === "converged" || status === "feasible";
 
 /** @param {import("./state.js").Solution} answer */
-function headline({ status, final_time_s }) {
-  return isMet(status)
-    ? `The robot reaches its goal in ${final_time_s.toFixed(3)} s.`
-    : "There is no plan that reaches the goal.";
+function headline({ status, final_time_s, replay_confirmed }) {
+  if (!isMet(status)) return "There is no plan that reaches the goal.";
+  const doubt = replay_confirmed ? "" : ", but a replay in finer steps does not confirm it";
+  return `The robot reaches its goal in ${final_time_s.toFixed(3)} s${doubt}.`;
 }
 
 /** @param {import("./state.js").Solution} answer @param {Tolerances} tolerances @returns {[string, string, string][]} */

@@ -18,8 +18,14 @@ export class Figures {
     this.onSeek = onSeek;
   }
 
+  /** They are of an earlier plan, until others are shown. */
+  showOutdated() {
+    setAttributes(this.root, { "aria-busy": "true" });
+  }
+
   /** @param {Figure[]} figures */
   show(figures) {
+    setAttributes(this.root, { "aria-busy": undefined });
     this.#cursors = [];
     this.root.replaceChildren(...figures.map((figure) => this.#made(figure)));
   }

@@ -111,9 +111,10 @@ function showPlan(plan, request) {
 
 /** Asked once per answer: cursor, zoom and theme are the page's own. */
 async function showPictures() {
-  const { plan, compared, time } = current();
+  const { plan, compared } = current();
   if (!plan) return;
   byId("alone", HTMLElement).hidden = !compared;
+  figures.showOutdated();
   const redraw = byId("redraw", HTMLElement);
   redraw.hidden = true;
   const isShown = () => plan === current().plan && compared === current().compared;
@@ -122,7 +123,7 @@ async function showPictures() {
     if (!isShown()) return;
     showWords(answer.plans, plan);
     figures.show(answer.figures);
-    figures.showTime(time);
+    figures.showTime(current().time);
   } catch (error) {
     if (!isShown()) return;
     figures.show([]);
@@ -226,6 +227,8 @@ function openLink(fragment) {
     const request = requestIn(fragment);
     if (request === undefined) return;
     replace(requestOf(request));
+    // It says what the form was, not what it will be; and the same link may be opened again.
+    history.replaceState(null, "", location.pathname + location.search);
   } catch (error) {
     problem.show("The link cannot be opened", error);
   }
@@ -287,3 +290,4 @@ addEventListener("pagehide", () => sessionStorage.setItem("request", JSON.string
 begin(presets[0]);
 if (left && visit instanceof PerformanceNavigationTiming && visit.type !== "navigate") replace(JSON.parse(left));
 else openLink(location.hash);
+byId("solve", HTMLButtonElement).disabled = false;

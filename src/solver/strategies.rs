@@ -242,7 +242,9 @@ impl LocalSearch<'_> {
         }
         if !arrived(&best) {
             let held = self.holding_wheels(best.time_to_beat(tolerance), |held| held.warmly(guess, other_heading))?;
-            held.into_iter().for_each(|held| keep_better(&mut best, held, tolerance));
+            if let Some(held) = held {
+                keep_better(&mut best, held, tolerance);
+            }
             self.aim(best.goal_heading);
         }
         if !arrived(&best) {

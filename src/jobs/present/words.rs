@@ -295,7 +295,7 @@ fn limit_used(used: &LimitUse) -> String {
     let replayed = match replay_excess {
         None => String::new(),
         Some(excess) if *excess <= 0.0 => ", on the finer grid too".to_owned(),
-        Some(excess) => format!(", on the finer grid exceeded by {} %", short(100.0 * excess)),
+        Some(excess) => format!(" on its own grid, exceeded by {} % on the finer one", short(100.0 * excess)),
     };
     format!("Limit {limit} = {}: {verdict}{replayed}; the largest use is {} at {time}.", short(*value), short(*largest))
 }
