@@ -211,7 +211,7 @@ impl Motion {
         if misses(largest_magnitude(self.goal_error.iter().copied()), input.settings.goal_tolerance) {
             return Some(goal_missed(input, &self.schedule, &self.goal_error, (exceeded, stop_reason)));
         }
-        exceeded.map(|used| limit_missed(used, stop_reason))
+        exceeded.map(|used| limit_missed(input, used, stop_reason))
     }
 
     /// The answer; its certificate may have been cut off.

@@ -38,7 +38,11 @@ pub(super) fn goal_missed(
         let help = "more `grid.steps` or a slower start".to_owned();
         ("motion_diverges", "every motion that was tried diverges, and the start", help)
     } else {
-        ("goal_missed", "the best plan", help(input, miss, (exceeded, stop_reason)))
+        (
+            "goal_missed",
+            "the best plan",
+            with_fitting_wheel_rates(input, &help_for_search(input, miss, (exceeded, stop_reason))),
+        )
     };
     let beside = exceeded.map(|used| format!(", where it {}", excess(used))).unwrap_or_default();
     let message = format!(
@@ -49,12 +53,13 @@ pub(super) fn goal_missed(
 }
 
 /// The limit that a plan exceeds most, and what would help.
-pub(super) fn limit_missed(used: &LimitUse, stop_reason: StopReason) -> Reason {
-    let help = match stop_reason {
+pub(super) fn limit_missed(input: &SolveInput, used: &LimitUse, stop_reason: StopReason) -> Reason {
+    let for_search = match stop_reason {
         StopReason::Stopped => MORE_TIME_OR_WIDER_LIMIT,
         StopReason::RolloutLimit => MORE_ROLLOUTS,
         StopReason::Finished => WIDER_LIMIT,
     };
+    let help = with_fitting_wheel_rates(input, for_search);
     let message = format!("the best plan that meets the goal {}; {help} would help", excess(used));
     let LimitUse { limit, value, largest, time, .. } = *used;
     let (code, field) = (Reason::LIMIT_EXCEEDED, limit.to_owned());
@@ -82,10 +87,9 @@ const MORE_ROLLOUTS: &str = "a larger `solver.rollout_limit`";
 const MORE_TIME_OR_WIDER_LIMIT: &str = "more time (`solver.time_limit_s` or the deadline) or a wider limit";
 const WIDER_LIMIT: &str = "more `solver.starts`, more `grid.control_intervals` or a wider limit";
 
-/// What would help: first another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
-fn help(input: &SolveInput, miss: f64, ending: (Option<&LimitUse>, StopReason)) -> String {
-    let for_search = help_for_search(input, miss, ending);
-    let Some(slip) = slip_by_wheel_rates(input) else { return for_search };
+/// First another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
+fn with_fitting_wheel_rates(input: &SolveInput, for_search: &str) -> String {
+    let Some(slip) = slip_by_wheel_rates(input) else { return for_search.to_owned() };
     format!(
         "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {slip} m/s), else {for_search}"
     )
@@ -168,6 +172,16 @@ mod tests {
         let help = |exceeded| help_for_search(&SolveInput::forward_drive(), 3e-6, (exceeded, StopReason::Finished));
         assert!(help(Some(&used)).contains("wider limit") && !help(Some(&used)).contains("goal_tolerance"));
         assert!(help(None).contains("goal_tolerance"));
+    }
+
+    #[test]
+    fn fitting_wheel_rates_are_advised_where_a_limit_keeps_the_goal_from_slipping() {
+        let mut input = SolveInput::forward_drive();
+        let used = LimitUse { limit: MOTOR, value: 0.3, largest: 0.4, time: 0.0, excess: 0.3, replay_excess: None };
+        let advice = "a goal whose wheel rates fit its velocity or are free";
+        assert!(!limit_missed(&input, &used, StopReason::Finished).message.contains(advice));
+        input.maneuver.goal.set(StateComponent::VelocityY, Some(0.15));
+        assert!(limit_missed(&input, &used, StopReason::Finished).message.contains(advice));
     }
 
     #[test]

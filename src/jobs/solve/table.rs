@@ -91,16 +91,14 @@ fn final_time(schedule: &TorqueSchedule, report: &Report) -> String {
 }
 
 fn replay_miss(replay: &Replay) -> String {
-    let Replay { step_count, miss_position, miss_heading, separations, within_tolerance, .. } = replay;
+    let Replay { step_count, miss_position, miss_heading, separations, .. } = replay;
     let Replay { miss_speed, miss_yaw_rate, miss_wheel_speed, .. } = replay;
-    let verdict = match (within_tolerance, separations) {
-        (true, _) => "within tolerance",
-        (false, 1..) => "a contact separates",
-        (false, 0) if replay.limit_excess > REPLAY_EXCESS => "a limit is exceeded",
-        (false, 0) => "above tolerance",
-    };
+    let verdict = if replay.within_tolerance { "within tolerance" } else { "above tolerance" };
+    let separates = if *separations > 0 { ", a contact separates" } else { "" };
+    let exceeds = if replay.limit_excess > REPLAY_EXCESS { ", a limit is exceeded" } else { "" };
     format!(
-        "{miss_position:.2e} m, {miss_heading:.2e} rad, {:.2e} m/s, {miss_yaw_rate:.2e} rad/s on {step_count} steps: {verdict}",
+        "{miss_position:.2e} m, {miss_heading:.2e} rad, {:.2e} m/s, {miss_yaw_rate:.2e} rad/s on {step_count} steps: \
+         {verdict}{separates}{exceeds}",
         miss_speed.max(*miss_wheel_speed)
     )
 }
@@ -155,5 +153,9 @@ mod tests {
             replay_miss(&replay),
             "2.00e-4 m, 0.00e0 rad, 1.00e-3 m/s, 3.00e-4 rad/s on 3200 steps: within tolerance"
         );
+        let exceeding =
+            Replay { miss_position: 0.1, separations: 1, limit_excess: 0.02, within_tolerance: false, ..replay };
+        let said = replay_miss(&exceeding);
+        assert!(said.ends_with(": above tolerance, a contact separates, a limit is exceeded"), "{said}");
     }
 }
