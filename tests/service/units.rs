@@ -82,7 +82,7 @@ async fn words_tell_the_numbers_of_the_answer_in_their_units() {
     assert!(is_near(said(&words, "Loads: ", " % of the weight"), 100.0 * least), "{words}");
     let slower = number(&answer, "/final_time_s") / number(&answer, "/report/lower_bound_s") - 1.0;
     assert!(is_near(said(&words, "Lower bound: ", " % longer"), 100.0 * slower), "{words}");
-    assert!(is_near(said(&words, "Limit maneuver.limits.speed_m_s", " %; the largest use"), 3.25), "{words}");
+    assert!(is_near(said(&words, "Limit maneuver.limits.speed_m_s", " % on the finer one"), 3.25), "{words}");
     assert_eq!(said(&words, "Sensitivity: ", " % less friction"), 10.0, "{words}");
     let miss = number(&answer, "/report/replay/miss_m");
     assert!(is_near(said(&words, "Replay: ", " mm"), 1e3 * miss), "{words}");
