@@ -35,7 +35,7 @@ const isMet = (status) => status === "converged" || status === "feasible";
 /** @param {import("./state.js").Solution} answer */
 function headline({ status, final_time_s, replay_confirmed }) {
   if (!isMet(status)) return "There is no plan that reaches the goal.";
-  const doubt = replay_confirmed ? "" : ", but a replay in finer steps does not confirm it";
+  const doubt = replay_confirmed ? "" : ", which no replay in finer steps confirms";
   return `The robot reaches its goal in ${final_time_s.toFixed(3)} s${doubt}.`;
 }
 

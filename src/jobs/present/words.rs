@@ -74,7 +74,8 @@ fn headline(answer: &Solution) -> String {
     let time = seconds(answer.final_time_s);
     match answer.status() {
         Status::Converged if answer.final_time_s == 0.0 => "The start is the goal: there is nothing to do.".to_owned(),
-        Status::Converged => format!("The robot reaches its goal in {time}."),
+        Status::Converged if answer.replay_confirmed => format!("The robot reaches its goal in {time}."),
+        Status::Converged => format!("The robot reaches its goal in {time}, which no replay in finer steps confirms."),
         Status::Feasible => format!("The robot reaches its goal in {time}, but that is not shown to be optimal."),
         Status::NotConverged if exceeds_limit(answer) => "The goal is met, but a limit is exceeded.".to_owned(),
         Status::NotConverged => "The goal is missed.".to_owned(),
@@ -374,7 +375,9 @@ mod tests {
         let times = [0.0, 0.000_132_4, 0.009, 0.01, 2.930_04, 1e-9];
         assert_eq!(times.map(seconds), ["0.000 s", "0.000132 s", "0.009 s", "0.010 s", "2.930 s", "1e-9 s"]);
         let answer = Solution { status: Status::Converged.into(), final_time_s: 0.000_132, ..Solution::default() };
-        assert_eq!(headline(&answer), "The robot reaches its goal in 0.000132 s.");
+        let said = "The robot reaches its goal in 0.000132 s";
+        assert_eq!(headline(&answer), format!("{said}, which no replay in finer steps confirms."));
+        assert_eq!(headline(&Solution { replay_confirmed: true, ..answer }), format!("{said}."));
     }
 
     #[test]
