@@ -38,11 +38,8 @@ pub(super) fn goal_missed(
         let help = "more `grid.steps` or a slower start".to_owned();
         ("motion_diverges", "every motion that was tried diverges, and the start", help)
     } else {
-        (
-            "goal_missed",
-            "the best plan",
-            with_fitting_wheel_rates(input, &help_for_search(input, miss, (exceeded, stop_reason))),
-        )
+        let for_search = help_for_search(input, miss, (exceeded, stop_reason));
+        ("goal_missed", "the best plan", with_fitting_wheel_rates(input, &for_search))
     };
     let beside = exceeded.map(|used| format!(", where it {}", excess(used))).unwrap_or_default();
     let message = format!(

@@ -99,7 +99,9 @@ impl<'a> LocalSearch<'a> {
             if !(is_stand_in && is_feasible) {
                 report(self.control, self.start, &reached, tolerance);
             }
-            passed = if is_feasible { Some(reached) } else { passed.take() };
+            if is_feasible {
+                passed = Some(reached);
+            }
         };
         let from = (guess, &mut self.programs);
         let result =

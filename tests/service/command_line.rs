@@ -237,7 +237,9 @@ fn saved_plans_are_presented_together_in_a_page_that_needs_nothing() {
     let table = String::from_utf8(presented.stdout).unwrap();
     assert_eq!(presented.status.code(), Some(0), "{}", String::from_utf8_lossy(&presented.stderr));
     let final_time = format!("{:.3} s", answer["final_time_s"].as_f64().unwrap());
-    let headline = format!("A  The robot reaches its goal in {final_time}");
+    let is_confirmed = answer["replay_confirmed"].as_bool().unwrap();
+    let doubt = if is_confirmed { "" } else { ", which no replay in finer steps confirms" };
+    let headline = format!("A  The robot reaches its goal in {final_time}{doubt}.");
     assert!(table.contains(&headline) && table.contains("\nB  Given torques"), "{table}");
     // Both as one file, and that with a further one.
     let both = folder.file("both.json");
