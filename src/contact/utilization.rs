@@ -73,6 +73,13 @@ impl WheelFriction {
         gradient
     }
 
+    /// The lateral friction of each wheel, split so that both keep within the utilisation.
+    pub fn lateral_split(&self) -> [f64; 2] {
+        let share = self.utilization();
+        // A wheel without normal force has none to use; the other one takes what full friction leaves.
+        divided(self.lateral, self.roots(if share.is_finite() { share } else { 1.0 }))
+    }
+
     fn lengthwise_shares(&self) -> [f64; 2] {
         [0, 1].map(|wheel| self.longitudinal[wheel].abs() / self.radius[wheel])
     }
@@ -107,6 +114,13 @@ impl WheelFriction {
     }
 }
 
+/// A value divided in proportion to two shares, >= 0.
+#[inline]
+pub(super) fn divided(value: f64, [left, right]: [f64; 2]) -> [f64; 2] {
+    let of_left = if left + right > 0.0 { value * left / (left + right) } else { 0.5 * value };
+    [of_left, value - of_left]
+}
+
 #[cfg(test)]
 mod tests {
     use rand::{RngExt, SeedableRng};
@@ -135,6 +149,29 @@ mod tests {
             let less = share * (1.0 - 1e-7);
             let holds = [0, 1].iter().all(|&wheel| friction.longitudinal[wheel].abs() <= less * friction.radius[wheel]);
             assert!(!holds || friction.capacity(less) < friction.lateral.abs(), "{friction:?}");
+        }
+    }
+
+    #[test]
+    fn no_wheel_uses_more_than_the_utilization_in_the_split() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(4);
+        for _ in 0..10_000 {
+            let friction = random(&mut rng);
+            let split = friction.lateral_split();
+            assert!((split[0] + split[1] - friction.lateral).abs() <= 1e-15, "{friction:?}: {split:?}");
+            for wheel in 0..2 {
+                let used = friction.longitudinal[wheel].hypot(split[wheel]) / friction.radius[wheel];
+                // Half of the digits where the quadratic's roots meet, as above.
+                assert!(used <= friction.utilization() * (1.0 + 1e-7), "{friction:?}: {used}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_wheel_without_normal_force_takes_nothing_sideways() {
+        for longitudinal in [[3.0, 0.0], [0.0, 0.0]] {
+            let friction = WheelFriction { longitudinal, lateral: 8.0, radius: [10.0, 0.0] };
+            assert_eq!(friction.lateral_split(), [8.0, 0.0]);
         }
     }
 

@@ -288,8 +288,8 @@ pub(super) fn friction(plans: &[Plan]) -> Option<Figure> {
         title: "Friction of each wheel within its limit",
         caption:
             "The friction force on each wheel as a share of what its load allows: inside the circle it sticks, on the \
-                  circle it may slip. While both stick, how they share the force across is a convention; a limit of grip counts \
-                  the share that uses least."
+                  circle it may slip. While both stick, only the sum of their forces across is known: it is shared so that the wheel \
+                  that uses more of its grip uses least."
                 .to_owned(),
         keys,
         notes: Vec::new(),

@@ -45,7 +45,7 @@ pub struct ContactSample {
     /// Normal force, N; negative means that the contact separates.
     pub normal_force: f64,
     /// Friction force on the robot to the right, N. While both wheels stick only the wheels' sum is physical; the
-    /// split follows the remaining friction capacity, by convention.
+    /// split is the one in which the wheel that uses more of its grip uses as little as possible, by convention.
     pub lateral_force: f64,
     /// Friction force on the robot to the front, N.
     pub longitudinal_force: f64,
