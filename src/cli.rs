@@ -1,5 +1,6 @@
 //! One command per kind of job (`slipdrive solve`): the REST bodies, run in process through the same service.
 
+mod outputs;
 mod progress;
 mod progress_of_rows;
 mod shown;
@@ -9,9 +10,9 @@ mod sweep_nats;
 #[cfg(feature = "nats")]
 mod worker;
 
-use std::fs::{self, File};
-use std::io::{self, Read, Write as _};
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -24,6 +25,8 @@ use slipdrive::jobs::{Flag, InProcessSolver, Jobs, Kind, Limits, Visitor};
 use slipdrive::metrics::Metrics;
 use slipdrive::service::{Class, Done, Service, ServiceError, ServiceSettings};
 
+pub(crate) use self::outputs::say;
+use self::outputs::{Writer, is_standard_stream};
 pub(crate) use self::sweep::sweep;
 #[cfg(feature = "nats")]
 pub(crate) use self::worker::worker;
@@ -174,8 +177,9 @@ fn run_job<K: Kind>(
     arguments: &JobArguments,
     flags: Map<String, Value>,
 ) -> anyhow::Result<ExitCode> {
-    if let Some(fault) = faulty_output::<K>(arguments) {
-        return Ok(refused(&fault));
+    let faults = faulty_outputs::<K>(arguments);
+    if !faults.is_empty() {
+        return Ok(refused(&faults.join("\nerror: ")));
     }
     let (given, most) = (arguments.input.len(), K::SAVED_FILES.max(1));
     if given > most {
@@ -205,15 +209,18 @@ fn run_job<K: Kind>(
         },
     };
     let is_success = made.is_success;
-    // What was computed is not lost with the first place that cannot be written: all are tried.
-    let (answer, files) = (write_answer(arguments, &made), write_files(arguments, &made));
-    let show = || {
-        let request = K::presentation(&body, made.answer).context("the answer cannot be shown")?;
-        shown::write(&request, jobs, &service, arguments)
-    };
-    let shown = if shows(arguments) { show() } else { Ok(()) };
-    answer.and(files).and(shown)?;
-    Ok(if is_success { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO_SUCCESS) })
+    let mut writer = Writer::default();
+    write_answer(arguments, &made, &mut writer);
+    if shows(arguments) {
+        let request = K::presentation(&body, made.answer).context("the answer cannot be shown");
+        let shown = request.and_then(|request| shown::write(&request, jobs, &service, arguments, &mut writer));
+        writer.tell(shown);
+    }
+    Ok(match (writer.has_failed, is_success) {
+        (true, _) => ExitCode::FAILURE,
+        (false, true) => ExitCode::SUCCESS,
+        (false, false) => ExitCode::from(EXIT_NO_SUCCESS),
+    })
 }
 
 /// Whether anything but the answer is asked for of a plan.
@@ -221,16 +228,16 @@ fn shows(arguments: &JobArguments) -> bool {
     arguments.save.is_some() || shown::is_asked_for(arguments)
 }
 
-/// What cannot be written, if there is anything.
-fn faulty_output<K: Kind>(arguments: &JobArguments) -> Option<String> {
+/// What cannot be written.
+fn faulty_outputs<K: Kind>(arguments: &JobArguments) -> Vec<String> {
+    let mut faults = outputs::collisions(arguments);
     if shows(arguments) && !K::HAS_FIGURES {
-        return Some(format!("there is nothing to show of `{}`", K::NAME));
+        faults.push(format!("there is nothing to show of `{}`", K::NAME));
     }
     if arguments.out.is_some() && !K::HAS_FILES {
-        return Some(format!("there are no files of `{}`", K::NAME));
+        faults.push(format!("there are no files of `{}`", K::NAME));
     }
-    let to_output = output_files(arguments).filter(|path| is_standard_stream(path)).count();
-    (to_output > 1).then(|| format!("{to_output} outputs are `-`, must be at most one"))
+    faults
 }
 
 /// What a command writes.
@@ -283,13 +290,24 @@ fn with_flags(body: Vec<u8>, flags: Map<String, Value>) -> Result<Vec<u8>, Probl
     Ok(json::write(&object))
 }
 
-/// As [`refuse`], with what a saved plan is for where this is one in place of a request.
+/// As [`refuse`], with what the file is for where it is of another kind.
 fn refuse_request<K: Kind>(problem: &Problem, body: &[u8]) -> ExitCode {
     let code = refuse(problem);
     if K::SAVED_FILES == 0 && is_saved(body) {
         tell(&"  `--save` has written this, for `present`, `export` and `assess`; the request is in its `request`");
+    } else if K::SAVED_FILES > 0 && is_request(body) {
+        tell(&"  this is a request: `--save` of `solve` and `simulate` keeps the plan of one for this command");
+    } else if K::SAVED_FILES == 1 && json::read_any_object(body).is_ok_and(|fields| fields.contains_key("plans")) {
+        tell(&"  `--save` of `present` has written this: several plans, for `present` alone");
     }
     code
+}
+
+/// Whether this, or the first of several files, asks for a plan or a motion.
+fn is_request(body: &[u8]) -> bool {
+    let fields = json::read_any_object(body).unwrap_or_default();
+    let first = fields.get("plans").and_then(|plans| plans.get(0)).and_then(Value::as_object).unwrap_or(&fields);
+    ["maneuver", "torque_schedule"].iter().any(|field| first.contains_key(*field))
 }
 
 /// Whether this is a plan as [`shown::write`] saves it.
@@ -324,54 +342,19 @@ fn refuse(problem: &Problem) -> ExitCode {
     ExitCode::from(EXIT_BAD_INPUT)
 }
 
-/// Prints the table, where standard output is for nothing else, and writes the JSON answer where it is asked for.
-fn write_answer<K: Kind>(arguments: &JobArguments, made: &Made<K>) -> anyhow::Result<()> {
-    let written = arguments.json.as_deref().map_or(Ok(()), |path| {
+/// Writes the JSON answer and the files, where they are asked for, and prints the table, where standard output is for nothing else.
+fn write_answer<K: Kind>(arguments: &JobArguments, made: &Made<K>, writer: &mut Writer) {
+    if let Some(path) = &arguments.json {
         let end: &[u8] = if is_standard_stream(path) { b"\n" } else { b"" };
-        write_file(path, &[&json::write(&made.answer), end].concat())
-    });
-    let is_free = output_files(arguments).all(|path| !is_standard_stream(path));
-    let printed = if is_free { say(made.table.as_bytes()) } else { Ok(()) };
-    written.and(printed)
-}
-
-/// Writes the files of the answer.
-fn write_files<K: Kind>(arguments: &JobArguments, made: &Made<K>) -> anyhow::Result<()> {
-    if let Some(folder) = &arguments.out {
-        fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
-        return made.files.iter().try_for_each(|(name, content)| write_file(&folder.join(name), content));
+        writer.file(path, &[&json::write(&made.answer), end].concat());
     }
-    if K::HAS_FILES && arguments.json.is_none() {
+    if outputs::leave_standard_output(arguments) {
+        writer.tell(say(made.table.as_bytes()));
+    }
+    if let Some(folder) = &arguments.out {
+        writer.folder(folder, made.files.iter().map(|(name, content)| ((*name).to_owned(), content.as_slice())));
+    } else if K::HAS_FILES && arguments.json.is_none() {
         // The table lists them. The JSON answer has their content.
         tell(&"nothing was written: `--out DIR` writes these files");
     }
-    Ok(())
-}
-
-/// The files that are asked for, each of which may be standard output.
-fn output_files(arguments: &JobArguments) -> impl Iterator<Item = &Path> {
-    let JobArguments { json, save, report, csv, .. } = arguments;
-    [json, save, report, csv].into_iter().flatten().map(PathBuf::as_path)
-}
-
-/// Whether this is `-`: standard input where it is read, standard output where it is written.
-fn is_standard_stream(path: &Path) -> bool {
-    path == Path::new("-")
-}
-
-fn write_file(path: &Path, content: &[u8]) -> anyhow::Result<()> {
-    if is_standard_stream(path) {
-        return say(content);
-    }
-    fs::write(path, content).with_context(|| format!("{} cannot be written", path.display()))
-}
-
-/// Writes to standard output; where its reader has left, nobody is to be told.
-pub(crate) fn say(words: &[u8]) -> anyhow::Result<()> {
-    let mut output = io::stdout().lock();
-    let written = output.write_all(words).and_then(|()| output.flush());
-    let has_left = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;
-    written
-        .or_else(|error| if has_left(&error) { Ok(()) } else { Err(error) })
-        .context("standard output cannot be written")
 }

@@ -8,6 +8,7 @@ mod samples;
 mod statistics;
 
 pub use draw::Distribution;
+pub use statistics::FEWEST_FOR_SHARES;
 
 use std::iter::successors;
 

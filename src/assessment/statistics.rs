@@ -2,8 +2,8 @@
 
 /// The normal quantile of an interval of 95 %.
 const QUANTILE_OF_95_PERCENT: f64 = 1.959_963_984_540_054;
-/// Shares of variance from fewer samples are noise.
-const FEWEST_FOR_SHARES: usize = 64;
+/// Shares of variance from fewer samples that end are noise.
+pub const FEWEST_FOR_SHARES: usize = 64;
 /// More bins resolve no more of a smooth function, and each has fewer samples.
 const MOST_BINS: usize = 64;
 

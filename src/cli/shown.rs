@@ -1,19 +1,16 @@
 //! What a command writes beside the answer: the saved plan, figures, numbers and the report.
 
-use std::fs;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::Context as _;
 use slipdrive::contract::json;
-use slipdrive::contract::message::{PresentRequest, PresentResponse};
+use slipdrive::contract::message::PresentRequest;
 use slipdrive::jobs::plan::AcceptedPlan;
 use slipdrive::jobs::present::Present;
 use slipdrive::jobs::{InProcessSolver, Jobs, Kind as _};
 use slipdrive::service::{Class, Service};
 
-use super::write_file;
+use super::outputs::Writer;
 use crate::config::JobArguments;
 
 /// Whether anything is to be drawn or written beside the answer and its saved plan.
@@ -24,19 +21,20 @@ pub(super) fn is_asked_for(arguments: &JobArguments) -> bool {
 /// Writes what the arguments ask for.
 ///
 /// # Errors
-/// What cannot be written, and plans that cannot be shown.
+/// Plans that cannot be shown.
 pub(super) fn write(
     request: &PresentRequest,
     jobs: &Jobs,
     service: &Service,
     arguments: &JobArguments,
+    writer: &mut Writer,
 ) -> anyhow::Result<()> {
     if let Some(path) = &arguments.save {
         let saved = match request.plans.as_slice() {
             [plan] => json::write(plan),
             _ => json::write(request),
         };
-        write_file(path, &saved)?;
+        writer.file(path, &saved);
     }
     if !is_asked_for(arguments) {
         return Ok(());
@@ -45,7 +43,7 @@ pub(super) fn write(
     let input = Present::accept(request, &jobs.limits().without_clock())?;
     if let Some(path) = &arguments.csv {
         let csv = AcceptedPlan::csv(&input.plans, &InProcessSolver, (&AtomicBool::new(false)).into());
-        write_file(path, csv.map_err(|_| anyhow::anyhow!("the motion was stopped"))?.as_bytes())?;
+        writer.file(path, csv.map_err(|_| anyhow::anyhow!("the motion was stopped"))?.as_bytes());
     }
     if arguments.report.is_none() && arguments.svg.is_none() {
         return Ok(());
@@ -54,18 +52,11 @@ pub(super) fn write(
     let response = permit.submit(Arc::clone(&jobs.present), input, None, Present::answer)?;
     let response = response.blocking_outcome()?;
     if let Some(folder) = &arguments.svg {
-        write_figures(folder, &response)?;
+        let figures = response.figures.iter().map(|figure| (format!("{}.svg", figure.name), figure.svg.as_bytes()));
+        writer.folder(folder, figures);
     }
-    match &arguments.report {
-        Some(path) => write_file(path, response.report_html.as_bytes()),
-        None => Ok(()),
-    }
-}
-
-fn write_figures(folder: &Path, response: &PresentResponse) -> anyhow::Result<()> {
-    fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
-    for figure in &response.figures {
-        write_file(&folder.join(format!("{}.svg", figure.name)), figure.svg.as_bytes())?;
+    if let Some(path) = &arguments.report {
+        writer.file(path, response.report_html.as_bytes());
     }
     Ok(())
 }

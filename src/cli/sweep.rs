@@ -1,6 +1,6 @@
 //! `slipdrive sweep`: many jobs of one kind on this machine, with results in a folder.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Cursor, Read, Write as _};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -100,7 +100,8 @@ fn counted(sweep: &Sweep, arguments: &SweepArguments) -> anyhow::Result<ExitCode
 pub(super) fn refused_rows(faults: &RowFaults) -> ExitCode {
     for (row, problem) in &faults.first {
         tell(&format_args!("error: row {row}: {problem}"));
-        for error in problem.errors() {
+        // A single fault is the problem's own detail.
+        for error in problem.errors().iter().filter(|_| problem.errors().len() > 1) {
             tell(&format_args!("  {}: {}", error.pointer, error.message));
         }
     }
@@ -261,7 +262,11 @@ fn write_shown(index: &Index, folder: &Path, figure: Option<&MapOf>) -> anyhow::
         Err(unfit @ MapError::Unfit(_)) => return Ok(Some(refused(&unfit.to_string()))),
         Err(unfit @ MapError::NoValue { .. }) => {
             tell(&unfit);
-            return Ok(None);
+            // One of other values would be taken for it.
+            return match fs::remove_file(folder.join(MAP_FILE)) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.into()),
+                Ok(()) | Err(_) => Ok(None),
+            };
         }
         Err(error @ MapError::Results(_)) => return Err(error.into()),
     };

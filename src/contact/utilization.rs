@@ -159,8 +159,8 @@ mod tests {
             let friction = random(&mut rng);
             let split = friction.lateral_split();
             assert!((split[0] + split[1] - friction.lateral).abs() <= 1e-15, "{friction:?}: {split:?}");
-            for wheel in 0..2 {
-                let used = friction.longitudinal[wheel].hypot(split[wheel]) / friction.radius[wheel];
+            for (wheel, lateral) in split.into_iter().enumerate() {
+                let used = friction.longitudinal[wheel].hypot(lateral) / friction.radius[wheel];
                 // Half of the digits where the quadratic's roots meet, as above.
                 assert!(used <= friction.utilization() * (1.0 + 1e-7), "{friction:?}: {used}");
             }

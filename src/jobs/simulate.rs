@@ -147,6 +147,9 @@ impl Kind for Simulate {
         let mut table = String::new();
         let end_time = trajectory.time.last().copied().unwrap_or_default();
         row(&mut table, "duration", &format!("{end_time:.6} s in {} steps", trajectory.step_count()));
+        if trajectory.diverges() {
+            row(&mut table, "motion", "diverges");
+        }
         row(&mut table, "separations", &separations(&simulation.separations));
         row(&mut table, "slip reversals", &simulation.slip_reversals.to_string());
         row(&mut table, "indeterminate", &format!("{} steps", simulation.indeterminate_steps));

@@ -77,14 +77,8 @@ impl Plan<'_> {
 
     /// Whether there is a motion that can be drawn.
     fn moves(&self) -> bool {
-        self.trajectory.step_count() > 0 && !diverges(self.trajectory)
+        self.trajectory.step_count() > 0 && !self.trajectory.diverges()
     }
-}
-
-/// Whether a motion leaves all bounds, or ends in no numbers.
-pub fn diverges(motion: &Trajectory) -> bool {
-    let is_finite = |state: &State| state.to_vector().iter().all(|value| value.abs() < 1e9);
-    !motion.state.iter().all(is_finite)
 }
 
 /// A figure, complete by itself.

@@ -299,7 +299,7 @@ fn diverging_motion_is_no_picture() {
     let figures = figures(&[plan(&drive)]);
     assert_eq!(figures.len(), 1);
     assert!(!figures[0].svg.contains("NaN"));
-    assert!(diverges(&drive.trajectory));
+    assert!(drive.trajectory.diverges());
 }
 
 #[test]

@@ -57,7 +57,7 @@ pub enum ServiceError {
     /// The solver panicked or broke its promise; the log has the cause.
     #[error("the solver gave no answer; the log of the server has the cause")]
     SolverPanic,
-    /// What was asked contradicts itself, which only running it shows.
+    /// What was asked contradicts itself, or is of no use, which only running it shows.
     #[error("{fault}")]
     Contradicted {
         /// The path of the field that is at fault.

@@ -78,7 +78,7 @@ pub enum Stopped {
     By(StopCause),
     /// It says that it was stopped, but nobody stopped it.
     Unasked,
-    /// What it was to work on contradicts itself, which only running it shows.
+    /// What it was to work on contradicts itself, or is of no use, which only running it shows.
     Contradicted {
         /// The path of the field that is at fault.
         field: &'static str,

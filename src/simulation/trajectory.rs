@@ -28,6 +28,12 @@ impl Trajectory {
         self.contact.len()
     }
 
+    /// Whether it leaves all bounds, or ends in no numbers.
+    pub fn diverges(&self) -> bool {
+        let is_finite = |state: &State| state.to_vector().iter().all(|value| value.abs() < 1e9);
+        !self.state.iter().all(is_finite)
+    }
+
     /// Describes the states at another point of the chassis, `offset` away in the body frame (right, forward), m.
     pub fn move_states_by(&mut self, offset: Vector2<f64>) {
         if offset != Vector2::zeros() {

@@ -42,8 +42,9 @@ pub(super) fn goal_missed(
         ("goal_missed", "the best plan", with_fitting_wheel_rates(input, &for_search))
     };
     let beside = exceeded.map(|used| format!(", where it {}", excess(used))).unwrap_or_default();
+    let missed_by = Reason::told(miss.abs(), tolerance);
     let message = format!(
-        "`{field}` is {goal}, {subject} misses it by {miss}, must be within {tolerance}{beside}; {help} would help"
+        "`{field}` is {goal}, {subject} misses it by {missed_by}, must be within {tolerance}{beside}; {help} would help"
     );
     let time = (!diverges).then_some(plan.final_time);
     Reason { code, message, field, time, value: miss.abs(), limit: tolerance }
@@ -65,6 +66,7 @@ pub(super) fn limit_missed(input: &SolveInput, used: &LimitUse, stop_reason: Sto
 
 /// What a plan does that a limit does not allow.
 fn excess(&LimitUse { limit, value, largest, .. }: &LimitUse) -> String {
+    let largest = Reason::told(largest, value);
     if limit == AISLE {
         return format!("has a corner of `robot.footprint` {largest} m outside `{limit}`");
     }
@@ -88,7 +90,8 @@ const WIDER_LIMIT: &str = "more `solver.starts`, more `grid.control_intervals` o
 fn with_fitting_wheel_rates(input: &SolveInput, for_search: &str) -> String {
     let Some(slip) = slip_by_wheel_rates(input) else { return for_search.to_owned() };
     format!(
-        "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {slip} m/s), else {for_search}"
+        "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {} m/s), else {for_search}",
+        Reason::told(slip, 0.0)
     )
 }
 
@@ -120,7 +123,7 @@ fn help_for_search(input: &SolveInput, miss: f64, (exceeded, stop_reason): (Opti
         StopReason::Finished if settings.finest_step_count() < on_course => {
             return if on_course <= STEP_LIMIT {
                 format!(
-                    "a shorter way, more `solver.starts`, or at least {on_course} `grid.steps`, on which the robot keeps its \
+                    "a shorter way, more `solver.starts`, or {on_course} or more `grid.steps`, on which the robot keeps its \
                      course so far,"
                 )
             } else {
@@ -200,7 +203,7 @@ mod tests {
             input.maneuver = Maneuver { goal: Goal::at_rest(0.0, 100.0, 0.0), ..input.maneuver };
             input.settings.refinement = refinement;
             let help = help_for_search(&input, 50.0, (None, StopReason::Finished));
-            assert_eq!(help.contains("at least 452 `grid.steps`"), is_advised, "{refinement:?}: {help}");
+            assert_eq!(help.contains("or 452 or more `grid.steps`"), is_advised, "{refinement:?}: {help}");
         }
     }
 }

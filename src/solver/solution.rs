@@ -66,6 +66,13 @@ pub struct Reason {
 impl Reason {
     /// The code of a plan that meets its goal and exceeds a limit.
     pub const LIMIT_EXCEEDED: &'static str = "limit_exceeded";
+
+    /// A number as messages tell it: with four digits, or all of them where four do not tell it from the limit.
+    pub(super) fn told(value: f64, limit: f64) -> f64 {
+        let short: f64 = format!("{value:.3e}").parse().unwrap_or(value);
+        let exceeds = |value: f64| value.abs() > limit;
+        if exceeds(short) == exceeds(value) { short } else { value }
+    }
 }
 
 /// A local optimum.

@@ -141,13 +141,19 @@ impl Axis {
 
     fn single(form: AxisForm, checks: &mut Checks) -> Option<Self> {
         let AxisForm { field, values, from, to, count, paired: _ } = form;
-        let (is_of_form, values) = match (values, from, to, count) {
+        let is_missing = [("from", from.is_none()), ("to", to.is_none()), ("count", count.is_none())];
+        let (fault, values) = match (values, from, to, count) {
             (Some(values), None, None, None) => {
                 checks.length("values", values.len(), &LENGTH_RULE);
-                (true, Some(Values::List(values.into_iter().map(|StrictValue(value)| value).collect())))
+                (None, Some(Values::List(values.into_iter().map(|StrictValue(value)| value).collect())))
             }
-            (None, Some(from), Some(to), Some(count)) => (true, range(&from, &to, count, checks)),
-            _ => (false, None),
+            (None, Some(from), Some(to), Some(count)) => (None, range(&from, &to, count, checks)),
+            (Some(_), ..) => (Some(("values", "beside others")), None),
+            (None, None, None, None) => (Some(("values", "absent")), None),
+            (None, ..) => {
+                let missing = is_missing.into_iter().find_map(|(name, is_missing)| is_missing.then_some(name));
+                (missing.map(|name| (name, "absent")), None)
+            }
         };
         let path = field.as_deref().and_then(FieldPath::parse);
         match &field {
@@ -162,7 +168,9 @@ impl Axis {
             }
             None => checks.require("field", "absent", false, FORM_RULE, None),
         }
-        checks.require("values", "not as it must be", is_of_form, FORM_RULE, None);
+        if let Some((field, is)) = fault {
+            checks.require(field, is, false, FORM_RULE, None);
+        }
         let (name, path, values) = (field?, path?, values?);
         let length = values.len();
         Some(Self { fields: vec![Field { name, path, values }], length })

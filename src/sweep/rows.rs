@@ -219,7 +219,10 @@ impl LineFaults {
     fn add(&mut self, in_file: u64, problem: &Problem) {
         self.count += 1;
         if self.count <= MOST_FAULTS {
-            self.put(problem.code(), format!("line {in_file}: {}", problem.detail()));
+            self.put(
+                problem.code(),
+                format!("line {in_file}: {}", problem.detail().replace(" at line 1 column ", " at column ")),
+            );
         }
     }
 

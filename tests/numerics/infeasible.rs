@@ -310,7 +310,7 @@ fn what_the_search_missed_is_named_with_what_would_help() {
             "no rollouts to search with" => "`solver.rollout_limit`",
             "one torque for the whole maneuver" => "`grid.control_intervals`",
             "a long way on few steps" => {
-                "at least 452 `grid.steps`, on which the robot keeps its course so far, would help"
+                "or 452 or more `grid.steps`, on which the robot keeps its course so far, would help"
             }
             "the paper's method against eight requirements" => "the method `sequential_linear` would help",
             "a speed with locked wheels" => {

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::support::folder::Folder;
 use crate::support::process::slipdrive;
 
-fn run_with_input(arguments: &[&str], input: &[u8]) -> Output {
+pub(crate) fn run_with_input(arguments: &[&str], input: &[u8]) -> Output {
     let mut child = slipdrive()
         .args(arguments)
         .stdin(Stdio::piped())
@@ -21,7 +21,7 @@ fn run_with_input(arguments: &[&str], input: &[u8]) -> Output {
     child.wait_with_output().unwrap()
 }
 
-fn refused(arguments: &[&str], input: &[u8]) -> String {
+pub(crate) fn refused(arguments: &[&str], input: &[u8]) -> String {
     let output = run_with_input(arguments, input);
     let message = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(64), "{message}");
@@ -38,14 +38,6 @@ fn bad_values_are_refused_with_the_words_of_the_service() {
         "{message}"
     );
     assert!(message.contains("`solver.starts` is 65, must be at most 64"), "{message}");
-}
-
-#[test]
-fn folders_are_no_standard_output() {
-    for (command, flag) in [("solve", "--svg"), ("export", "--out"), ("sweep", "--out")] {
-        let told = refused(&[command, flag, "-", "-"], b"{}");
-        assert!(told.contains(&format!("invalid value '-' for '{flag} <DIR>': must be a folder")), "{told}");
-    }
 }
 
 #[test]
@@ -365,48 +357,6 @@ fn page_escapes_what_callers_wrote() {
     assert_eq!(presented.status.code(), Some(0), "{}", String::from_utf8_lossy(&presented.stderr));
     let page = folder.read("p.html");
     assert!(page.contains("&lt;img src=x onerror=alert(1)&gt;$(reboot) drives") && !page.contains("<img"), "{page}");
-}
-
-#[test]
-fn answer_that_nobody_reads_is_saved_all_the_same() {
-    let folder = Folder::new("unread");
-    let body = br#"{"torque_schedule": {"interval_s": 0.1, "left_n_m": [0.1], "right_n_m": [0.1]}}"#;
-    folder.write("body.json", std::str::from_utf8(body).unwrap());
-    let (request, plan, out) = (folder.file("body.json"), folder.file("plan.json"), folder.file("out"));
-    let unread = |arguments: &[&str]| {
-        let (reader, writer) = std::io::pipe().unwrap();
-        drop(reader);
-        let output = slipdrive().args(arguments).stdout(writer).stderr(Stdio::piped()).output().unwrap();
-        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    };
-    unread(&["simulate", &request, "--save", &plan]);
-    unread(&["export", &plan, "--format", "csv", "--rate-hz", "100", "--out", &out]);
-    unread(&["example"]);
-    assert!(folder.read("plan.json").contains("end_state") && folder.read("out/trajectory.csv").starts_with("time_s"));
-
-    let (nowhere, other) = (folder.file("none/answer.json"), folder.file("other.json"));
-    let failed = run_with_input(&["simulate", &request, "--json", &nowhere, "--save", &other], b"");
-    assert_eq!(failed.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&failed.stderr).contains("answer.json cannot be written"));
-    assert_eq!(folder.read("other.json"), folder.read("plan.json"));
-}
-
-#[test]
-fn dash_is_standard_output_for_one_of_the_outputs() {
-    let folder = Folder::new("dash");
-    let body = br#"{"torque_schedule": {"interval_s": 0.1, "left_n_m": [0.1], "right_n_m": [0.1]}}"#;
-    for (flag, begin) in
-        [("--json", "{"), ("--save", "{\"simulate\""), ("--csv", "plan,time_s"), ("--report", "<!doctype")]
-    {
-        let mut command = slipdrive();
-        command.current_dir(&folder.0).args(["simulate", "-", flag, "-"]).stdin(Stdio::piped());
-        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
-        child.stdin.take().unwrap().write_all(body).unwrap();
-        let printed = String::from_utf8(child.wait_with_output().unwrap().stdout).unwrap();
-        assert!(printed.starts_with(begin), "{flag}: {printed}");
-        assert!(!folder.path("-").exists(), "{flag}");
-    }
-    assert!(refused(&["simulate", "-", "--json", "-", "--csv", "-"], body).contains("2 outputs are `-`"));
 }
 
 #[test]

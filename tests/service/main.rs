@@ -39,6 +39,7 @@ mod mutations;
 mod openapi;
 #[cfg(feature = "otel")]
 mod otel_export;
+mod outputs;
 mod overload;
 mod pace;
 mod page;

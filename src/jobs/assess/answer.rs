@@ -1,4 +1,4 @@
-//! The answer of an assessment, as a message and as a table for people.
+//! The answer of an assessment, as a message.
 
 use super::accept::AcceptedAssess;
 use crate::assessment::{Assessment, EndError, ParameterShares, QUANTILES, WorstSample};
@@ -8,7 +8,6 @@ use crate::contract::message::{
     VarianceShares,
 };
 use crate::jobs::simulate::name_at_root;
-use crate::jobs::table::{line, row, word};
 use crate::motion::ChangedParameter;
 
 pub(super) fn answer(accepted: &AcceptedAssess, assessment: &Assessment) -> AssessResponse {
@@ -54,7 +53,7 @@ pub(super) fn answer(accepted: &AcceptedAssess, assessment: &Assessment) -> Asse
     }
 }
 
-fn limit_name(accepted: &AcceptedAssess, limit: &'static str) -> &'static str {
+pub(super) fn limit_name(accepted: &AcceptedAssess, limit: &'static str) -> &'static str {
     if accepted.is_simulation() { name_at_root(limit) } else { limit }
 }
 
@@ -95,88 +94,5 @@ fn worst_sample(accepted: &AcceptedAssess, worst: &WorstSample) -> message::Wors
         separates: *separates,
         changes: changes.iter().map(change).collect(),
         simulate: Some(simulate),
-    }
-}
-
-/// The rate, the errors, who is to blame for them, use of limits and the worst sample.
-pub(super) fn table(accepted: &AcceptedAssess, assessment: &Assessment) -> String {
-    let Assessment { sample_count, success_count, interval: (low, high), grid, nominal, worst, .. } = assessment;
-    let mut table = String::new();
-    let percent = 100.0 * *success_count as f64 / *sample_count as f64;
-    let interval = format!("95 % interval {:.1} to {:.1} %", 100.0 * low, 100.0 * high);
-    row(&mut table, "success", &format!("{percent:.1} %, {success_count} of {sample_count} samples, {interval}"));
-    let refused = match assessment.refused_count {
-        0 => "none".to_owned(),
-        count => format!("{count} samples: robots that break the rules, counted as failures"),
-    };
-    row(&mut table, "refused", &refused);
-    row(&mut table, "separations", &format!("{} samples", assessment.separated_count));
-    let verdict = if nominal.is_success { "within" } else { "not within" };
-    let grid =
-        format!("{} steps, {} times the plan's; {verdict} tolerance without changes", grid.step_count, grid.factor);
-    row(&mut table, "grid", &grid);
-    write_errors(&mut table, assessment);
-    write_shares(&mut table, &assessment.shares);
-    if !assessment.excesses.is_empty() {
-        table.push_str("\nlimits exceeded\n");
-    }
-    for excess in &assessment.excesses {
-        let name = limit_name(accepted, excess.limit);
-        line(&mut table, &format!("  {name:<40} {:>10.4} by {:>6} samples", excess.value, excess.sample_count));
-    }
-    if let Some(worst) = worst {
-        table.push_str("\nworst sample\n");
-        let lifts = if worst.separates { ", a contact lifts" } else { "" };
-        let error = format!("{:.3} of its tolerance{lifts}", worst.relative_error);
-        line(&mut table, &format!("  number {}, largest error {error}", worst.index));
-        for (parameter, change) in &worst.changes {
-            let name = word::<message::ChangedParameter>(*parameter);
-            line(&mut table, &format!("  {name:<22} {change:>+12.6} {}", parameter.unit()));
-        }
-    }
-    table
-}
-
-fn write_errors(table: &mut String, assessment: &Assessment) {
-    table.push_str("\nend errors\n");
-    let [along, across, distance, heading, speed] = ["along m", "across m", "distance m", "heading rad", "speed m/s"];
-    line(table, &format!("  {:<10} {along:>11} {across:>11} {distance:>11} {heading:>11} {speed:>11}", ""));
-    let mut write = |name: &str, error: &EndError| {
-        let numbers: Vec<String> = error.iter().map(|error| format!(" {:>11}", rounded(*error, 5))).collect();
-        line(table, &format!("  {name:<10}{}", numbers.concat()));
-    };
-    write("nominal", &assessment.nominal.error);
-    write("mean", &assessment.mean);
-    for (share, errors) in QUANTILES.iter().zip(&assessment.quantiles) {
-        write(&format!("{:.0} %", 100.0 * share), errors);
-    }
-}
-
-fn write_shares(table: &mut String, shares: &[ParameterShares]) {
-    table.push_str("\nshare of variance\n");
-    for ParameterShares { parameter, shares } in shares {
-        let numbers: Vec<String> = shares.iter().map(|share| format!(" {:>11}", rounded(*share, 2))).collect();
-        line(table, &format!("  {:<22}{}", word::<message::ChangedParameter>(*parameter), numbers.concat()));
-    }
-}
-
-/// With so many digits, zero without a sign; a dash for what the samples do not tell.
-fn rounded(value: f64, digits: usize) -> String {
-    let unit = 10.0_f64.powf(digits as f64);
-    // A negative zero and 0 add up to 0.
-    let value = (value * unit).round() / unit + 0.0;
-    if value.is_nan() { "-".to_owned() } else { format!("{value:.digits$}") }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::rounded;
-
-    #[test]
-    fn zeros_have_no_sign_and_what_is_unknown_is_a_dash() {
-        assert_eq!(
-            [-4e-6, 0.0, -1.25, f64::NAN].map(|value| rounded(value, 5)),
-            ["0.00000", "0.00000", "-1.25000", "-"]
-        );
     }
 }

@@ -5,6 +5,7 @@
 mod accept;
 mod answer;
 mod metrics;
+mod table;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -131,6 +132,6 @@ impl Kind for Assess {
     }
 
     fn table(accepted: &AcceptedAssess, done: &Done<Assessment>) -> String {
-        answer::table(accepted, &done.output)
+        table::table(accepted, &done.output)
     }
 }

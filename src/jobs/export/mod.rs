@@ -74,6 +74,7 @@ impl Job for Export {
         let stop = Stop::from(control.stop().cut_flag());
         let trajectory = plan.trajectory(&*self.0, stop).map_err(|_| control.cut_off())?;
         plan.check_belongs(&trajectory)?;
+        plan.check_ends(&trajectory)?;
         let motion = Motion::new(plan, &trajectory);
         let points = motion.points(*rate);
         let files = files::files(*format, labels, &motion, &points);

@@ -45,12 +45,21 @@ impl AcceptedPlan {
 
     /// Refuses an answer that does not belong to its request by more than rounding explains.
     pub(in crate::jobs) fn check_belongs(&self, motion: &Trajectory) -> Result<(), Stopped> {
+        let found = self.contradictions_beyond(TOLERATED_DIFFERENCE, motion).into_iter().next();
+        found.map_or(Ok(()), |found| Err(self.at_fault(&found)))
+    }
+
+    /// Refuses a motion that no controller could follow.
+    pub(in crate::jobs) fn check_ends(&self, motion: &Trajectory) -> Result<(), Stopped> {
+        if motion.diverges() { Err(self.at_fault("The motion diverges, must end.")) } else { Ok(()) }
+    }
+
+    fn at_fault(&self, fault: &str) -> Stopped {
         let field = match &self.said {
             Said::Solve(..) => "solve.answer",
             Said::Simulate(_) => "simulate.answer",
         };
-        let found = self.contradictions_beyond(TOLERATED_DIFFERENCE, motion).into_iter().next();
-        found.map_or(Ok(()), |found| Err(Stopped::Contradicted { field, fault: format!("`{field}`: {found}") }))
+        Stopped::Contradicted { field, fault: format!("`{field}`: {fault}") }
     }
 
     fn said_end(&self) -> Option<EndState> {

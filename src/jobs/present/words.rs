@@ -7,7 +7,6 @@ use crate::contract::message::{
     Sensitivity, Separation, SimulateResponse, Solution, Status, StopReason,
 };
 use crate::jobs::plan::{AcceptedPlan, Said, claims_goal, largest_goal_error, other_end};
-use crate::plot;
 use crate::shooting::LIMIT_TOLERANCE;
 use crate::simulation::Trajectory;
 use crate::solver::{Reason, Refinement as Grid, SolveInput, SolverSettings};
@@ -65,7 +64,7 @@ pub(super) fn fault(plan: &AcceptedPlan, motion: &Trajectory) -> Option<String> 
         Said::Solve(_, answer) => reason(answer).map(|reason| format!("{} {reason}", headline(answer))),
         Said::Simulate(_) => None,
     };
-    let diverges = plot::diverges(motion).then(|| DIVERGES.to_owned());
+    let diverges = motion.diverges().then(|| DIVERGES.to_owned());
     let faults: Vec<_> = missed.into_iter().chain(diverges).collect();
     (!faults.is_empty()).then(|| faults.join(" "))
 }
@@ -131,7 +130,7 @@ fn motion_in_words(motion: &Trajectory) -> Vec<String> {
     if motion.step_count() == 0 {
         return Vec::new();
     }
-    if plot::diverges(motion) {
+    if motion.diverges() {
         return vec![DIVERGES.to_owned()];
     }
     let end = &motion.end_state.configuration;
@@ -190,7 +189,7 @@ fn certificate(asked: &SolveInput, answer: &Solution, error: (&str, f64)) -> Vec
 
 fn certificate_of_motion(answer: &SimulateResponse, motion: &Trajectory) -> Vec<String> {
     // Steps without numbers keep no law and break none.
-    if plot::diverges(motion) {
+    if motion.diverges() {
         return separations(&answer.separations).into_iter().collect();
     }
     let mut said = vec![contact_law(answer.worst_contact_residual, Some(answer.indeterminate_steps))];

@@ -87,8 +87,9 @@ impl End {
         let slack = input.settings.goal_tolerance * (SQRT_2 + (from_reference + corner).norm());
         let [right, forward] = corner.into();
         (distance > slack).then(|| {
+            let outside = Reason::told(distance, slack);
             let message = format!(
-                "at the {} the corner of `robot.footprint` at ({right}, {forward}) m (right, forward) is {distance} m outside \
+                "at the {} the corner of `robot.footprint` at ({right}, {forward}) m (right, forward) is {outside} m outside \
                  `maneuver.keep_in`, must be inside; a wider aisle or another pose helps",
                 self.name
             );
@@ -113,8 +114,10 @@ impl End {
             (value > limit + slack).then(|| {
                 let field = format!("maneuver.limits.{field}");
                 let message = format!(
-                    "`{field}` is {limit}, which the {} exceeds with {value}; a larger limit or a slower {} helps",
-                    self.name, self.name
+                    "`{field}` is {limit}, which the {} exceeds with {}; a larger limit or a slower {} helps",
+                    self.name,
+                    Reason::told(value, limit),
+                    self.name
                 );
                 self.reason(["start_exceeds_limit", "goal_exceeds_limit"], (&field, message), (value, limit))
             })
@@ -190,8 +193,9 @@ impl End {
         } else {
             String::new()
         };
+        let [told, most] = [Reason::told(speed, slack), Reason::told(slack, speed)];
         let message = format!(
-            "`maneuver.slip` is forbidden, but at the {} {how} by {speed} m/s, must be at most {slack}; \
+            "`maneuver.slip` is forbidden, but at the {} {how} by {told} m/s, must be at most {most}; \
              {help}{or_tolerance} would help",
             self.name
         );
@@ -270,9 +274,10 @@ impl End {
             ContactName::Front => "front support".to_owned(),
             ContactName::Left | ContactName::Right => format!("{} wheel", contact.as_str()),
         };
+        let [most, least] = [Reason::told(force, limit), Reason::told(limit, force)];
         let message = format!(
-            "`{field}` is {rate}, which {effect} the {name} whatever the torques: its normal force is at most {force} N, \
-             must be >= {limit} N; {help}{slower}"
+            "`{field}` is {rate}, which {effect} the {name} whatever the torques: its normal force is at most {most} N, \
+             must be >= {least} N; {help}{slower}"
         );
         Some(self.reason(codes, (&field, message), (force, limit)))
     }

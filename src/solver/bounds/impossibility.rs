@@ -60,13 +60,14 @@ fn unreachable_goal(input: &SolveInput, component: StateComponent, code: &'stati
     let (field, goal) = goal_field(input, component);
     let error = input.maneuver.goal_error(&input.maneuver.start)[component.index()];
     let tolerance = input.settings.goal_tolerance;
+    let missed_by = Reason::told(error.abs(), tolerance);
     let (cause, help) = if code == "no_torque" {
         ("no torque drives the robot there", input.fields_of_torque_at_rest())
     } else {
         ("no friction moves the robot there", "`robot.wheel_friction_coefficient`")
     };
     let message = format!(
-        "`{field}` is {goal}, which the start misses by {error} (tolerance {tolerance}), and {cause}; larger {help} help"
+        "`{field}` is {goal}, which the start misses by {missed_by} (tolerance {tolerance}), and {cause}; larger {help} help"
     );
     Reason { code, message, field, time: Some(0.0), value: error.abs(), limit: tolerance }
 }
@@ -81,8 +82,9 @@ fn slow_goal(input: &SolveInput, bound: &LowerBound) -> Reason {
         | LowerBoundAssumption::DriveTorque
         | LowerBoundAssumption::WheelDrive => "more torque and friction",
     };
+    let least = Reason::told(time, LONGEST_FINAL_TIME);
     let message = format!(
-        "`{field}` is {goal}, which takes at least {time} s (bound `{assumption}`), must be at most \
+        "`{field}` is {goal}, which takes at least {least} s (bound `{assumption}`), must be at most \
          {LONGEST_FINAL_TIME} s; {help} or a nearer goal help"
     );
     let code = "final_time_too_long";

@@ -127,7 +127,7 @@ class AssessResponse:
     limits: list[LimitExcess]
     """How many samples exceed each limit that the plan was given, in the order of its report."""
     mean: EndErrors
-    """Mean errors; null (in protobuf not a number) without motions."""
+    """Mean errors, with their signs; null (in protobuf not a number) without motions."""
     nominal: EndErrors
     """The errors of the motion without changes there."""
     nominal_success: bool
@@ -336,7 +336,7 @@ class ExportResponse:
     """The files, with names that depend on the format alone."""
     miss_m: float | None
     """Distance between the last pose and where the twist leads, linear between the points and integrated from the
-    first pose, m; null (in protobuf not a number) where the motion diverges.
+    first pose, m.
     """
     miss_rad: float | None
     """The same of the yaw, rad."""
