@@ -20,7 +20,7 @@ export function showFacts({ shown, trajectory }, byDefault) {
   const { request, answer } = shown.solve ?? {};
   const end = trajectory.time_s.at(-1) ?? 0;
   const facts = answer
-    ? factsOf(answer, { ...byDefault, ...request?.solver })
+    ? factsOf(answer, { ...byDefault, ...request?.solver }, request?.solver?.starts === 1)
     : [["Final time", "final-time", `${end.toFixed(4)} s`]];
   byId("headline", HTMLElement).textContent = answer ? headline(answer) : "A simulated motion";
   byId("facts", HTMLElement).replaceChildren(
@@ -30,7 +30,7 @@ export function showFacts({ shown, trajectory }, byDefault) {
 }
 
 /** @param {string} status */
-const isMet = (status) => status === "converged" || status === "feasible";
+export const isMet = (status) => status === "converged" || status === "feasible";
 
 /** @param {import("./state.js").Solution} answer */
 function headline({ status, final_time_s, replay_confirmed }) {
@@ -39,8 +39,13 @@ function headline({ status, final_time_s, replay_confirmed }) {
   return `The robot reaches its goal in ${final_time_s.toFixed(3)} s${doubt}.`;
 }
 
-/** @param {import("./state.js").Solution} answer @param {Tolerances} tolerances @returns {[string, string, string][]} */
-function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }, tolerances) {
+/**
+ * @param {import("./state.js").Solution} answer
+ * @param {Tolerances} tolerances
+ * @param {boolean} isOfOneStart
+ * @returns {[string, string, string][]}
+ */
+function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }, tolerances, isOfOneStart) {
   const { lower_bound_s, solve_time_s } = report;
   const stopped = stop_reason === "finished" ? "" : `, ${stop_reason.replaceAll("_", " ")}`;
   /** @type {[string, string, string][]} */
@@ -51,6 +56,7 @@ function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }
     ["Replay miss", "replay-miss", missOf(report, tolerances)],
     ["No plan is faster than", "bound", lower_bound_s == null ? "not known" : `${lower_bound_s.toFixed(4)} s`],
   ];
+  if (isOfOneStart) ofPlan.push(["Starts", "starts", "one: more may find a faster plan"]);
   return [
     ...ofMotion,
     ["Status", "plan-status", `${status.replaceAll("_", " ")}${stopped}`],

@@ -102,7 +102,7 @@ function inputOf(field) {
   if (field.kind === "points") {
     return html("textarea", { rows: 4, spellcheck: "false", placeholder: `${field.axes.join(", ")}\n…a corner a line` });
   }
-  const byDefault = /default:? (-?[\d.,]+(?:e-?\d+)?)/.exec(field.meaning)?.[1].replaceAll(/,|\.$/g, "");
+  const byDefault = /default:? (-?[\d.,]+(?:e-?\d+)?)/i.exec(field.meaning)?.[1].replaceAll(/,|\.$/g, "");
   return html("input", { type: "text", inputmode: "decimal", placeholder: byDefault });
 }
 

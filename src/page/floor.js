@@ -5,7 +5,7 @@ import { setAttributes, signed, svg } from "./dom.js";
 import { Handle } from "./handle.js";
 import { Robot } from "./robot.js";
 import { poseAt } from "./motion.js";
-import { isRecord, valueAt } from "./state.js";
+import { freeOf, isRecord, valueAt } from "./state.js";
 import { roundStep, View } from "./view.js";
 
 /** @typedef {import("./state.js").State} State */
@@ -118,7 +118,8 @@ export class Floor {
   /** @param {Readonly<State>} state */
   #showHandles(state) {
     const [body, poses] = [bodyOf(state.request, this.byDefault), endsOf(state)];
-    this.#handles.forEach((handle, index) => handle.show(body, poses[index]));
+    const free = freeOf(state.request);
+    this.#handles.forEach((handle, index) => handle.show(body, poses[index], index ? free : []));
   }
 
   /** @returns {Point[]} */
@@ -206,7 +207,7 @@ function gridLines(view, { width, height }) {
     .flatMap((axis) => {
       const [low, high] = [Math.min(a[axis], b[axis]), Math.max(a[axis], b[axis])];
       const count = Math.min(100, Math.floor(high / step) - Math.ceil(low / step) + 1);
-      return Array.from({ length: Math.max(0, count) }, (_, index) => {
+      const lines = Array.from({ length: Math.max(0, count) }, (_, index) => {
         const value = (Math.ceil(low / step) + index) * step;
         const [px, py] = view.place(axis === 0 ? [value, 0] : [0, value]);
         const isUpright = (axis === 0) !== view.onSide;
@@ -214,8 +215,14 @@ function gridLines(view, { width, height }) {
         const text = isUpright ? { x: px + 3, y: height - 5 } : { x: 4, y: py - 3 };
         // Labels of the other axis and the edges of the frame stay free.
         const isClear = isUpright ? px > CLEAR_PX && px < width - CLEAR_PX : py > CLEAR_PX / 2 && py < height - CLEAR_PX / 2;
-        const words = value === 0 ? `${axis === 0 ? "x" : "y"} = 0` : `${signed(value, digits)} m`;
-        return svg("g", {}, svg("line", line), ...(isClear ? [svg("text", text, words)] : []));
+        return { value, line, text: isClear ? text : undefined };
+      });
+      // The axis is named at 0, or where it is nearest to 0.
+      const named = Math.min(...lines.filter(({ text }) => text).map(({ value }) => Math.abs(value)));
+      return lines.map(({ value, line, text }) => {
+        const name = Math.abs(value) === named ? (axis === 0 ? "x " : "y ") : "";
+        const words = name && value === 0 ? `${name}= 0` : `${name}${signed(value, digits)} m`;
+        return svg("g", {}, svg("line", line), ...(text ? [svg("text", text, words)] : []));
       });
     })
     .flat();

@@ -2,7 +2,7 @@
 
 import { field as makeField, Control } from "./field.js";
 import { html } from "./dom.js";
-import { valueAt, withValue } from "./state.js";
+import { freeOf, valueAt, withValue } from "./state.js";
 
 /** @typedef {import("./schema.js").Field} Field */
 /** @typedef {import("./schema.js").Group} Group */
@@ -18,6 +18,7 @@ const SECTIONS = [
 ];
 /** What the page decides by itself, and a guess, whose torques no field takes. */
 const NOT_ASKED = ["view", "initial_guess"];
+const MOVING_GOAL = "A goal with a velocity or yaw rate: tick Free at both wheel rates. Else they are 0 there, and the wheels slip.";
 /** Components that most maneuvers speak of. */
 const POSE = ["x_m", "y_m", "heading_rad"];
 
@@ -65,6 +66,8 @@ export class Form {
       box.checked = free.includes(name) || (name.startsWith("wheel_angle") && !isGiven);
       const control = this.#goal(name);
       // One that is being typed again is empty in between, and stays.
+      const absent = box.checked ? "free" : POSE.includes(name) ? "as start" : "0";
+      control?.input.setAttribute("placeholder", absent);
       if (control) control.input.disabled = box.checked && control.input !== document.activeElement;
     }
     this.#showGuess(request.initial_guess?.torque_left_n_m?.length ?? 0);
@@ -90,7 +93,8 @@ export class Form {
    * @returns {{ message: string, control: Control | undefined }[]}
    */
   showErrors(faults) {
-    return faults.map(({ pointer, message }) => {
+    return faults.map(({ pointer, message: quoted }) => {
+      const message = quoted.replaceAll("`", "");
       const control = this.#controls.find((each) => covers(`#/${each.field.path.join("/")}`, pointer));
       control?.say(message);
       return { message, control };
@@ -123,6 +127,7 @@ export class Form {
       html("div", { class: "grid" }, ...HEADS.map((head) => html("span", { class: "head" }, head)), ...rows(POSE)),
       section("Velocities and wheel angles", false, [
         html("div", { class: "grid" }, ...rows(names.filter((name) => !POSE.includes(name)))),
+        html("p", { class: "hint" }, MOVING_GOAL),
       ]),
       ...reference,
     );
@@ -135,7 +140,6 @@ export class Form {
       return field && this.#add(makeField(field, which === "start" ? "Start" : "Goal"));
     });
     if (!start || !goal) return [];
-    goal.input.setAttribute("placeholder", POSE.includes(name) ? "as start" : name.includes("angle") ? "free" : "0");
     start.input.setAttribute("placeholder", "0");
     const box = html("input", { type: "checkbox", "aria-label": `Goal ${goal.field.label} is free`, id: `free-${name}` });
     box.addEventListener("change", () => this.#setFree(name, box.checked));
@@ -156,7 +160,8 @@ export class Form {
     const free = isFree ? [...others, name] : others;
     const path = ["maneuver", "goal"];
     let request = withValue(this.#request, [...path, "free"], free.length ? free : undefined);
-    request = withValue(request, [...path, name], isFree ? undefined : 0);
+    // Absent it is as the start or 0; a wheel angle that is absent is free.
+    request = withValue(request, [...path, name], isFree || !name.startsWith("wheel_angle") ? undefined : 0);
     this.onChange(/** @type {SolveRequest} */ (request));
   }
 
@@ -170,12 +175,6 @@ export class Form {
 }
 
 const HEADS = ["", "Start", "Goal", "Free"];
-
-/** @param {SolveRequest} request @returns {string[]} */
-function freeOf(request) {
-  const free = request.maneuver?.goal?.free;
-  return Array.isArray(free) ? free : [];
-}
 
 /** @param {Group} group @returns {Field[]} */
 const everyField = (group) => [...group.fields, ...group.groups.flatMap(everyField)];

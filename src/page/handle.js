@@ -8,6 +8,8 @@ import { placing } from "./body.js";
 /** @typedef {import("./body.js").Point} Point */
 /** @typedef {import("./view.js").View} View */
 
+/** @type {Record<string, string>} */
+const FREE = { x_m: "x", y_m: "y", heading_rad: "heading" };
 /** By a key: metres, and radians; with Shift finer. */
 const MOVE_M = [0.1, 0.01];
 const TURN_RAD = [Math.PI / 12, Math.PI / 180];
@@ -44,9 +46,13 @@ export class Handle {
     this.element.addEventListener("pointerdown", (event) => this.#grab(event));
   }
 
-  /** @param {Body} body @param {Pose} pose */
-  show(body, pose) {
+  /** @param {Body} body @param {Pose} pose @param {string[]} free what of it is free */
+  show(body, pose, free) {
     this.#pose = pose;
+    const open = Object.keys(FREE).filter((name) => free.includes(name)).map((name) => FREE[name]);
+    this.name.textContent = open.length ? `${this.label}, ${open.join(", ")} free` : this.label;
+    const visibility = free.includes("heading_rad") ? "hidden" : undefined;
+    for (const part of [this.#nose, this.#knob]) setAttributes(part, { visibility });
     const [view, place] = [this.view(), placing(body, pose)];
     const corners = body.outline.map((corner) => view.place(place(corner)));
     const at = view.place([pose.x, pose.y]);

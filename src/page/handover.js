@@ -1,5 +1,6 @@
 // Files of a plan for a controller, as `export` makes them.
 
+import { isMet } from "./answer.js";
 import { brief, byId } from "./dom.js";
 import { download } from "./files.js";
 import { listen } from "./state.js";
@@ -9,7 +10,7 @@ import { ask } from "./transport.js";
 
 /**
  * Offers the files of the plan that is shown.
- * @param {() => object | undefined} shownPlan as `export` takes it
+ * @param {() => import("slipdrive-api").components["schemas"]["PresentedPlan"] | undefined} shownPlan as `export` takes it
  * @param {(error: unknown) => void} refuse
  */
 export function offerFiles(shownPlan, refuse) {
@@ -22,9 +23,11 @@ export function offerFiles(shownPlan, refuse) {
     const format = byId("format", HTMLSelectElement).value;
     const rate_hz = byId("rate", HTMLInputElement).valueAsNumber;
     try {
-      const exported = await ask("export", { ...shownPlan(), format, rate_hz });
+      const plan = shownPlan();
+      const exported = await ask("export", { ...plan, format, rate_hz });
       for (const { name, media_type, base64 } of exported.files) download(name, media_type, bytesOf(base64));
-      said.textContent = wordsOf(exported);
+      const isPlan = !plan?.solve || isMet(plan.solve.answer.status);
+      said.textContent = (isPlan ? "" : "This motion does not reach its goal. ") + wordsOf(exported);
     } catch (error) {
       refuse(error);
     }

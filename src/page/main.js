@@ -61,6 +61,7 @@ const floor = new Floor(byId("floor", SVGSVGElement), referenceRobot, (which, mo
 
 listen(["request"], ({ request }) => {
   form.show(request);
+  problem.judgeAgain(() => ask("validate", request));
   choice.selectedIndex = presets.findIndex((/** @type {Preset} */ preset) => written(preset.request) === written(request));
   showStale();
 });
@@ -99,10 +100,14 @@ const planFrom = (/** @type {Plan["shown"]} */ shown) => planOf(shown, (body) =>
 /** @param {Plan} plan @param {SolveRequest | null} request of the form that it answers */
 function showPlan(plan, request) {
   showFacts(plan, presets[0].request.solver);
+  const isStill = !(durationOf(plan) > 0);
+  byId("csv", HTMLButtonElement).disabled = isStill;
+  byId("handover", HTMLElement).hidden = isStill;
   byId("answer", HTMLElement).hidden = false;
   solved = request ? written(request) : "";
   showStale();
   change({ plan });
+  byId("ground", HTMLElement).scrollIntoView({ block: "nearest" });
   player.load(longest());
   if (!prefersStill.matches && longest() > 0) player.play();
   // The animation does not wait for them.
@@ -272,7 +277,10 @@ byId("redraw", HTMLElement).addEventListener("click", () => {
 });
 byId("alone", HTMLElement).addEventListener("click", () => showBeside(null));
 offerFiles(
-  () => shownPlans()[0],
+  () => {
+    problem.clear();
+    return shownPlans()[0];
+  },
   (error) => problem.show("No files", error),
 );
 onFile(byId("open", HTMLInputElement), open);

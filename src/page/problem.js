@@ -5,8 +5,14 @@ import { Refusal } from "./transport.js";
 
 /** @typedef {import("./form.js").Form} Form */
 
+/** So long after the last key. */
+const JUDGED_AGAIN_MS = 400;
+
 export class Problem {
   #root = byId("problem", HTMLElement);
+  /** Title of the faults of fields that are shown; empty without any. */
+  #faulty = "";
+  #later = 0;
 
   /** @param {Form} form */
   constructor(form) {
@@ -25,12 +31,28 @@ export class Problem {
     });
     const words = error instanceof Error ? error.message : String(error);
     const list = faults.length ? [html("ul", {}, ...faults)] : [];
+    this.#faulty = refusal?.errors?.length ? title : "";
     this.#root.replaceChildren(html("h2", {}, title), html("p", {}, words), ...list);
     this.#root.hidden = false;
     this.#root.scrollIntoView({ block: "nearest" });
   }
 
+  /** Faults of fields that are mended go, also those beside other fields. @param {() => Promise<unknown>} judge */
+  judgeAgain(judge) {
+    clearTimeout(this.#later);
+    const title = this.#faulty;
+    if (!title) return;
+    const mine = (this.#later = setTimeout(async () => {
+      const error = await judge().then(() => null, (refusal) => refusal);
+      if (mine !== this.#later) return;
+      this.clear();
+      if (error) this.show(title, error);
+    }, JUDGED_AGAIN_MS));
+  }
+
   clear() {
+    clearTimeout(this.#later);
+    [this.#later, this.#faulty] = [0, ""];
     this.#root.hidden = true;
     this.form.clearErrors();
   }

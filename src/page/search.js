@@ -1,6 +1,7 @@
 // One search at a time: asked for, watched and cancelled.
 
 import { brief, byId, setAttributes } from "./dom.js";
+import { written } from "./state.js";
 import { solve } from "./transport.js";
 
 /** @typedef {import("./state.js").SolveRequest} SolveRequest */
@@ -18,6 +19,8 @@ export class Search {
   #status = byId("status", HTMLElement);
   /** @type {AbortController | null} */
   #running = null;
+  /** What it is asked. */
+  #asked = "";
 
   constructor() {
     this.#cancel.addEventListener("click", () => this.stop());
@@ -44,22 +47,29 @@ export class Search {
    * @returns {Promise<Solution | null>}
    */
   async run(request) {
-    if (this.#running) return null;
-    const { signal } = (this.#running = new AbortController());
+    // The second click of a double one; another request takes the place of the one that runs.
+    if (this.#running && this.#asked === written(request)) return null;
+    this.stop();
+    const running = (this.#running = new AbortController());
+    this.#asked = written(request);
+    const { signal } = running;
     this.#show(true);
     this.say("Asking the service…");
     try {
-      const answer = await solve({ ...request, view: "full" }, (name, data) => this.#onEvent(name, data), signal);
+      const answer = await solve({ ...request, view: "full" }, (name, data) => !signal.aborted && this.#onEvent(name, data), signal);
+      if (running !== this.#running) return null;
       const time = answer.final_time_s > 0 ? `, ${answer.final_time_s.toFixed(3)} s` : "";
       this.say(`Answered: ${answer.status.replaceAll("_", " ")}${time}.`);
       return answer;
     } catch (error) {
-      this.say(signal.aborted ? "Cancelled." : "");
+      if (running === this.#running) this.say(signal.aborted ? "Cancelled." : "");
       if (signal.aborted) return null;
       throw error;
     } finally {
-      this.#running = null;
-      this.#show(false);
+      if (running === this.#running) {
+        this.#running = null;
+        this.#show(false);
+      }
     }
   }
 
@@ -78,9 +88,9 @@ export class Search {
       this.say(data.position ? `Waiting, ${data.position} from the front of the queue…` : "Solving…");
     } else if (name === "progress") {
       const { start, start_count: count, best_final_time_s: time, best_goal_error: error, phase } = data;
-      const best = time == null ? "" : `, best ${time.toFixed(3)} s`;
-      const missed = error > TOLD_ERROR ? ` with ${brief(error, 2)} still missing` : "";
-      this.say(`${PHASES[phase] ?? "Solving"}: start ${start} of ${count}${best}${missed}`);
+      const missed = error > TOLD_ERROR ? `, goal missed by ${brief(error, 2)} (m, rad, m/s or rad/s)` : "";
+      const best = missed || time == null ? missed : `, best ${time.toFixed(3)} s`;
+      this.say(`${PHASES[phase] ?? "Solving"}: start ${start} of ${count}${best}`);
       [this.#progress.max, this.#progress.value] = [count, start - 1];
     }
   }

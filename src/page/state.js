@@ -92,3 +92,9 @@ export function written({ view: _, ...asked }) {
 export function isRecord(value) {
   return typeof value === "object" && value !== null && !Array.isArray(value);
 }
+
+/** Names of what is free at the goal. @param {SolveRequest} request @returns {string[]} */
+export function freeOf(request) {
+  const free = request.maneuver?.goal?.free;
+  return Array.isArray(free) ? free : [];
+}

@@ -160,6 +160,14 @@ mod tests {
     }
 
     #[test]
+    fn numbers_are_short_where_that_tells_them_from_their_limit() {
+        let told = |value, limit| Reason::told(value, limit);
+        assert_eq!([told(0.881_157_056_8, 1e-6), told(-1.042_942_98, 0.05), told(0.0, 1.0)], [0.8812, -1.043, 0.0]);
+        assert_eq!([told(0.800_002, 0.8), told(0.799_999, 0.8)], [0.800_002, 0.8]);
+        assert!(told(f64::NAN, 1.0).is_nan() && told(f64::INFINITY, 1.0).is_infinite());
+    }
+
+    #[test]
     fn a_wider_limit_helps_where_one_is_exceeded_beside_a_near_miss() {
         let used = LimitUse {
             limit: "maneuver.limits.speed_m_s",

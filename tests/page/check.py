@@ -152,6 +152,18 @@ def cancelling(browser: Browser, service: Service) -> None:
     visit.close()
 
 
+def another_search_takes_over(browser: Browser, service: Service) -> None:
+    visit = Visit(browser, service, fragment_of(LONG))
+    visit.page.click("#solve")
+    expect(visit.page.locator("#status")).to_contain_text("start", timeout=30_000)
+    visit.page.select_option("#preset", "forward-drive")
+    visit.solve()
+    expect(visit.page.locator("#status")).to_have_text("Answered: converged, 2.930 s.")
+    expect(visit.page.locator("#cancel")).to_be_hidden()
+    service.wait_until(lambda: service.busy() == 0, "the worker is free")
+    visit.close()
+
+
 def faults_of_fields(browser: Browser, service: Service) -> None:
     visit = Visit(browser, service)
     page = visit.page
@@ -170,6 +182,10 @@ def faults_of_fields(browser: Browser, service: Service) -> None:
     page.click("#solve")
     expect(page.locator("#robot-wheel_radius_m-error")).to_contain_text("must be a number")
     assert len(visit.requests) == asked, "what cannot be read is not sent"
+    page.fill("#robot-wheel_radius_m", "0.06")
+    expect(page.locator("#problem")).to_contain_text("-3, must be between")
+    page.fill("#robot-chassis_mass_kg", "3")
+    expect(page.locator("#problem")).to_be_hidden()
     visit.close()
 
 
@@ -362,7 +378,7 @@ def reporting(name: str, browser: Browser) -> Iterator[None]:
 
 def main() -> None:
     of_service: list[Callable[[Browser, Service], None]] = [
-        forward_drive_by_clicks, goal_is_dragged, keyboard_alone, scrubbing, cancelling, faults_of_fields, links_and_snippets,
+        forward_drive_by_clicks, goal_is_dragged, keyboard_alone, scrubbing, cancelling, another_search_takes_over, faults_of_fields, links_and_snippets,
         hostile_strings, documents, infeasible_in_words, everyone, still_or_moving, *plans.CHECKS, *editing.CHECKS,
     ]  # fmt: skip
     wanted = sys.argv[3:]

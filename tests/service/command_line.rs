@@ -343,6 +343,9 @@ fn saved_plan_is_assessed_by_flags() {
     let table = String::from_utf8(assessed.stdout).unwrap();
     assert_eq!(assessed.status.code(), Some(0), "{}", String::from_utf8_lossy(&assessed.stderr));
     assert!(table.contains("of 100 samples, 95 % interval") && table.contains("\nworst sample\n"), "{table}");
+    let end_of = |words: &str| table.lines().find_map(|line| Some(line.find(words)? + words.len()));
+    let share = table.lines().find(|line| line.starts_with("  friction ")).unwrap();
+    assert_eq!(share.len(), end_of("speed m/s").unwrap(), "{table}");
     assert!(refused(&["assess", &plan, "--samples", "1"], b"").contains("missing field"));
 }
 

@@ -190,6 +190,9 @@ async fn nothing_is_claimed_for_a_motion_that_diverges() {
     let certificate = texts(&words["certificate"]);
     assert!(!certificate.contains("Contact law") && !certificate.contains("unknown"), "{certificate}");
     assert!(presented["figures"][0]["svg"].as_str().unwrap().contains(">The motion diverges.<"), "{words}");
+    let export = json!({"simulate": body["plans"][0]["simulate"], "format": "csv", "rate_hz": 10});
+    let refused = server.post("/export", export.to_string()).await;
+    assert!(refused.status == 422 && refused.text().contains("The motion diverges, must end."), "{}", refused.text());
 }
 
 #[tokio::test]
