@@ -153,7 +153,7 @@ impl LocalSearch<'_> {
         if !self.settles_without_promise(&mut best)? {
             match round {
                 0 => {
-                    self.cross_kinks(&mut best)?;
+                    while self.cross_kink(&mut best, LEAST_PROMISE)? {}
                     self.hold_wheels(&mut best)?;
                 }
                 2 => self.leave_kinks(&mut best)?,
@@ -189,7 +189,7 @@ impl LocalSearch<'_> {
         let held = self.holding_wheels(f64::INFINITY, |held| held.directly(guess))?;
         let mut best = held.map_or_else(|| self.descend_directly(guess), Ok)?;
         if !self.problem.is_smooth() && !self.settles_without_promise(&mut best)? {
-            self.cross_kinks(&mut best)?;
+            while self.cross_kink(&mut best, LEAST_PROMISE)? {}
             if !best.has_no_promise(self.settings.goal_tolerance) {
                 self.hop(&mut best, PATIENCE, 0)?;
             }
@@ -274,12 +274,6 @@ impl LocalSearch<'_> {
             self.settle(best)?;
         }
         Ok(gains)
-    }
-
-    /// From a plan that has settled on a kink across this one and others, as long as that gains.
-    fn cross_kinks(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
-        while self.cross_kink(best, LEAST_PROMISE)? {}
-        Ok(())
     }
 
     /// One descent near a plan of a similar problem.
