@@ -60,13 +60,13 @@ impl SearchResult {
         let mut tried = (0..).zip(tried);
         while let Some((index, part)) = tried.next() {
             let outcome = match part {
-                Some(Tried { outcome, limit }) if outcome.holds_under(share, limit) => outcome,
+                Some((outcome, limit)) if outcome.holds_under(share, limit) => outcome,
                 part if control.is_stopped() => {
                     // All that there is counts, whatever the shares.
                     let given_back = given_back.into_inner().unwrap_or_else(PoisonError::into_inner);
                     keep_best(&mut self.best, given_back, goal_tolerance);
                     for (index, part) in iter::once((index, part)).chain(tried) {
-                        let local = part.and_then(|part| self.add(part.outcome, goal_tolerance));
+                        let local = part.and_then(|(outcome, _)| self.add(outcome, goal_tolerance));
                         locals.extend(local.map(|local| (index, local)));
                     }
                     self.stop_reason = StopReason::Stopped;
@@ -90,19 +90,14 @@ impl SearchResult {
     }
 }
 
-/// A part as a thread ran it, under what was known then to be left of the rollouts.
-struct Tried {
-    outcome: PartOutcome,
-    limit: u64,
-}
-
-/// Runs the parts in any order; `given_back` has the best decision of those that ended since their helper was recalled.
+/// Runs the parts in any order, each within what is known then to be left of the rollouts, which comes with its outcome; `given_back` has
+/// the best decision of those that ended since their helper was recalled.
 fn tried_parts(
     (count, rollout_limit): (usize, u64),
     progress: &BestProgress,
     given_back: &Mutex<Option<Candidate>>,
     run: &RunPart,
-) -> Vec<Option<Tried>> {
+) -> Vec<Option<(PartOutcome, u64)>> {
     let BestProgress { control, goal_tolerance, .. } = *progress;
     // Of the parts that have ended.
     let spent: Vec<_> = (0..count).map(|_| AtomicU64::new(0)).collect();
@@ -116,6 +111,6 @@ fn tried_parts(
             return None;
         }
         spent[index].store(outcome.rollouts, Ordering::Relaxed);
-        Some(Tried { outcome, limit })
+        Some((outcome, limit))
     })
 }
