@@ -214,8 +214,7 @@ impl<'a> LocalSearch<'a> {
     /// Keeps a candidate where it is the best one so far that is certain to keep the limits of the maneuver.
     pub(super) fn note(&mut self, candidate: &Candidate) {
         let tolerance = self.settings.goal_tolerance;
-        let is_stand_in = self.problem.is_stand_in();
-        let candidate = if is_stand_in { candidate.clone().not_judged() } else { candidate.clone() };
+        let candidate = if self.problem.is_stand_in() { candidate.clone().not_judged() } else { candidate.clone() };
         if improves(self.best.as_ref(), &candidate, tolerance) {
             report(self.control, self.start, &candidate, tolerance);
         }

@@ -146,8 +146,7 @@ impl<'a> Race<'a> {
         let locals = self.round(entrants, |Smoothed { number, strategy, local, .. }, search| {
             search.go_on(local, (heat, *strategy), *number)
         });
-        let locals = locals.into_iter();
-        let mut arrived: Vec<_> = locals.map(|(entrant, local)| Smoothed { local, ..entrant.clone() }).collect();
+        let mut arrived: Vec<_> = locals.into_iter().map(|(from, local)| Smoothed { local, ..from.clone() }).collect();
         best_first(&mut arrived, |arrived| &arrived.local);
         arrived
     }
