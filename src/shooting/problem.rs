@@ -104,11 +104,9 @@ impl<'a> ShootingProblem<'a> {
     }
 
     /// Allows all torques within their limits; before, they stay near the grip. Beyond it more torque gains little, and the search should
-    /// not depend on it. Whether motors beyond the grip are judged at all nodes from now on: before, at the ends of steps.
-    pub fn release_torques(&mut self) -> bool {
-        let quantities = self.beyond_grip.take();
-        let judges_motors_anew = quantities.is_some();
-        if let Some(quantities) = quantities {
+    /// not depend on it. Motors beyond the grip are judged at all nodes from now on; before, at the ends of steps.
+    pub fn release_torques(&mut self) {
+        if let Some(quantities) = self.beyond_grip.take() {
             self.sensitivity.path.watch(quantities, self.control_count());
             self.recorded = None;
         }
@@ -116,7 +114,6 @@ impl<'a> ShootingProblem<'a> {
         let limit = each_torque(self.torque_limit, last / 2);
         self.lower.rows_mut(0, last).copy_from(&-&limit);
         self.upper.rows_mut(0, last).copy_from(&limit);
-        judges_motors_anew
     }
 
     /// Whether plans that keep its limits may break those of the maneuver, since motors beyond the grip are judged at the ends of steps.

@@ -218,9 +218,10 @@ impl<'a> Race<'a> {
         }
         // What was measured is that of torques near the grip.
         self.optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
-        let judges_motors_anew = self.problem.release_torques();
+        let judged_motors_at_ends = self.problem.is_stand_in();
+        self.problem.release_torques();
         // Nelder-Mead has had all torques from the start.
-        if !judges_motors_anew || self.input.settings.method == Method::NelderMead {
+        if !judged_motors_at_ends || self.input.settings.method == Method::NelderMead {
             return;
         }
         if self.found.is_interrupted() {
