@@ -11,7 +11,7 @@ use crate::optimizer::{
     Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, SequentialLinearSettings,
     criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{Penalty, ShootingProblem, wrapped_angle};
+use crate::shooting::{ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
 
 /// First penalty parameter: standing still costs this many times the unit of time, more than any multiplier of most
@@ -146,12 +146,12 @@ impl<'a> LocalSearch<'a> {
         let goal_heading = self.goal_heading;
         let mut best = Candidate::new(guess.clone(), f64::NAN, true, goal_heading);
         let mut best_value = f64::INFINITY;
-        let mut penalty = Penalty::new(&mut self.problem);
         let mut passed = None;
         let mut value = |x: &DVector<f64>, stop: Stop| {
-            let value = penalty.value(x, stop)?;
-            let goal_error = scales.largest_goal_error(&penalty.constraints().residual);
-            let reached = Candidate::new(penalty.decision().clone(), goal_error, penalty.breaks_limits(), goal_heading);
+            let (value, decision, constraints) = self.problem.penalised(x, stop)?;
+            let goal_error = scales.largest_goal_error(&constraints.residual);
+            let breaks_limits = self.problem.breaks_limits(&constraints);
+            let reached = Candidate::new(decision, goal_error, breaks_limits, goal_heading);
             keep_best(&mut passed, Some(reached.clone()).filter(|plan| plan.is_feasible(tolerance)), tolerance);
             if value < best_value {
                 (best, best_value) = (reached, value);
