@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, keep_best, keep_better};
 use super::local_search::LocalSearch;
-use crate::optimizer::{Interruption, Problem};
+use crate::optimizer::{ElasticSolver, Interruption, Problem};
 
 impl LocalSearch<'_> {
     /// The plan of the exact law near one that a search with held wheels finds; none where that finds none faster than `time_to_beat`, s,
@@ -23,13 +23,10 @@ impl LocalSearch<'_> {
         if !self.problem.is_steep_where_wheels_slip() {
             return Ok(None);
         }
-        let control = self.control.quietly();
-        let mut held = LocalSearch::new(self.problem.holding_wheels(), self.settings, &control, self.budget.left());
-        held.coarse_step_count = self.coarse_step_count;
-        held.aim(self.goal_heading);
+        let (problem, control) = (self.problem.holding_wheels(), self.control.quietly());
+        let mut held = LocalSearch { problem, control, programs: ElasticSolver::default(), best: None, ..*self };
         let found = search(&mut held);
-        self.iterations += held.iterations;
-        self.budget.count(held.budget.spent());
+        self.budget = held.budget;
         let tolerance = self.settings.goal_tolerance;
         // Where the budget ends before they are judged by the exact law: any plan of that is better.
         let known = match &found {

@@ -33,7 +33,7 @@ const FEASIBILITY_MARGIN: f64 = 1e-2;
 pub(super) struct LocalSearch<'a> {
     pub(super) problem: ShootingProblem<'a>,
     pub(super) settings: &'a SolverSettings,
-    pub(super) control: &'a RunControl<'a>,
+    pub(super) control: RunControl<'a>,
     pub(super) budget: Budget<'a>,
     pub(super) programs: ElasticSolver,
     /// Steps of the grid on which starts are compared.
@@ -42,27 +42,25 @@ pub(super) struct LocalSearch<'a> {
     pub(super) start: (usize, usize),
     pub(super) goal_heading: Option<f64>,
     pub(super) best: Option<Candidate>,
-    pub(super) iterations: u64,
 }
 
 impl<'a> LocalSearch<'a> {
     pub(super) fn new(
         problem: ShootingProblem<'a>,
         settings: &'a SolverSettings,
-        control: &'a RunControl<'a>,
+        control: &RunControl<'a>,
         rollout_limit: u64,
     ) -> Self {
         Self {
             problem,
             settings,
-            control,
+            control: *control,
             budget: Budget::new(control.stop(), rollout_limit),
             programs: ElasticSolver::default(),
             coarse_step_count: usize::MAX,
             start: (0, 0),
             goal_heading: None,
             best: None,
-            iterations: 0,
         }
     }
 
@@ -97,7 +95,7 @@ impl<'a> LocalSearch<'a> {
             let reached = Candidate::new(x.clone(), goal_error, breaks_limits, self.goal_heading);
             let is_feasible = reached.is_feasible(tolerance);
             if !(is_stand_in && is_feasible) {
-                report(self.control, self.start, &reached, tolerance);
+                report(&self.control, self.start, &reached, tolerance);
             }
             if is_feasible {
                 passed = Some(reached);
@@ -106,7 +104,6 @@ impl<'a> LocalSearch<'a> {
         let from = (guess, &mut self.programs);
         let result =
             minimise_sequentially(&mut self.problem, from, (&settings, accepted), &mut self.budget, &mut report_each);
-        self.iterations += result.iterations;
         let candidate = self.candidate(result.x, &result.constraints);
         self.note(&candidate);
         // When a descent ends infeasible, its last feasible iterate is kept.
@@ -155,12 +152,11 @@ impl<'a> LocalSearch<'a> {
             keep_best(&mut passed, Some(reached.clone()).filter(|plan| plan.is_feasible(tolerance)), tolerance);
             if value < best_value {
                 (best, best_value) = (reached, value);
-                report(self.control, self.start, &best, tolerance);
+                report(&self.control, self.start, &best, tolerance);
             }
             Ok(value)
         };
         let result = minimise_by_nelder_mead(&mut value, &guess, &scale, &mut self.budget);
-        self.iterations += result.iterations;
         self.note(&best);
         // The penalty trades the goal for time: its best point may miss what another one, such as the guess, meets.
         if let Some(passed) = passed {
@@ -216,7 +212,7 @@ impl<'a> LocalSearch<'a> {
         let tolerance = self.settings.goal_tolerance;
         let candidate = if self.problem.is_stand_in() { candidate.clone().not_judged() } else { candidate.clone() };
         if improves(self.best.as_ref(), &candidate, tolerance) {
-            report(self.control, self.start, &candidate, tolerance);
+            report(&self.control, self.start, &candidate, tolerance);
         }
         keep_best(&mut self.best, Some(candidate), tolerance);
     }

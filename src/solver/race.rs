@@ -268,7 +268,8 @@ impl<'a> Race<'a> {
             let mut search = LocalSearch::new(self.problem.clone(), &self.input.settings, control, rollout_limit);
             search.coarse_step_count = self.coarse_step_count;
             let local = run(&entrants[index], &mut search);
-            PartOutcome { local, best: search.best, iterations: search.iterations, rollouts: search.budget.spent() }
+            let LocalSearch { best, budget, .. } = search;
+            PartOutcome { local, best, iterations: budget.iterations, rollouts: budget.spent() }
         };
         let left = self.rollout_limit - self.found.rollouts;
         let locals = self.found.add_parts((entrants.len(), left), &self.progress, run_part);

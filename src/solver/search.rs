@@ -64,7 +64,7 @@ impl SearchResult {
     ) -> (Result<Candidate, Interruption>, Option<Candidate>) {
         let mut search = LocalSearch::new(problem, settings, control, rollout_limit - self.rollouts);
         let found = run(&mut search);
-        self.iterations += search.iterations;
+        self.iterations += search.budget.iterations;
         self.rollouts += search.budget.spent();
         (found, search.best)
     }

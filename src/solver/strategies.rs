@@ -350,7 +350,6 @@ impl LocalSearch<'_> {
             let result =
                 minimise_sequentially(&mut self.problem, from, (&settings, None), &mut self.budget, &mut |_, _| {});
             self.problem.set_slip_smoothing(0.0);
-            self.iterations += result.iterations;
             result.ending?;
             merit = self.merit(&result.x, &result.constraints);
             decision = result.x;
