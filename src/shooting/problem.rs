@@ -183,9 +183,14 @@ impl<'a> ShootingProblem<'a> {
         self.step_count
     }
 
-    /// Aims at the goal heading in the winding of `heading`, rad; nothing where the heading is free.
-    pub fn aim_at_heading(&mut self, heading: f64) {
-        for row in self.rows.iter_mut().filter(|row| row.component == StateComponent::Heading.index()) {
+    /// The goal heading in the winding that it aims at, rad; none where the heading is free.
+    pub fn goal_heading(&self) -> Option<f64> {
+        self.rows.iter().find(|row| row.is_heading()).map(|row| row.target)
+    }
+
+    /// Aims at the goal heading in this winding, rad, if there is one; nothing where the heading is free.
+    pub fn aim(&mut self, goal_heading: Option<f64>) {
+        for (row, heading) in self.rows.iter_mut().filter(|row| row.is_heading()).zip(goal_heading) {
             row.target = heading;
         }
     }

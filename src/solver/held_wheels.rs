@@ -38,7 +38,7 @@ impl LocalSearch<'_> {
         if !found.is_feasible(tolerance) || found.final_time() >= time_to_beat {
             return Ok(None);
         }
-        self.aim(found.goal_heading);
+        self.problem.aim(found.goal_heading);
         let mut plan = self.judged(&found.decision)?;
         keep_better(&mut plan, self.near(&found.decision)?, tolerance);
         Ok(Some(plan))

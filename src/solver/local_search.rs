@@ -40,7 +40,6 @@ pub(super) struct LocalSearch<'a> {
     pub(super) coarse_step_count: usize,
     /// (running start, number of starts).
     pub(super) start: (usize, usize),
-    pub(super) goal_heading: Option<f64>,
     pub(super) best: Option<Candidate>,
 }
 
@@ -59,7 +58,6 @@ impl<'a> LocalSearch<'a> {
             programs: ElasticSolver::default(),
             coarse_step_count: usize::MAX,
             start: (0, 0),
-            goal_heading: None,
             best: None,
         }
     }
@@ -86,13 +84,14 @@ impl<'a> LocalSearch<'a> {
         let merit_to_beat = time_to_beat / self.problem.time_unit();
         let settings = SequentialLinearSettings { merit_to_beat, ..self.descent(radius, smallest_prediction) };
         let (tolerance, inequality_tolerance) = (self.settings.goal_tolerance, self.problem.inequality_tolerance());
-        let (scales, is_stand_in) = (self.problem.goal_scales(), self.problem.is_stand_in());
+        let (scales, goal_heading) = (self.problem.goal_scales(), self.problem.goal_heading());
+        let is_stand_in = self.problem.is_stand_in();
         // The latest feasible point is the fastest one since the penalty parameter last grew: the merit only falls.
         let mut passed = None;
         let mut report_each = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
             let breaks_limits = constraints.largest_inequality_violation() > inequality_tolerance;
-            let reached = Candidate::new(x.clone(), goal_error, breaks_limits, self.goal_heading);
+            let reached = Candidate::new(x.clone(), goal_error, breaks_limits, goal_heading);
             let is_feasible = reached.is_feasible(tolerance);
             if !(is_stand_in && is_feasible) {
                 report(&self.control, self.start, &reached, tolerance);
@@ -140,7 +139,7 @@ impl<'a> LocalSearch<'a> {
         let guess = guess.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
         let scale = self.problem.variable_scale(&guess);
         let (scales, tolerance) = (self.problem.goal_scales(), self.settings.goal_tolerance);
-        let goal_heading = self.goal_heading;
+        let goal_heading = self.problem.goal_heading();
         let mut best = Candidate::new(guess.clone(), f64::NAN, true, goal_heading);
         let mut best_value = f64::INFINITY;
         let mut passed = None;
@@ -165,20 +164,13 @@ impl<'a> LocalSearch<'a> {
         result.ending.map(|()| best)
     }
 
-    pub(super) fn aim(&mut self, goal_heading: Option<f64>) {
-        self.goal_heading = goal_heading;
-        if let Some(heading) = goal_heading {
-            self.problem.aim_at_heading(heading);
-        }
-    }
-
     /// Aims at this goal heading in the winding nearest to where a guess leads: it may turn the other way round, or once more.
     pub(super) fn aim_where_it_leads(&mut self, guess: &DVector<f64>, heading: f64) -> Result<(), Interruption> {
         let stop = self.budget.spend()?;
         let turn = self.problem.end_heading(guess, stop)? - heading;
         // A motion that diverges leads nowhere.
         let whole_turns = if turn.is_finite() { turn - wrapped_angle(turn) } else { 0.0 };
-        self.aim(Some(heading + whole_turns));
+        self.problem.aim(Some(heading + whole_turns));
         Ok(())
     }
 
@@ -204,7 +196,7 @@ impl<'a> LocalSearch<'a> {
         let goal_error = self.problem.goal_scales().largest_goal_error(&constraints.residual);
         let merit = self.merit(&decision, constraints);
         let breaks_limits = self.problem.breaks_limits(constraints);
-        Candidate { merit, ..Candidate::new(decision, goal_error, breaks_limits, self.goal_heading) }
+        Candidate { merit, ..Candidate::new(decision, goal_error, breaks_limits, self.problem.goal_heading()) }
     }
 
     /// Keeps a candidate where it is the best one so far that is certain to keep the limits of the maneuver.
@@ -246,7 +238,7 @@ mod tests {
             let led = problem.end_heading(&guess, Stop::never()).unwrap();
             let mut search = LocalSearch::new(problem, &settings, &control, 1);
             search.aim_where_it_leads(&guess, 0.5).unwrap();
-            let aimed = search.goal_heading.unwrap();
+            let aimed = search.problem.goal_heading().unwrap();
             let turns = (aimed - 0.5) / (2.0 * PI);
             assert!((aimed - led).abs() <= PI && (turns - turns.round()).abs() < 1e-12, "{aimed} near {led}");
         }

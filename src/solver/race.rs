@@ -249,7 +249,7 @@ impl<'a> Race<'a> {
         };
         let chosen: Vec<_> = groups.into_iter().map(once).collect();
         let moved = self.round(&chosen, |optimum, search| {
-            search.aim(optimum.goal_heading);
+            search.problem.aim(optimum.goal_heading);
             // Those that may become the best in every way there is.
             let moved = if optimum.merit <= slowest { search.adapt(optimum) } else { search.back_off(optimum) }?;
             Ok(Candidate { times_found: optimum.times_found, ..moved })

@@ -185,7 +185,7 @@ impl Refiner<'_, '_> {
         problem.tighten(margins);
         problem.set_time_unit(candidate.final_time());
         let from_plan = |search: &mut LocalSearch| {
-            search.aim(candidate.goal_heading);
+            search.problem.aim(candidate.goal_heading);
             run(search)
         };
         self.result.searching_on((problem, settings), (&self.control, settings.rollout_limit), from_plan).0

@@ -47,7 +47,7 @@ impl LocalSearch<'_> {
     pub(super) fn run_from(&mut self, start: &Start, number: (usize, usize)) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Start { number: number.0 });
         self.start = number;
-        self.aim(start.goal_heading);
+        self.problem.aim(start.goal_heading);
         let guess = decision_from_schedule(&start.schedule);
         // Guesses of callers may need more, and no descent follows on Nelder-Mead.
         let needs_all = start.strategy == Strategy::Warm || self.settings.method == Method::NelderMead;
@@ -102,7 +102,7 @@ impl LocalSearch<'_> {
     pub(super) fn secure(&mut self, plan: &Candidate) -> Result<Candidate, Interruption> {
         if self.problem.is_stand_in() && plan.is_feasible(self.settings.goal_tolerance) {
             let near_grip = self.problem.clone();
-            self.aim(plan.goal_heading);
+            self.problem.aim(plan.goal_heading);
             self.problem.release_torques();
             let secured = self.back_off(plan);
             self.problem = near_grip;
@@ -123,7 +123,7 @@ impl LocalSearch<'_> {
     ) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Start { number: number.0 });
         self.start = number;
-        self.aim(from.goal_heading);
+        self.problem.aim(from.goal_heading);
         let through = |search: &mut Self, laws: &[f64]| {
             search.coarsely(|search| search.smoothed(&from.decision, laws, (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT)))
         };
@@ -149,7 +149,7 @@ impl LocalSearch<'_> {
             return Ok(best);
         }
         let _phase = self.control.enter(Phase::Polish);
-        self.aim(plan.goal_heading);
+        self.problem.aim(plan.goal_heading);
         if !self.settles_without_promise(&mut best)? {
             match round {
                 0 => {
@@ -235,17 +235,17 @@ impl LocalSearch<'_> {
         let slowest = (1.0 + LARGEST_LAG) * guess[guess.len() - 1];
         let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
         let mut best = self.near(guess)?;
-        if !arrived(&best) && self.goal_heading != other_heading {
-            self.aim(other_heading);
+        if !arrived(&best) && self.problem.goal_heading() != other_heading {
+            self.problem.aim(other_heading);
             keep_better(&mut best, self.near(guess)?, tolerance);
-            self.aim(best.goal_heading);
+            self.problem.aim(best.goal_heading);
         }
         if !arrived(&best) {
             let held = self.holding_wheels(best.time_to_beat(tolerance), |held| held.warmly(guess, other_heading))?;
             if let Some(held) = held {
                 keep_better(&mut best, held, tolerance);
             }
-            self.aim(best.goal_heading);
+            self.problem.aim(best.goal_heading);
         }
         if !arrived(&best) {
             keep_better(&mut best, self.around(guess, &SMOOTHING[1..], FIRST_RADIUS)?, tolerance);
@@ -355,7 +355,7 @@ impl LocalSearch<'_> {
             decision = result.x;
             first_radius = FIRST_RADIUS;
         }
-        Ok(Candidate { merit, ..Candidate::new(decision, f64::INFINITY, true, self.goal_heading) })
+        Ok(Candidate { merit, ..Candidate::new(decision, f64::INFINITY, true, self.problem.goal_heading()) })
     }
 }
 
