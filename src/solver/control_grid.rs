@@ -88,9 +88,6 @@ fn use_all_intervals(
     control: &RunControl,
 ) {
     let Some(mut best) = result.best.clone() else { return };
-    let mut problem = problem.clone();
-    problem.release_torques();
-    problem.set_time_unit(best.final_time());
     // Crossed kinks and hops lead to faster plans, whether these are steady or not.
     let (patience, round) = match input.settings.choice {
         Choice::Fastest => (PATIENCE, 0),
@@ -99,7 +96,8 @@ fn use_all_intervals(
     let polish = |search: &mut LocalSearch| search.polish(&best, patience, round);
     // Iterates are worse than the plan reported before.
     let control = control.quietly();
-    let (outcome, found) = result.searching_on((problem, &input.settings), (&control, rollout_limit), polish);
+    let (outcome, found) =
+        result.searching_on((problem.clone(), &input.settings), &best, (&control, rollout_limit), polish);
     match outcome {
         // With its criticality measure, also where it is no better.
         Ok(polished) => best = polished,

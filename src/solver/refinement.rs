@@ -181,14 +181,8 @@ impl Refiner<'_, '_> {
         let _phase = self.control.enter(Phase::Refinement);
         let settings = &self.input.settings;
         let (mut problem, _) = problem_on(self.input, self.simulator, step_count);
-        problem.release_torques();
         problem.tighten(margins);
-        problem.set_time_unit(candidate.final_time());
-        let from_plan = |search: &mut LocalSearch| {
-            search.problem.aim(candidate.goal_heading);
-            run(search)
-        };
-        self.result.searching_on((problem, settings), (&self.control, settings.rollout_limit), from_plan).0
+        self.result.searching_on((problem, settings), candidate, (&self.control, settings.rollout_limit), run).0
     }
 
     fn plan(&self, candidate: Candidate, step_count: usize, stop: Stop) -> Result<Plan, Stopped> {

@@ -55,13 +55,18 @@ impl SearchResult {
         self.starts_tried += finer.starts_tried;
     }
 
-    /// Searches on with what is left of the rollouts, and counts what that takes; gives the best decision met, too.
+    /// Searches on from a plan, with all torques and what is left of the rollouts, and counts what that takes; gives the best decision met,
+    /// too.
     pub(super) fn searching_on(
         &mut self,
-        (problem, settings): (ShootingProblem, &SolverSettings),
+        (mut problem, settings): (ShootingProblem, &SolverSettings),
+        from: &Candidate,
         (control, rollout_limit): (&RunControl, u64),
         run: impl FnOnce(&mut LocalSearch) -> Result<Candidate, Interruption>,
     ) -> (Result<Candidate, Interruption>, Option<Candidate>) {
+        problem.release_torques();
+        problem.set_time_unit(from.final_time());
+        problem.aim(from.goal_heading);
         let mut search = LocalSearch::new(problem, settings, control, rollout_limit - self.rollouts);
         let found = run(&mut search);
         self.iterations += search.budget.iterations;
