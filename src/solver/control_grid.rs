@@ -104,7 +104,7 @@ fn use_all_intervals(
         Err(interruption) => result.stop_reason = interruption.into(),
     }
     if let Some(found) = found {
-        keep_better(&mut best, found, input.settings.goal_tolerance);
+        keep_better(&mut best, found);
     }
     if let Some(first) = result.plans.first_mut() {
         first.clone_from(&best);
@@ -149,7 +149,7 @@ mod tests {
     fn a_plan_on_all_intervals_has_the_same_torques() {
         let input = SolveInput::new(parameters(160)).unwrap();
         let third = TorqueSchedule { final_time: 2.836_110, left: vec![1.0 / 3.0; 40], right: vec![-0.7; 40] };
-        let mut plan = Candidate::new(decision_from_schedule(&third), 0.0, false, None);
+        let mut plan = Candidate::new(decision_from_schedule(&third), None);
         resample(&mut plan, &input);
         let whole = schedule_from_decision(&plan.decision);
         assert_eq!((whole.control_count(), whole.final_time), (160, third.final_time));

@@ -27,28 +27,26 @@ impl LocalSearch<'_> {
         let mut held = LocalSearch { problem, control, programs: ElasticSolver::default(), best: None, ..*self };
         let found = search(&mut held);
         self.budget = held.budget;
-        let tolerance = self.settings.goal_tolerance;
         // Where the budget ends before they are judged by the exact law: any plan of that is better.
         let known = match &found {
-            Ok(found) => Some(found.clone()).filter(|found| found.is_feasible(tolerance)),
-            Err(_) => held.best.take().filter(|best| best.goal_error <= tolerance),
+            Ok(found) => Some(found.clone()).filter(Candidate::is_feasible),
+            Err(_) => held.best.take().filter(Candidate::meets_goal),
         };
-        keep_best(&mut self.best, known.map(Candidate::not_judged), tolerance);
+        keep_best(&mut self.best, known.map(Candidate::not_judged));
         let found = found?;
-        if !found.is_feasible(tolerance) || found.final_time() >= time_to_beat {
+        if !found.is_feasible() || found.final_time() >= time_to_beat {
             return Ok(None);
         }
         self.problem.aim(found.goal_heading);
         let mut plan = self.judged(&found.decision)?;
-        keep_better(&mut plan, self.near(&found.decision)?, tolerance);
+        keep_better(&mut plan, self.near(&found.decision)?);
         Ok(Some(plan))
     }
 
     /// From a plan that has settled to a faster one near it, found with held wheels.
     pub(super) fn hold_wheels(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
-        let tolerance = self.settings.goal_tolerance;
-        let next = self.holding_wheels(best.time_to_beat(tolerance), |held| held.near(&best.decision))?;
-        if let Some(next) = next.filter(|next| next.gains_on(best, CRITICALITY_TOLERANCE, tolerance)) {
+        let next = self.holding_wheels(best.time_to_beat(), |held| held.near(&best.decision))?;
+        if let Some(next) = next.filter(|next| next.gains_on(best, CRITICALITY_TOLERANCE)) {
             *best = next;
             self.settle(best)?;
         }

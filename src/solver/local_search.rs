@@ -91,10 +91,10 @@ impl<'a> LocalSearch<'a> {
         let mut report_each = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
             let breaks_limits = constraints.largest_inequality_violation() > inequality_tolerance;
-            let reached = Candidate::new(x.clone(), goal_error, breaks_limits, goal_heading);
-            let is_feasible = reached.is_feasible(tolerance);
+            let reached = Candidate::new(x.clone(), goal_heading).judged((goal_error, tolerance), breaks_limits);
+            let is_feasible = reached.is_feasible();
             if !(is_stand_in && is_feasible) {
-                report(&self.control, self.start, &reached, tolerance);
+                report(&self.control, self.start, &reached);
             }
             if is_feasible {
                 passed = Some(reached);
@@ -106,7 +106,7 @@ impl<'a> LocalSearch<'a> {
         let candidate = self.candidate(result.x, &result.constraints);
         self.note(&candidate);
         // When a descent ends infeasible, its last feasible iterate is kept.
-        if let Some(passed) = passed.filter(|_| !candidate.is_feasible(tolerance)) {
+        if let Some(passed) = passed.filter(|_| !candidate.is_feasible()) {
             self.note(&passed);
         }
         result.ending.map(|()| candidate)
@@ -140,18 +140,18 @@ impl<'a> LocalSearch<'a> {
         let scale = self.problem.variable_scale(&guess);
         let (scales, tolerance) = (self.problem.goal_scales(), self.settings.goal_tolerance);
         let goal_heading = self.problem.goal_heading();
-        let mut best = Candidate::new(guess.clone(), f64::NAN, true, goal_heading);
+        let mut best = Candidate { goal_error: f64::NAN, ..Candidate::new(guess.clone(), goal_heading) };
         let mut best_value = f64::INFINITY;
         let mut passed = None;
         let mut value = |x: &DVector<f64>, stop: Stop| {
             let (value, decision, constraints) = self.problem.penalised(x, stop)?;
             let goal_error = scales.largest_goal_error(&constraints.residual);
             let breaks_limits = self.problem.breaks_limits(&constraints);
-            let reached = Candidate::new(decision, goal_error, breaks_limits, goal_heading);
-            keep_best(&mut passed, Some(reached.clone()).filter(|plan| plan.is_feasible(tolerance)), tolerance);
+            let reached = Candidate::new(decision, goal_heading).judged((goal_error, tolerance), breaks_limits);
+            keep_best(&mut passed, Some(reached.clone()).filter(Candidate::is_feasible));
             if value < best_value {
                 (best, best_value) = (reached, value);
-                report(&self.control, self.start, &best, tolerance);
+                report(&self.control, self.start, &best);
             }
             Ok(value)
         };
@@ -194,25 +194,25 @@ impl<'a> LocalSearch<'a> {
     /// A point with its constraint values, as a candidate.
     pub(super) fn candidate(&self, decision: DVector<f64>, constraints: &Constraints) -> Candidate {
         let goal_error = self.problem.goal_scales().largest_goal_error(&constraints.residual);
-        let merit = self.merit(&decision, constraints);
         let breaks_limits = self.problem.breaks_limits(constraints);
-        Candidate { merit, ..Candidate::new(decision, goal_error, breaks_limits, self.problem.goal_heading()) }
+        let merit = self.merit(&decision, constraints);
+        let candidate = Candidate { merit, ..Candidate::new(decision, self.problem.goal_heading()) };
+        candidate.judged((goal_error, self.settings.goal_tolerance), breaks_limits)
     }
 
     /// Keeps a candidate where it is the best one so far that is certain to keep the limits of the maneuver.
     pub(super) fn note(&mut self, candidate: &Candidate) {
-        let tolerance = self.settings.goal_tolerance;
         let candidate = if self.problem.is_stand_in() { candidate.clone().not_judged() } else { candidate.clone() };
-        if improves(self.best.as_ref(), &candidate, tolerance) {
-            report(&self.control, self.start, &candidate, tolerance);
+        if improves(self.best.as_ref(), &candidate) {
+            report(&self.control, self.start, &candidate);
         }
-        keep_best(&mut self.best, Some(candidate), tolerance);
+        keep_best(&mut self.best, Some(candidate));
     }
 }
 
 /// Reports a decision, but for one that meets the goal beyond the limits.
-fn report(control: &RunControl, (start, start_count): (usize, usize), reached: &Candidate, tolerance: f64) {
-    if reached.goal_error > tolerance || !reached.breaks_limits {
+fn report(control: &RunControl, (start, start_count): (usize, usize), reached: &Candidate) {
+    if reached.goal_error > reached.goal_tolerance || !reached.breaks_limits {
         let (best_final_time, best_goal_error) = (reached.final_time(), reached.goal_error);
         control.report(&SolveProgress { best_final_time, best_goal_error, start, start_count });
     }

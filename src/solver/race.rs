@@ -59,7 +59,7 @@ impl<'a> Race<'a> {
     /// smoothed laws the optima are polished; at the end the best plan is, where it has not settled.
     pub(super) fn run(&mut self) {
         self.block();
-        let has_plan = self.optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance));
+        let has_plan = self.optima.iter().any(Candidate::is_feasible);
         if !has_plan && !self.found.is_interrupted() {
             self.block();
         }
@@ -165,8 +165,7 @@ impl<'a> Race<'a> {
 
     /// Moves the fastest plan to where it is certain to keep all limits of the maneuver, so that a search which is stopped has one.
     fn secure_best(&mut self) {
-        let tolerance = self.input.settings.goal_tolerance;
-        let plans = self.optima.iter().filter(|optimum| optimum.is_feasible(tolerance));
+        let plans = self.optima.iter().filter(|optimum| optimum.is_feasible());
         let fastest = plans.min_by(|a, b| a.final_time().total_cmp(&b.final_time()));
         if let Some(fastest) = fastest.filter(|_| self.problem.is_stand_in() && !self.found.is_interrupted()).cloned() {
             self.round(&[fastest], |fastest, search| search.secure(fastest));
@@ -201,7 +200,7 @@ impl<'a> Race<'a> {
     fn settle_best(&mut self) {
         self.release_torques();
         let Some(best) = self.found.best.clone().filter(|_| !self.found.is_interrupted()) else { return };
-        if best.stationarity.is_some() || !best.is_feasible(self.input.settings.goal_tolerance) {
+        if best.stationarity.is_some() || !best.is_feasible() {
             return;
         }
         if let Some((best, local)) = self.round(&[best], |best, search| search.polish(best, PATIENCE, 0)).pop() {
@@ -352,7 +351,7 @@ mod tests {
         let simulator = Simulator::new(&input.robot);
         let (problem, _) = problem_on(&input, &simulator, input.settings.step_count);
         let mut race = Race::new(&input, &problem, (SearchResult::default(), 10), &control);
-        let diverged = Candidate::new(DVector::from_element(1, 1.0), f64::NAN, true, None);
+        let diverged = Candidate::new(DVector::from_element(1, 1.0), None);
         race.optima.push(Candidate { merit: f64::NAN, ..diverged });
         race.finals();
         assert_eq!(race.found.rollouts, 0);
@@ -361,7 +360,7 @@ mod tests {
     #[test]
     fn an_optimum_is_found_again_by_its_merit() {
         let smoothed = |merit: f64| {
-            let local = Candidate { merit, ..Candidate::new(DVector::from_element(1, 1.0), 0.0, true, None) };
+            let local = Candidate { merit, ..Candidate::new(DVector::from_element(1, 1.0), None) };
             Smoothed::new((1, 1), Strategy::Smoothed, local)
         };
         assert_eq!(times_found(&[]), 0);
