@@ -128,17 +128,20 @@ impl From<Stopped> for Interruption {
     }
 }
 
-/// Rollouts that may still be spent, and what ends them early.
+/// Rollouts that may still be spent, and what ends them early; it counts iterations, too.
+#[derive(Clone, Copy)]
 pub struct Budget<'a> {
     stop: Stop<'a>,
     limit: u64,
     spent: u64,
+    /// Linear programs that descents solved, and moves of simplices.
+    pub iterations: u64,
 }
 
 impl<'a> Budget<'a> {
     /// At most `limit` rollouts, fewer when `stop` is set.
     pub fn new(stop: impl Into<Stop<'a>>, limit: u64) -> Self {
-        Self { stop: stop.into(), limit, spent: 0 }
+        Self { stop: stop.into(), limit, spent: 0, iterations: 0 }
     }
 
     /// What ends the work under this budget early.
@@ -149,16 +152,6 @@ impl<'a> Budget<'a> {
     /// Rollouts spent.
     pub fn spent(&self) -> u64 {
         self.spent
-    }
-
-    /// Rollouts that are left.
-    pub fn left(&self) -> u64 {
-        self.limit - self.spent
-    }
-
-    /// Counts so many of those left as spent, by a search that had them for its limit.
-    pub fn count(&mut self, rollouts: u64) {
-        self.spent += rollouts;
     }
 
     /// Takes one rollout, and gives what ends it early.

@@ -32,8 +32,6 @@ const CYCLE_LENGTH: usize = 400;
 pub struct NelderMeadResult {
     /// The point.
     pub x: DVector<f64>,
-    /// Moves of the simplex.
-    pub iterations: u64,
     /// What of the budget ended it, if anything did.
     pub ending: Result<(), Interruption>,
 }
@@ -49,9 +47,9 @@ pub fn minimise_by_nelder_mead(
     scale: &DVector<f64>,
     budget: &mut Budget,
 ) -> NelderMeadResult {
-    let mut search = Search { value, budget, best: start.clone(), best_value: f64::INFINITY, iterations: 0 };
+    let mut search = Search { value, budget, best: start.clone(), best_value: f64::INFINITY };
     let ending = search.run(&(scale * EDGE));
-    NelderMeadResult { x: search.best, iterations: search.iterations, ending }
+    NelderMeadResult { x: search.best, ending }
 }
 
 struct Search<'a, 'b> {
@@ -59,7 +57,6 @@ struct Search<'a, 'b> {
     budget: &'a mut Budget<'b>,
     best: DVector<f64>,
     best_value: f64,
-    iterations: u64,
 }
 
 /// n + 1 vertices in ascending order of their values, with their sum.
@@ -102,7 +99,7 @@ impl Search<'_, '_> {
             if simplex.spread() <= VALUE_TOLERANCE {
                 break;
             }
-            self.iterations += 1;
+            self.budget.iterations += 1;
             match self.replacement(simplex)? {
                 Some((value, vertex)) => simplex.replace_worst(value, vertex),
                 None => self.shrink(simplex)?,

@@ -80,8 +80,6 @@ pub struct SequentialLinearResult {
     pub x: DVector<f64>,
     /// Its constraint values.
     pub constraints: Constraints,
-    /// Linear programs solved.
-    pub iterations: u64,
     /// What of the budget ended it, if anything did.
     pub ending: Result<(), Interruption>,
 }
@@ -106,7 +104,7 @@ pub fn minimise_sequentially(
     }
     let ending = search.run(budget, on_improvement);
     let constraints = search.constraints();
-    SequentialLinearResult { x: search.x, constraints, iterations: search.iterations, ending }
+    SequentialLinearResult { x: search.x, constraints, ending }
 }
 
 struct Search<'a> {
@@ -122,7 +120,6 @@ struct Search<'a> {
     penalty_parameter: f64,
     /// Constraint values that count as none.
     offset: Constraints,
-    iterations: u64,
 }
 
 /// A point with its constraint values and merit.
@@ -154,7 +151,6 @@ impl<'a> Search<'a> {
             moves: MoveLimits::new(start.len()),
             penalty_parameter: settings.penalty_parameter,
             offset,
-            iterations: 0,
         }
     }
 
@@ -184,7 +180,7 @@ impl<'a> Search<'a> {
             self.linearise(budget)?;
             let merit = self.merit(&self.x, &self.model.constraints);
             let (step, _) = self.linear_step(budget)?;
-            self.iterations += 1;
+            budget.iterations += 1;
             let prediction = merit - self.modelled_merit(&step);
             if prediction <= self.settings.smallest_prediction {
                 // At an optimum of the merit that violates constraints the penalty parameter is too small.

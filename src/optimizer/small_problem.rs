@@ -22,6 +22,8 @@ pub(super) struct SmallProblem {
     limits: &'static [Row],
     /// A limit that is met by more than this has no row in the linear model.
     margin: f64,
+    /// Linear programs that the last run solved.
+    pub(super) iterations: u64,
 }
 
 /// Bounds of t, which no answer here touches.
@@ -43,6 +45,7 @@ impl SmallProblem {
             equations,
             limits,
             margin: f64::INFINITY,
+            iterations: 0,
         }
     }
 
@@ -79,6 +82,7 @@ impl SmallProblem {
         assert!(result.x >= self.lower && result.x <= self.upper, "{}", result.x);
         assert_eq!(result.constraints, self.constraints_at(&result.x));
         assert!(budget.spent() <= rollouts);
+        self.iterations = budget.iterations;
         result
     }
 

@@ -18,6 +18,12 @@ pub(super) struct GoalRow {
     pub(super) scale: f64,
 }
 
+impl GoalRow {
+    pub(super) fn is_heading(&self) -> bool {
+        self.component == StateComponent::Heading.index()
+    }
+}
+
 /// Scale of each row: residual = scale * goal error; 1 / m for positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GoalScales(pub(super) Vec<f64>);

@@ -18,5 +18,4 @@ pub(crate) use maneuver::{check_state, rules_of_state};
 pub use path_constraints::LIMIT_TOLERANCE;
 pub(crate) use path_limits::{LEAST_LOAD_FOR_GRIP, limited_point};
 pub use path_limits::{PathLimit, PathLimits};
-pub use penalty::Penalty;
 pub use problem::{LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem};

@@ -10,7 +10,7 @@ use super::path_limits::{PathLimit, PathLimits};
 use super::torque_rate::TorqueRateConstraints;
 use crate::optimizer::larger;
 use crate::robot::Robot;
-use crate::simulation::{PathDerivative, PathExtremes, TorqueSchedule};
+use crate::simulation::{CONTACT_COUNT, PathDerivative, PathExtremes, TorqueSchedule};
 
 /// How exactly the search keeps its limits, as a share of each, of the weight for normal forces: a thousandth of what counts, and
 /// far above the rounding of a rollout.
@@ -29,9 +29,6 @@ const JUMP_MARGIN: f64 = 1.0;
 const WHOLE_MARGIN_RADIUS: f64 = 0.1;
 
 type Row<'a> = MatrixViewMut<'a, f64, U1, Dyn, U1, Dyn>;
-
-/// Left, right and front.
-const CONTACT_COUNT: usize = 3;
 
 /// The path constraints of one maneuver.
 #[derive(Debug, Clone)]

@@ -21,55 +21,32 @@ const TORQUE_PENALTY: f64 = 1.0;
 /// Penalty parameter of squared violations on the way, of normal forces relative to the weight, of limits to what they allow, s.
 const PATH_PENALTY: f64 = 10.0;
 
-/// The penalty of a shooting problem.
-pub struct Penalty<'a, 'b> {
-    problem: &'a mut ShootingProblem<'b>,
-    clamped: DVector<f64>,
-    constraints: Constraints,
-}
-
-impl<'a, 'b> Penalty<'a, 'b> {
-    /// The penalty of `problem`.
-    pub fn new(problem: &'a mut ShootingProblem<'b>) -> Self {
-        let (clamped, constraints) = (DVector::zeros(problem.cost().len()), problem.constraints());
-        Self { problem, clamped, constraints }
-    }
-
-    /// The last decision, with torques and final time within their bounds.
-    pub fn decision(&self) -> &DVector<f64> {
-        &self.clamped
-    }
-
-    /// The constraint values of the last decision.
-    pub fn constraints(&self) -> &Constraints {
-        &self.constraints
-    }
-
-    /// Whether the last decision breaks the limits of the maneuver.
-    pub fn breaks_limits(&self) -> bool {
-        self.problem.breaks_limits(&self.constraints)
-    }
-
-    /// The penalty of a decision; one rollout.
+impl ShootingProblem<'_> {
+    /// The penalty of a decision, with what was rolled out for it, torques and final time within their bounds, and the constraint values of
+    /// that.
     ///
     /// # Errors
     /// When it was stopped.
-    pub fn value(&mut self, decision: &DVector<f64>, stop: Stop) -> Result<f64, Stopped> {
+    pub fn penalised(
+        &mut self,
+        decision: &DVector<f64>,
+        stop: Stop,
+    ) -> Result<(f64, DVector<f64>, Constraints), Stopped> {
+        let clamped = decision.zip_zip_map(self.lower(), self.upper(), f64::clamp);
         let mut torque_violation = 0.0;
-        for (index, value) in decision.iter().enumerate() {
-            let (lower, upper) = (self.problem.lower()[index], self.problem.upper()[index]);
-            self.clamped[index] = value.clamp(lower, upper);
-            if *value != self.clamped[index] {
-                torque_violation += ((value - self.clamped[index]) / upper).powi(2);
+        for (index, (value, clamped)) in decision.iter().zip(&clamped).enumerate() {
+            if value != clamped {
+                torque_violation += ((value - clamped) / self.upper()[index]).powi(2);
             }
         }
-        self.constraints = self.problem.evaluate(&self.clamped, stop)?;
-        let final_time = self.clamped[self.clamped.len() - 1];
-        let goal = self.problem.length_unit().powi(2) * self.constraints.residual.norm_squared();
-        Ok(final_time
+        let constraints = self.evaluate(&clamped, stop)?;
+        let final_time = clamped[clamped.len() - 1];
+        let goal = self.length_unit().powi(2) * constraints.residual.norm_squared();
+        let penalty = final_time
             + GOAL_PENALTY * goal
             + TORQUE_PENALTY * torque_violation
-            + PATH_PENALTY * self.problem.squared_path_violation(&self.constraints))
+            + PATH_PENALTY * self.squared_path_violation(&constraints);
+        Ok((penalty, clamped, constraints))
     }
 }
 
@@ -86,7 +63,7 @@ mod tests {
         let simulator = Simulator::new(&Robot::new(RobotParameters::default()).unwrap());
         let penalty = |limits: &PathLimits| {
             let mut problem = ShootingProblem::new(&simulator, (&Maneuver::forward_drive(), limits), (20, 1), 1.0);
-            Penalty::new(&mut problem).value(&DVector::from_vec(vec![0.3, 0.3, 1.0]), Stop::never()).unwrap()
+            problem.penalised(&DVector::from_vec(vec![0.3, 0.3, 1.0]), Stop::never()).unwrap().0
         };
         let free = penalty(&PathLimits::default());
         // The rate grows all the time: only its last value counts, and any limit below it tells it.

@@ -104,11 +104,9 @@ impl<'a> ShootingProblem<'a> {
     }
 
     /// Allows all torques within their limits; before, they stay near the grip. Beyond it more torque gains little, and the search should
-    /// not depend on it. Whether motors beyond the grip are judged at all nodes from now on: before, at the ends of steps.
-    pub fn release_torques(&mut self) -> bool {
-        let quantities = self.beyond_grip.take();
-        let judges_motors_anew = quantities.is_some();
-        if let Some(quantities) = quantities {
+    /// not depend on it. Motors beyond the grip are judged at all nodes from now on; before, at the ends of steps.
+    pub fn release_torques(&mut self) {
+        if let Some(quantities) = self.beyond_grip.take() {
             self.sensitivity.path.watch(quantities, self.control_count());
             self.recorded = None;
         }
@@ -116,7 +114,6 @@ impl<'a> ShootingProblem<'a> {
         let limit = each_torque(self.torque_limit, last / 2);
         self.lower.rows_mut(0, last).copy_from(&-&limit);
         self.upper.rows_mut(0, last).copy_from(&limit);
-        judges_motors_anew
     }
 
     /// Whether plans that keep its limits may break those of the maneuver, since motors beyond the grip are judged at the ends of steps.
@@ -186,9 +183,14 @@ impl<'a> ShootingProblem<'a> {
         self.step_count
     }
 
-    /// Aims at the goal heading in the winding of `heading`, rad; nothing where the heading is free.
-    pub fn aim_at_heading(&mut self, heading: f64) {
-        for row in self.rows.iter_mut().filter(|row| row.component == StateComponent::Heading.index()) {
+    /// The goal heading in the winding that it aims at, rad; none where the heading is free.
+    pub fn goal_heading(&self) -> Option<f64> {
+        self.rows.iter().find(|row| row.is_heading()).map(|row| row.target)
+    }
+
+    /// Aims at the goal heading in this winding, rad, if there is one; nothing where the heading is free.
+    pub fn aim(&mut self, goal_heading: Option<f64>) {
+        for (row, heading) in self.rows.iter_mut().filter(|row| row.is_heading()).zip(goal_heading) {
             row.target = heading;
         }
     }

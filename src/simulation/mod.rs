@@ -23,7 +23,7 @@ pub use contact_timeline::{ContactModeSpan, NormalLoad, Separation};
 pub use end_frame::{EndFrame, EndFrameAt};
 pub use friction_law::FrictionLaw;
 pub use motor_load::MotorJudged;
-pub use path_extremes::PathExtremes;
+pub use path_extremes::{CONTACT_COUNT, PathExtremes};
 pub use path_maxima::{PathMaxima, PathMaximum};
 pub use path_quantity::PathQuantity;
 pub use path_row::PathDerivative;

@@ -14,7 +14,8 @@ use super::torque_schedule::control_interval;
 
 /// Most stretches of normal forces; with fewer control intervals than this, one per interval.
 const STRETCH_LIMIT: usize = 40;
-const CONTACT_COUNT: usize = 3;
+/// Left, right and front.
+pub const CONTACT_COUNT: usize = 3;
 
 /// The largest values of path quantities in one rollout: first those of the normal forces, by stretch and contact, then those of the
 /// other quantities, by control interval, quantity and place in the interval.

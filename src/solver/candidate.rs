@@ -25,6 +25,8 @@ pub(super) struct Candidate {
     pub(super) decision: DVector<f64>,
     /// Largest magnitude of its goal errors.
     pub(super) goal_error: f64,
+    /// The largest one with which it meets the goal; the same for all candidates of a solve that were judged.
+    pub(super) goal_tolerance: f64,
     /// Whether it breaks the limits of the maneuver.
     pub(super) breaks_limits: bool,
     /// The winding of the goal heading that it meets.
@@ -50,17 +52,24 @@ pub(super) struct Stationarity {
 }
 
 impl Candidate {
-    pub(super) fn new(decision: DVector<f64>, goal_error: f64, breaks_limits: bool, goal_heading: Option<f64>) -> Self {
+    /// Not judged yet: it meets no goal and keeps no limits.
+    pub(super) fn new(decision: DVector<f64>, goal_heading: Option<f64>) -> Self {
         Self {
             decision,
-            goal_error,
-            breaks_limits,
+            goal_error: f64::INFINITY,
+            goal_tolerance: 0.0,
+            breaks_limits: true,
             goal_heading,
             margins: Vec::new(),
             merit: f64::INFINITY,
             stationarity: None,
             times_found: 1,
         }
+    }
+
+    /// As its rollout shows it.
+    pub(super) fn judged(self, (goal_error, goal_tolerance): (f64, f64), breaks_limits: bool) -> Self {
+        Self { goal_error, goal_tolerance, breaks_limits, ..self }
     }
 
     /// As found under another problem than the maneuver's own: it may break limits.
@@ -72,20 +81,24 @@ impl Candidate {
         self.decision[self.decision.len() - 1]
     }
 
+    pub(super) fn meets_goal(&self) -> bool {
+        self.goal_error <= self.goal_tolerance
+    }
+
     /// Whether it meets the goal within the limits.
-    pub(super) fn is_feasible(&self, goal_tolerance: f64) -> bool {
-        self.goal_error <= goal_tolerance && !self.breaks_limits
+    pub(super) fn is_feasible(&self) -> bool {
+        self.meets_goal() && !self.breaks_limits
     }
 
     /// Its final time, s, where it is feasible; any plan beats one that is not.
-    pub(super) fn time_to_beat(&self, goal_tolerance: f64) -> f64 {
-        if self.is_feasible(goal_tolerance) { self.final_time() } else { f64::INFINITY }
+    pub(super) fn time_to_beat(&self) -> f64 {
+        if self.is_feasible() { self.final_time() } else { f64::INFINITY }
     }
 
     /// Whether it is feasible, and so little is promised, by its linear model in the whole first trust region, that it is left as it is: at
     /// a smooth optimum nothing is promised, on a kink what lies behind it.
-    pub(super) fn has_no_promise(&self, goal_tolerance: f64) -> bool {
-        self.is_feasible(goal_tolerance) && self.promised_decrease().is_some_and(|share| share < LEAST_PROMISE)
+    pub(super) fn has_no_promise(&self) -> bool {
+        self.is_feasible() && self.promised_decrease().is_some_and(|share| share < LEAST_PROMISE)
     }
 
     /// What its linear model promises, as a share of the final time, where it was measured.
@@ -95,16 +108,16 @@ impl Candidate {
     }
 
     /// Whether it is feasible, and faster than another feasible one by more than a share.
-    pub(super) fn gains_on(&self, other: &Self, share: f64, goal_tolerance: f64) -> bool {
+    pub(super) fn gains_on(&self, other: &Self, share: f64) -> bool {
         let is_faster = self.final_time() < (1.0 - share) * other.final_time();
-        self.is_feasible(goal_tolerance) && (is_faster || !other.is_feasible(goal_tolerance))
+        self.is_feasible() && (is_faster || !other.is_feasible())
     }
 
     /// A feasible one before any other; of two that are, or two that are not, the one that [`is_better`].
-    pub(super) fn is_better_than(&self, other: &Self, goal_tolerance: f64) -> bool {
-        let [this, that] = [self, other].map(|candidate| candidate.is_feasible(goal_tolerance));
+    pub(super) fn is_better_than(&self, other: &Self) -> bool {
+        let [this, that] = [self, other].map(Self::is_feasible);
         let of = |candidate: &Self| (candidate.final_time(), candidate.goal_error);
-        if this == that { is_better(of(self), of(other), goal_tolerance) } else { this }
+        if this == that { is_better(of(self), of(other), self.goal_tolerance) } else { this }
     }
 }
 
@@ -120,22 +133,22 @@ pub(super) fn is_better((time, error): (f64, f64), (other_time, other_error): (f
 }
 
 /// Whether a candidate is better than the best one known, if there is one.
-pub(super) fn improves(known: Option<&Candidate>, next: &Candidate, goal_tolerance: f64) -> bool {
-    known.is_none_or(|known| next.is_better_than(known, goal_tolerance))
+pub(super) fn improves(known: Option<&Candidate>, next: &Candidate) -> bool {
+    known.is_none_or(|known| next.is_better_than(known))
 }
 
 /// Keeps the better of the best one known and another; of equals the earlier one, with the criticality measure of either.
-pub(super) fn keep_best(known: &mut Option<Candidate>, next: Option<Candidate>, goal_tolerance: f64) {
+pub(super) fn keep_best(known: &mut Option<Candidate>, next: Option<Candidate>) {
     let Some(next) = next else { return };
-    if improves(known.as_ref(), &next, goal_tolerance) {
+    if improves(known.as_ref(), &next) {
         *known = Some(next);
     } else if let Some(known) = known.as_mut().filter(|known| known.decision == next.decision) {
         known.stationarity = next.stationarity.or(known.stationarity.take());
     }
 }
 
-pub(super) fn keep_better(best: &mut Candidate, next: Candidate, goal_tolerance: f64) {
-    if next.is_better_than(best, goal_tolerance) {
+pub(super) fn keep_better(best: &mut Candidate, next: Candidate) {
+    if next.is_better_than(best) {
         *best = next;
     }
 }
@@ -175,21 +188,23 @@ mod tests {
 
     #[test]
     fn a_plan_without_promise_is_feasible_and_measured() {
-        let plan = |goal_error: f64| Candidate::new(DVector::from_element(1, 2.0), goal_error, false, None);
-        assert!(measured(plan(0.0), 0.0).has_no_promise(1e-6));
-        assert!(!measured(plan(0.0), 2.0 * LEAST_PROMISE).has_no_promise(1e-6));
-        assert!(!measured(plan(1.0), 0.0).has_no_promise(1e-6));
-        assert!(!plan(0.0).has_no_promise(1e-6));
+        let plan =
+            |goal_error: f64| Candidate::new(DVector::from_element(1, 2.0), None).judged((goal_error, 1e-6), false);
+        assert!(measured(plan(0.0), 0.0).has_no_promise());
+        assert!(!measured(plan(0.0), 2.0 * LEAST_PROMISE).has_no_promise());
+        assert!(!measured(plan(1.0), 0.0).has_no_promise());
+        assert!(!plan(0.0).has_no_promise());
     }
 
     #[test]
     fn a_plan_that_was_noted_before_it_was_measured_is_measured() {
-        let plan = |final_time: f64| Candidate::new(DVector::from_element(1, final_time), 0.0, false, None);
+        let plan =
+            |final_time: f64| Candidate::new(DVector::from_element(1, final_time), None).judged((0.0, 1e-6), false);
         let measured = |final_time: f64| measured(plan(final_time), 0.0);
         let noted = |plans: &[Candidate]| {
             let mut known = None;
             for plan in plans {
-                keep_best(&mut known, Some(plan.clone()), 1e-6);
+                keep_best(&mut known, Some(plan.clone()));
             }
             known.map(|known| (known.final_time(), known.stationarity.is_some()))
         };

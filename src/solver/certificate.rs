@@ -40,9 +40,7 @@ pub(super) fn certified(
     (result, cut): (SearchResult, Stop),
 ) -> Solution {
     let step_count = result.step_count;
-    if let Some(heading) = best.goal_heading {
-        problem.aim_at_heading(heading);
-    }
+    problem.aim(best.goal_heading);
     problem.tighten(&best.margins);
     // After a stop the caller waits.
     let rollout_limit = if result.stop_reason == StopReason::Stopped { URGENT_ROLLOUTS } else { u64::MAX };

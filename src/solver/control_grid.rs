@@ -88,9 +88,6 @@ fn use_all_intervals(
     control: &RunControl,
 ) {
     let Some(mut best) = result.best.clone() else { return };
-    let mut problem = problem.clone();
-    problem.release_torques();
-    problem.set_time_unit(best.final_time());
     // Crossed kinks and hops lead to faster plans, whether these are steady or not.
     let (patience, round) = match input.settings.choice {
         Choice::Fastest => (PATIENCE, 0),
@@ -99,14 +96,15 @@ fn use_all_intervals(
     let polish = |search: &mut LocalSearch| search.polish(&best, patience, round);
     // Iterates are worse than the plan reported before.
     let control = control.quietly();
-    let (outcome, found) = result.searching_on((problem, &input.settings), (&control, rollout_limit), polish);
+    let (outcome, found) =
+        result.searching_on((problem.clone(), &input.settings), &best, (&control, rollout_limit), polish);
     match outcome {
         // With its criticality measure, also where it is no better.
         Ok(polished) => best = polished,
         Err(interruption) => result.stop_reason = interruption.into(),
     }
     if let Some(found) = found {
-        keep_better(&mut best, found, input.settings.goal_tolerance);
+        keep_better(&mut best, found);
     }
     if let Some(first) = result.plans.first_mut() {
         first.clone_from(&best);
@@ -151,7 +149,7 @@ mod tests {
     fn a_plan_on_all_intervals_has_the_same_torques() {
         let input = SolveInput::new(parameters(160)).unwrap();
         let third = TorqueSchedule { final_time: 2.836_110, left: vec![1.0 / 3.0; 40], right: vec![-0.7; 40] };
-        let mut plan = Candidate::new(decision_from_schedule(&third), 0.0, false, None);
+        let mut plan = Candidate::new(decision_from_schedule(&third), None);
         resample(&mut plan, &input);
         let whole = schedule_from_decision(&plan.decision);
         assert_eq!((whole.control_count(), whole.final_time), (160, third.final_time));

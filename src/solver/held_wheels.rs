@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, keep_best, keep_better};
 use super::local_search::LocalSearch;
-use crate::optimizer::{Interruption, Problem};
+use crate::optimizer::{ElasticSolver, Interruption, Problem};
 
 impl LocalSearch<'_> {
     /// The plan of the exact law near one that a search with held wheels finds; none where that finds none faster than `time_to_beat`, s,
@@ -23,35 +23,30 @@ impl LocalSearch<'_> {
         if !self.problem.is_steep_where_wheels_slip() {
             return Ok(None);
         }
-        let control = self.control.quietly();
-        let mut held = LocalSearch::new(self.problem.holding_wheels(), self.settings, &control, self.budget.left());
-        held.coarse_step_count = self.coarse_step_count;
-        held.aim(self.goal_heading);
+        let (problem, control) = (self.problem.holding_wheels(), self.control.quietly());
+        let mut held = LocalSearch { problem, control, programs: ElasticSolver::default(), best: None, ..*self };
         let found = search(&mut held);
-        self.iterations += held.iterations;
-        self.budget.count(held.budget.spent());
-        let tolerance = self.settings.goal_tolerance;
+        self.budget = held.budget;
         // Where the budget ends before they are judged by the exact law: any plan of that is better.
         let known = match &found {
-            Ok(found) => Some(found.clone()).filter(|found| found.is_feasible(tolerance)),
-            Err(_) => held.best.take().filter(|best| best.goal_error <= tolerance),
+            Ok(found) => Some(found.clone()).filter(Candidate::is_feasible),
+            Err(_) => held.best.take().filter(Candidate::meets_goal),
         };
-        keep_best(&mut self.best, known.map(Candidate::not_judged), tolerance);
+        keep_best(&mut self.best, known.map(Candidate::not_judged));
         let found = found?;
-        if !found.is_feasible(tolerance) || found.final_time() >= time_to_beat {
+        if !found.is_feasible() || found.final_time() >= time_to_beat {
             return Ok(None);
         }
-        self.aim(found.goal_heading);
+        self.problem.aim(found.goal_heading);
         let mut plan = self.judged(&found.decision)?;
-        keep_better(&mut plan, self.near(&found.decision)?, tolerance);
+        keep_better(&mut plan, self.near(&found.decision)?);
         Ok(Some(plan))
     }
 
     /// From a plan that has settled to a faster one near it, found with held wheels.
     pub(super) fn hold_wheels(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
-        let tolerance = self.settings.goal_tolerance;
-        let next = self.holding_wheels(best.time_to_beat(tolerance), |held| held.near(&best.decision))?;
-        if let Some(next) = next.filter(|next| next.gains_on(best, CRITICALITY_TOLERANCE, tolerance)) {
+        let next = self.holding_wheels(best.time_to_beat(), |held| held.near(&best.decision))?;
+        if let Some(next) = next.filter(|next| next.gains_on(best, CRITICALITY_TOLERANCE)) {
             *best = next;
             self.settle(best)?;
         }

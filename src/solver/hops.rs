@@ -18,7 +18,6 @@ impl LocalSearch<'_> {
     /// Basin hopping: descends again from perturbed copies of a local optimum, until so many in a row gain nothing. Local optima lie
     /// on kinks, and another one nearby is often better.
     pub(super) fn hop(&mut self, best: &mut Candidate, patience: usize, stream: u64) -> Result<(), Interruption> {
-        let tolerance = self.settings.goal_tolerance;
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.settings.seed.wrapping_add(stream));
         let mut in_vain = 0;
         for perturb in [Self::shifted, Self::with_noise].into_iter().cycle() {
@@ -26,11 +25,11 @@ impl LocalSearch<'_> {
                 break;
             }
             let perturbed = perturb(self, &best.decision, &mut rng);
-            let until = (SMALLEST_PREDICTION, best.time_to_beat(tolerance));
+            let until = (SMALLEST_PREDICTION, best.time_to_beat());
             let next = self.descend_until(&perturbed, (FIRST_RADIUS, None), until)?;
             // Less than what `converged` allows is no gain.
-            in_vain = if next.gains_on(best, CRITICALITY_TOLERANCE, tolerance) { 0 } else { in_vain + 1 };
-            keep_better(best, next, tolerance);
+            in_vain = if next.gains_on(best, CRITICALITY_TOLERANCE) { 0 } else { in_vain + 1 };
+            keep_better(best, next);
         }
         Ok(())
     }

@@ -11,7 +11,7 @@ use crate::optimizer::{
     Budget, Constraints, ElasticSolver, FIRST_RADIUS, Interruption, PENALTY_GROWTH, Problem, SequentialLinearSettings,
     criticality_measure, minimise_by_nelder_mead, minimise_sequentially,
 };
-use crate::shooting::{Penalty, ShootingProblem, wrapped_angle};
+use crate::shooting::{ShootingProblem, wrapped_angle};
 use crate::stop::Stop;
 
 /// First penalty parameter: standing still costs this many times the unit of time, more than any multiplier of most
@@ -33,36 +33,32 @@ const FEASIBILITY_MARGIN: f64 = 1e-2;
 pub(super) struct LocalSearch<'a> {
     pub(super) problem: ShootingProblem<'a>,
     pub(super) settings: &'a SolverSettings,
-    pub(super) control: &'a RunControl<'a>,
+    pub(super) control: RunControl<'a>,
     pub(super) budget: Budget<'a>,
     pub(super) programs: ElasticSolver,
     /// Steps of the grid on which starts are compared.
     pub(super) coarse_step_count: usize,
     /// (running start, number of starts).
     pub(super) start: (usize, usize),
-    pub(super) goal_heading: Option<f64>,
     pub(super) best: Option<Candidate>,
-    pub(super) iterations: u64,
 }
 
 impl<'a> LocalSearch<'a> {
     pub(super) fn new(
         problem: ShootingProblem<'a>,
         settings: &'a SolverSettings,
-        control: &'a RunControl<'a>,
+        control: &RunControl<'a>,
         rollout_limit: u64,
     ) -> Self {
         Self {
             problem,
             settings,
-            control,
+            control: *control,
             budget: Budget::new(control.stop(), rollout_limit),
             programs: ElasticSolver::default(),
             coarse_step_count: usize::MAX,
             start: (0, 0),
-            goal_heading: None,
             best: None,
-            iterations: 0,
         }
     }
 
@@ -88,16 +84,17 @@ impl<'a> LocalSearch<'a> {
         let merit_to_beat = time_to_beat / self.problem.time_unit();
         let settings = SequentialLinearSettings { merit_to_beat, ..self.descent(radius, smallest_prediction) };
         let (tolerance, inequality_tolerance) = (self.settings.goal_tolerance, self.problem.inequality_tolerance());
-        let (scales, is_stand_in) = (self.problem.goal_scales(), self.problem.is_stand_in());
+        let (scales, goal_heading) = (self.problem.goal_scales(), self.problem.goal_heading());
+        let is_stand_in = self.problem.is_stand_in();
         // The latest feasible point is the fastest one since the penalty parameter last grew: the merit only falls.
         let mut passed = None;
         let mut report_each = |x: &DVector<f64>, constraints: &Constraints| {
             let goal_error = scales.largest_goal_error(&constraints.residual);
             let breaks_limits = constraints.largest_inequality_violation() > inequality_tolerance;
-            let reached = Candidate::new(x.clone(), goal_error, breaks_limits, self.goal_heading);
-            let is_feasible = reached.is_feasible(tolerance);
+            let reached = Candidate::new(x.clone(), goal_heading).judged((goal_error, tolerance), breaks_limits);
+            let is_feasible = reached.is_feasible();
             if !(is_stand_in && is_feasible) {
-                report(self.control, self.start, &reached, tolerance);
+                report(&self.control, self.start, &reached);
             }
             if is_feasible {
                 passed = Some(reached);
@@ -106,11 +103,10 @@ impl<'a> LocalSearch<'a> {
         let from = (guess, &mut self.programs);
         let result =
             minimise_sequentially(&mut self.problem, from, (&settings, accepted), &mut self.budget, &mut report_each);
-        self.iterations += result.iterations;
         let candidate = self.candidate(result.x, &result.constraints);
         self.note(&candidate);
         // When a descent ends infeasible, its last feasible iterate is kept.
-        if let Some(passed) = passed.filter(|_| !candidate.is_feasible(tolerance)) {
+        if let Some(passed) = passed.filter(|_| !candidate.is_feasible()) {
             self.note(&passed);
         }
         result.ending.map(|()| candidate)
@@ -143,24 +139,23 @@ impl<'a> LocalSearch<'a> {
         let guess = guess.zip_zip_map(self.problem.lower(), self.problem.upper(), f64::clamp);
         let scale = self.problem.variable_scale(&guess);
         let (scales, tolerance) = (self.problem.goal_scales(), self.settings.goal_tolerance);
-        let goal_heading = self.goal_heading;
-        let mut best = Candidate::new(guess.clone(), f64::NAN, true, goal_heading);
+        let goal_heading = self.problem.goal_heading();
+        let mut best = Candidate { goal_error: f64::NAN, ..Candidate::new(guess.clone(), goal_heading) };
         let mut best_value = f64::INFINITY;
-        let mut penalty = Penalty::new(&mut self.problem);
         let mut passed = None;
         let mut value = |x: &DVector<f64>, stop: Stop| {
-            let value = penalty.value(x, stop)?;
-            let goal_error = scales.largest_goal_error(&penalty.constraints().residual);
-            let reached = Candidate::new(penalty.decision().clone(), goal_error, penalty.breaks_limits(), goal_heading);
-            keep_best(&mut passed, Some(reached.clone()).filter(|plan| plan.is_feasible(tolerance)), tolerance);
+            let (value, decision, constraints) = self.problem.penalised(x, stop)?;
+            let goal_error = scales.largest_goal_error(&constraints.residual);
+            let breaks_limits = self.problem.breaks_limits(&constraints);
+            let reached = Candidate::new(decision, goal_heading).judged((goal_error, tolerance), breaks_limits);
+            keep_best(&mut passed, Some(reached.clone()).filter(Candidate::is_feasible));
             if value < best_value {
                 (best, best_value) = (reached, value);
-                report(self.control, self.start, &best, tolerance);
+                report(&self.control, self.start, &best);
             }
             Ok(value)
         };
         let result = minimise_by_nelder_mead(&mut value, &guess, &scale, &mut self.budget);
-        self.iterations += result.iterations;
         self.note(&best);
         // The penalty trades the goal for time: its best point may miss what another one, such as the guess, meets.
         if let Some(passed) = passed {
@@ -169,20 +164,13 @@ impl<'a> LocalSearch<'a> {
         result.ending.map(|()| best)
     }
 
-    pub(super) fn aim(&mut self, goal_heading: Option<f64>) {
-        self.goal_heading = goal_heading;
-        if let Some(heading) = goal_heading {
-            self.problem.aim_at_heading(heading);
-        }
-    }
-
     /// Aims at this goal heading in the winding nearest to where a guess leads: it may turn the other way round, or once more.
     pub(super) fn aim_where_it_leads(&mut self, guess: &DVector<f64>, heading: f64) -> Result<(), Interruption> {
         let stop = self.budget.spend()?;
         let turn = self.problem.end_heading(guess, stop)? - heading;
         // A motion that diverges leads nowhere.
         let whole_turns = if turn.is_finite() { turn - wrapped_angle(turn) } else { 0.0 };
-        self.aim(Some(heading + whole_turns));
+        self.problem.aim(Some(heading + whole_turns));
         Ok(())
     }
 
@@ -206,26 +194,25 @@ impl<'a> LocalSearch<'a> {
     /// A point with its constraint values, as a candidate.
     pub(super) fn candidate(&self, decision: DVector<f64>, constraints: &Constraints) -> Candidate {
         let goal_error = self.problem.goal_scales().largest_goal_error(&constraints.residual);
-        let merit = self.merit(&decision, constraints);
         let breaks_limits = self.problem.breaks_limits(constraints);
-        Candidate { merit, ..Candidate::new(decision, goal_error, breaks_limits, self.goal_heading) }
+        let merit = self.merit(&decision, constraints);
+        let candidate = Candidate { merit, ..Candidate::new(decision, self.problem.goal_heading()) };
+        candidate.judged((goal_error, self.settings.goal_tolerance), breaks_limits)
     }
 
     /// Keeps a candidate where it is the best one so far that is certain to keep the limits of the maneuver.
     pub(super) fn note(&mut self, candidate: &Candidate) {
-        let tolerance = self.settings.goal_tolerance;
-        let is_stand_in = self.problem.is_stand_in();
-        let candidate = if is_stand_in { candidate.clone().not_judged() } else { candidate.clone() };
-        if improves(self.best.as_ref(), &candidate, tolerance) {
-            report(self.control, self.start, &candidate, tolerance);
+        let candidate = if self.problem.is_stand_in() { candidate.clone().not_judged() } else { candidate.clone() };
+        if improves(self.best.as_ref(), &candidate) {
+            report(&self.control, self.start, &candidate);
         }
-        keep_best(&mut self.best, Some(candidate), tolerance);
+        keep_best(&mut self.best, Some(candidate));
     }
 }
 
 /// Reports a decision, but for one that meets the goal beyond the limits.
-fn report(control: &RunControl, (start, start_count): (usize, usize), reached: &Candidate, tolerance: f64) {
-    if reached.goal_error > tolerance || !reached.breaks_limits {
+fn report(control: &RunControl, (start, start_count): (usize, usize), reached: &Candidate) {
+    if reached.goal_error > reached.goal_tolerance || !reached.breaks_limits {
         let (best_final_time, best_goal_error) = (reached.final_time(), reached.goal_error);
         control.report(&SolveProgress { best_final_time, best_goal_error, start, start_count });
     }
@@ -251,7 +238,7 @@ mod tests {
             let led = problem.end_heading(&guess, Stop::never()).unwrap();
             let mut search = LocalSearch::new(problem, &settings, &control, 1);
             search.aim_where_it_leads(&guess, 0.5).unwrap();
-            let aimed = search.goal_heading.unwrap();
+            let aimed = search.problem.goal_heading().unwrap();
             let turns = (aimed - 0.5) / (2.0 * PI);
             assert!((aimed - led).abs() <= PI && (turns - turns.round()).abs() < 1e-12, "{aimed} near {led}");
         }

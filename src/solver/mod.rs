@@ -104,13 +104,13 @@ fn answered(
 
 fn first_start(input: &SolveInput) -> Candidate {
     let start = &starts::starts(input, 1)[0];
-    Candidate::new(decision_from_schedule(&start.schedule), f64::INFINITY, true, start.goal_heading)
+    Candidate::new(decision_from_schedule(&start.schedule), start.goal_heading)
 }
 
 /// The answer where every motion that was tried diverged: no torque, for so short a time that none does.
 fn standing_still(input: &SolveInput) -> Candidate {
     let decision = DVector::zeros(2 * input.settings.control_count).push(ROUNDING);
-    Candidate::new(decision, f64::INFINITY, true, None)
+    Candidate::new(decision, None)
 }
 
 #[cfg(test)]

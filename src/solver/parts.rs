@@ -53,20 +53,20 @@ impl SearchResult {
         progress: &BestProgress,
         run: &RunPart,
     ) -> Vec<(usize, Candidate)> {
-        let BestProgress { control, goal_tolerance, .. } = *progress;
+        let control = progress.control;
         let given_back = Mutex::new(None);
         let tried = tried_parts((count, rollout_limit), progress, &given_back, run);
         let (again, mut locals, mut share) = (control.of_part(control.stop(), progress), Vec::new(), rollout_limit);
         let mut tried = (0..).zip(tried);
         while let Some((index, part)) = tried.next() {
             let outcome = match part {
-                Some(Tried { outcome, limit }) if outcome.holds_under(share, limit) => outcome,
+                Some((outcome, limit)) if outcome.holds_under(share, limit) => outcome,
                 part if control.is_stopped() => {
                     // All that there is counts, whatever the shares.
                     let given_back = given_back.into_inner().unwrap_or_else(PoisonError::into_inner);
-                    keep_best(&mut self.best, given_back, goal_tolerance);
+                    keep_best(&mut self.best, given_back);
                     for (index, part) in iter::once((index, part)).chain(tried) {
-                        let local = part.and_then(|part| self.add(part.outcome, goal_tolerance));
+                        let local = part.and_then(|(outcome, _)| self.add(outcome));
                         locals.extend(local.map(|local| (index, local)));
                     }
                     self.stop_reason = StopReason::Stopped;
@@ -75,35 +75,30 @@ impl SearchResult {
                 Some(_) | None => run(index, &again, share),
             };
             share -= outcome.rollouts;
-            let Some(local) = self.add(outcome, goal_tolerance) else { break };
+            let Some(local) = self.add(outcome) else { break };
             locals.push((index, local));
         }
         locals
     }
 
     /// Adds the outcome of a part; gives its local optimum.
-    fn add(&mut self, outcome: PartOutcome, goal_tolerance: f64) -> Option<Candidate> {
+    fn add(&mut self, outcome: PartOutcome) -> Option<Candidate> {
         self.iterations += outcome.iterations;
         self.rollouts += outcome.rollouts;
-        keep_best(&mut self.best, outcome.best, goal_tolerance);
+        keep_best(&mut self.best, outcome.best);
         outcome.local.map_err(|interruption| self.stop_reason = interruption.into()).ok()
     }
 }
 
-/// A part as a thread ran it, under what was known then to be left of the rollouts.
-struct Tried {
-    outcome: PartOutcome,
-    limit: u64,
-}
-
-/// Runs the parts in any order; `given_back` has the best decision of those that ended since their helper was recalled.
+/// Runs the parts in any order, each within what is known then to be left of the rollouts, which comes with its outcome; `given_back` has
+/// the best decision of those that ended since their helper was recalled.
 fn tried_parts(
     (count, rollout_limit): (usize, u64),
     progress: &BestProgress,
     given_back: &Mutex<Option<Candidate>>,
     run: &RunPart,
-) -> Vec<Option<Tried>> {
-    let BestProgress { control, goal_tolerance, .. } = *progress;
+) -> Vec<Option<(PartOutcome, u64)>> {
+    let control = progress.control;
     // Of the parts that have ended.
     let spent: Vec<_> = (0..count).map(|_| AtomicU64::new(0)).collect();
     in_parts(control, count, &|index: usize, stop: Stop| {
@@ -112,10 +107,10 @@ fn tried_parts(
         let outcome = run(index, &control.of_part(stop, progress), limit);
         if matches!(outcome.local, Err(Interruption::Stopped)) && !control.is_stopped() {
             let mut given_back = given_back.lock().unwrap_or_else(PoisonError::into_inner);
-            keep_best(&mut given_back, outcome.best, goal_tolerance);
+            keep_best(&mut given_back, outcome.best);
             return None;
         }
         spent[index].store(outcome.rollouts, Ordering::Relaxed);
-        Some(Tried { outcome, limit })
+        Some((outcome, limit))
     })
 }

@@ -8,7 +8,7 @@ use super::run_control::{Phase, ProgressObserver, RunControl, SolveProgress};
 /// Forwards progress that is better than all reported before, and the latest start that has begun.
 pub(super) struct BestProgress<'a> {
     pub(super) control: &'a RunControl<'a>,
-    pub(super) goal_tolerance: f64,
+    goal_tolerance: f64,
     reported: Mutex<Option<SolveProgress>>,
 }
 

@@ -59,7 +59,7 @@ impl<'a> Race<'a> {
     /// smoothed laws the optima are polished; at the end the best plan is, where it has not settled.
     pub(super) fn run(&mut self) {
         self.block();
-        let has_plan = self.optima.iter().any(|optimum| optimum.is_feasible(self.input.settings.goal_tolerance));
+        let has_plan = self.optima.iter().any(Candidate::is_feasible);
         if !has_plan && !self.found.is_interrupted() {
             self.block();
         }
@@ -146,8 +146,7 @@ impl<'a> Race<'a> {
         let locals = self.round(entrants, |Smoothed { number, strategy, local, .. }, search| {
             search.go_on(local, (heat, *strategy), *number)
         });
-        let locals = locals.into_iter();
-        let mut arrived: Vec<_> = locals.map(|(entrant, local)| Smoothed { local, ..entrant.clone() }).collect();
+        let mut arrived: Vec<_> = locals.into_iter().map(|(from, local)| Smoothed { local, ..from.clone() }).collect();
         best_first(&mut arrived, |arrived| &arrived.local);
         arrived
     }
@@ -166,8 +165,7 @@ impl<'a> Race<'a> {
 
     /// Moves the fastest plan to where it is certain to keep all limits of the maneuver, so that a search which is stopped has one.
     fn secure_best(&mut self) {
-        let tolerance = self.input.settings.goal_tolerance;
-        let plans = self.optima.iter().filter(|optimum| optimum.is_feasible(tolerance));
+        let plans = self.optima.iter().filter(|optimum| optimum.is_feasible());
         let fastest = plans.min_by(|a, b| a.final_time().total_cmp(&b.final_time()));
         if let Some(fastest) = fastest.filter(|_| self.problem.is_stand_in() && !self.found.is_interrupted()).cloned() {
             self.round(&[fastest], |fastest, search| search.secure(fastest));
@@ -202,7 +200,7 @@ impl<'a> Race<'a> {
     fn settle_best(&mut self) {
         self.release_torques();
         let Some(best) = self.found.best.clone().filter(|_| !self.found.is_interrupted()) else { return };
-        if best.stationarity.is_some() || !best.is_feasible(self.input.settings.goal_tolerance) {
+        if best.stationarity.is_some() || !best.is_feasible() {
             return;
         }
         if let Some((best, local)) = self.round(&[best], |best, search| search.polish(best, PATIENCE, 0)).pop() {
@@ -219,9 +217,10 @@ impl<'a> Race<'a> {
         }
         // What was measured is that of torques near the grip.
         self.optima.iter_mut().chain(&mut self.found.best).for_each(|plan| plan.stationarity = None);
-        let judges_motors_anew = self.problem.release_torques();
+        let judged_motors_at_ends = self.problem.is_stand_in();
+        self.problem.release_torques();
         // Nelder-Mead has had all torques from the start.
-        if !judges_motors_anew || self.input.settings.method == Method::NelderMead {
+        if !judged_motors_at_ends || self.input.settings.method == Method::NelderMead {
             return;
         }
         if self.found.is_interrupted() {
@@ -249,7 +248,7 @@ impl<'a> Race<'a> {
         };
         let chosen: Vec<_> = groups.into_iter().map(once).collect();
         let moved = self.round(&chosen, |optimum, search| {
-            search.aim(optimum.goal_heading);
+            search.problem.aim(optimum.goal_heading);
             // Those that may become the best in every way there is.
             let moved = if optimum.merit <= slowest { search.adapt(optimum) } else { search.back_off(optimum) }?;
             Ok(Candidate { times_found: optimum.times_found, ..moved })
@@ -268,7 +267,8 @@ impl<'a> Race<'a> {
             let mut search = LocalSearch::new(self.problem.clone(), &self.input.settings, control, rollout_limit);
             search.coarse_step_count = self.coarse_step_count;
             let local = run(&entrants[index], &mut search);
-            PartOutcome { local, best: search.best, iterations: search.iterations, rollouts: search.budget.spent() }
+            let LocalSearch { best, budget, .. } = search;
+            PartOutcome { local, best, iterations: budget.iterations, rollouts: budget.spent() }
         };
         let left = self.rollout_limit - self.found.rollouts;
         let locals = self.found.add_parts((entrants.len(), left), &self.progress, run_part);
@@ -351,7 +351,7 @@ mod tests {
         let simulator = Simulator::new(&input.robot);
         let (problem, _) = problem_on(&input, &simulator, input.settings.step_count);
         let mut race = Race::new(&input, &problem, (SearchResult::default(), 10), &control);
-        let diverged = Candidate::new(DVector::from_element(1, 1.0), f64::NAN, true, None);
+        let diverged = Candidate::new(DVector::from_element(1, 1.0), None);
         race.optima.push(Candidate { merit: f64::NAN, ..diverged });
         race.finals();
         assert_eq!(race.found.rollouts, 0);
@@ -360,7 +360,7 @@ mod tests {
     #[test]
     fn an_optimum_is_found_again_by_its_merit() {
         let smoothed = |merit: f64| {
-            let local = Candidate { merit, ..Candidate::new(DVector::from_element(1, 1.0), 0.0, true, None) };
+            let local = Candidate { merit, ..Candidate::new(DVector::from_element(1, 1.0), None) };
             Smoothed::new((1, 1), Strategy::Smoothed, local)
         };
         assert_eq!(times_found(&[]), 0);

@@ -85,7 +85,7 @@ impl Refiner<'_, '_> {
             let (problem, _) = problem_on(self.input, self.simulator, step_count);
             let left = self.input.settings.rollout_limit - self.result.rollouts;
             let finer = search(self.input, (self.simulator, &problem), left, &self.control);
-            self.result.follow(finer, self.input.settings.goal_tolerance);
+            self.result.follow(finer);
         }
         self.result.plans.clone()
     }
@@ -144,15 +144,11 @@ impl Refiner<'_, '_> {
         let back_off = |search: &mut LocalSearch| search.back_off(&plan.candidate);
         let slower = self.searching_from(plan, (plan.step_count, &margins), back_off)?;
         let slower = self.plan(slower, plan.step_count, self.control.stop())?;
-        if self.is_plan(&slower.candidate) && slower.replayed.keeps_limits() {
+        if slower.candidate.is_feasible() && slower.replayed.keeps_limits() {
             *plan = Plan { candidate: Candidate { margins, ..slower.candidate }, ..slower };
         }
         let is_confirmed = plan.replayed.replay.within_tolerance;
         Ok(if is_confirmed { RefinementOutcome::WithinTolerance } else { RefinementOutcome::StepLimit })
-    }
-
-    fn is_plan(&self, candidate: &Candidate) -> bool {
-        candidate.is_feasible(self.input.settings.goal_tolerance)
     }
 
     /// The plan on the grid that its miss asks for, or on the nearest coarser one that still leads to the goal.
@@ -161,7 +157,7 @@ impl Refiner<'_, '_> {
         loop {
             let step_count = (factor * plan.step_count).min(self.finest());
             let candidate = self.searching_from(plan, (step_count, &[]), |search| search.adapt(&plan.candidate))?;
-            if self.is_plan(&candidate) {
+            if candidate.is_feasible() {
                 return Ok(Some(self.plan(candidate, step_count, self.control.stop())?));
             }
             if factor <= FACTORS.0 {
@@ -181,14 +177,8 @@ impl Refiner<'_, '_> {
         let _phase = self.control.enter(Phase::Refinement);
         let settings = &self.input.settings;
         let (mut problem, _) = problem_on(self.input, self.simulator, step_count);
-        problem.release_torques();
         problem.tighten(margins);
-        problem.set_time_unit(candidate.final_time());
-        let from_plan = |search: &mut LocalSearch| {
-            search.aim(candidate.goal_heading);
-            run(search)
-        };
-        self.result.searching_on((problem, settings), (&self.control, settings.rollout_limit), from_plan).0
+        self.result.searching_on((problem, settings), candidate, (&self.control, settings.rollout_limit), run).0
     }
 
     fn plan(&self, candidate: Candidate, step_count: usize, stop: Stop) -> Result<Plan, Stopped> {

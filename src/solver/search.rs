@@ -44,8 +44,8 @@ impl SearchResult {
     }
 
     /// Adds the search of a finer grid, where this one found no plan; the better of both misses is kept.
-    pub(super) fn follow(&mut self, mut finer: Self, goal_tolerance: f64) {
-        if finer.best.as_ref().is_some_and(|next| improves(self.best.as_ref(), next, goal_tolerance)) {
+    pub(super) fn follow(&mut self, mut finer: Self) {
+        if finer.best.as_ref().is_some_and(|next| improves(self.best.as_ref(), next)) {
             std::mem::swap(self, &mut finer);
         } else {
             self.stop_reason = finer.stop_reason;
@@ -55,16 +55,21 @@ impl SearchResult {
         self.starts_tried += finer.starts_tried;
     }
 
-    /// Searches on with what is left of the rollouts, and counts what that takes; gives the best decision met, too.
+    /// Searches on from a plan, with all torques and what is left of the rollouts, and counts what that takes; gives the best decision met,
+    /// too.
     pub(super) fn searching_on(
         &mut self,
-        (problem, settings): (ShootingProblem, &SolverSettings),
+        (mut problem, settings): (ShootingProblem, &SolverSettings),
+        from: &Candidate,
         (control, rollout_limit): (&RunControl, u64),
         run: impl FnOnce(&mut LocalSearch) -> Result<Candidate, Interruption>,
     ) -> (Result<Candidate, Interruption>, Option<Candidate>) {
+        problem.release_torques();
+        problem.set_time_unit(from.final_time());
+        problem.aim(from.goal_heading);
         let mut search = LocalSearch::new(problem, settings, control, rollout_limit - self.rollouts);
         let found = run(&mut search);
-        self.iterations += search.iterations;
+        self.iterations += search.budget.iterations;
         self.rollouts += search.budget.spent();
         (found, search.best)
     }
@@ -106,14 +111,12 @@ pub(super) fn search(
     rollout_limit: u64,
     control: &RunControl,
 ) -> SearchResult {
-    let settings = &input.settings;
     let nothing = SearchResult { step_count: problem.step_count(), ..SearchResult::default() };
     let mut race = Race::new(input, problem, (nothing, rollout_limit), control);
     race.run();
     let Race { found: mut result, optima, .. } = race;
-    let optima = feasible(optima, settings.goal_tolerance);
-    let is_plan = |plan: &&Candidate| plan.is_feasible(settings.goal_tolerance);
-    result.plans = result.best.iter().chain(&optima).filter(is_plan).cloned().collect();
+    let optima = feasible(optima);
+    result.plans = result.best.iter().chain(&optima).filter(|plan| plan.is_feasible()).cloned().collect();
     result.plans.dedup_by(|next, kept| !is_distinct(kept.final_time(), next.final_time()));
     result.distinct_optima = grouped(&optima);
     if result.stop_reason != StopReason::Stopped && result.weigh(input, &optima, control.stop()).is_err() {
@@ -135,12 +138,12 @@ pub(super) fn further_optima(
     race.block();
     race.release_torques();
     *result = SearchResult { best, ..race.found };
-    feasible(race.optima, input.settings.goal_tolerance)
+    feasible(race.optima)
 }
 
 /// Those that meet the goal, fastest first.
-fn feasible(mut optima: Vec<Candidate>, goal_tolerance: f64) -> Vec<Candidate> {
-    optima.retain(|optimum| optimum.is_feasible(goal_tolerance));
+fn feasible(mut optima: Vec<Candidate>) -> Vec<Candidate> {
+    optima.retain(Candidate::is_feasible);
     optima.sort_by(|a, b| a.final_time().total_cmp(&b.final_time()));
     optima
 }
@@ -209,8 +212,9 @@ mod tests {
 
     #[test]
     fn near_final_times_count_as_one_optimum() {
-        let optimum = |final_time: f64| Candidate::new(DVector::from_element(1, final_time), 0.0, false, None);
-        let optima = grouped(&feasible([2.931, 2.836, 2.930].map(optimum).to_vec(), 0.0));
+        let optimum =
+            |final_time: f64| Candidate::new(DVector::from_element(1, final_time), None).judged((0.0, 0.0), false);
+        let optima = grouped(&feasible([2.931, 2.836, 2.930].map(optimum).to_vec()));
         let groups: Vec<_> = optima.iter().map(|group| (group.final_time, group.count)).collect();
         assert_eq!(groups, [(2.836, 1), (2.930, 2)]);
     }

@@ -47,7 +47,7 @@ impl LocalSearch<'_> {
     pub(super) fn run_from(&mut self, start: &Start, number: (usize, usize)) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Start { number: number.0 });
         self.start = number;
-        self.aim(start.goal_heading);
+        self.problem.aim(start.goal_heading);
         let guess = decision_from_schedule(&start.schedule);
         // Guesses of callers may need more, and no descent follows on Nelder-Mead.
         let needs_all = start.strategy == Strategy::Warm || self.settings.method == Method::NelderMead;
@@ -92,7 +92,7 @@ impl LocalSearch<'_> {
     /// When the budget ended the search; the best point so far is kept.
     pub(super) fn back_off(&mut self, candidate: &Candidate) -> Result<Candidate, Interruption> {
         let mut best = self.near(&candidate.decision)?;
-        if best.is_feasible(self.settings.goal_tolerance) {
+        if best.is_feasible() {
             self.settle(&mut best)?;
         }
         Ok(best)
@@ -100,9 +100,9 @@ impl LocalSearch<'_> {
 
     /// Keeps a plan, which it gives back, where that is certain to keep all limits of the maneuver, so that a search which is stopped has one.
     pub(super) fn secure(&mut self, plan: &Candidate) -> Result<Candidate, Interruption> {
-        if self.problem.is_stand_in() && plan.is_feasible(self.settings.goal_tolerance) {
+        if self.problem.is_stand_in() && plan.is_feasible() {
             let near_grip = self.problem.clone();
-            self.aim(plan.goal_heading);
+            self.problem.aim(plan.goal_heading);
             self.problem.release_torques();
             let secured = self.back_off(plan);
             self.problem = near_grip;
@@ -123,7 +123,7 @@ impl LocalSearch<'_> {
     ) -> Result<Candidate, Interruption> {
         let _phase = self.control.enter(Phase::Start { number: number.0 });
         self.start = number;
-        self.aim(from.goal_heading);
+        self.problem.aim(from.goal_heading);
         let through = |search: &mut Self, laws: &[f64]| {
             search.coarsely(|search| search.smoothed(&from.decision, laws, (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT)))
         };
@@ -149,11 +149,11 @@ impl LocalSearch<'_> {
             return Ok(best);
         }
         let _phase = self.control.enter(Phase::Polish);
-        self.aim(plan.goal_heading);
+        self.problem.aim(plan.goal_heading);
         if !self.settles_without_promise(&mut best)? {
             match round {
                 0 => {
-                    self.cross_kinks(&mut best)?;
+                    while self.cross_kink(&mut best, LEAST_PROMISE)? {}
                     self.hold_wheels(&mut best)?;
                 }
                 2 => self.leave_kinks(&mut best)?,
@@ -170,7 +170,7 @@ impl LocalSearch<'_> {
         loop {
             let before = best.final_time();
             let next = self.around(&best.decision, &SMOOTHING[1..], FIRST_RADIUS)?;
-            keep_better(best, next, self.settings.goal_tolerance);
+            keep_better(best, next);
             if !is_distinct(best.final_time(), before) {
                 return Ok(());
             }
@@ -189,8 +189,8 @@ impl LocalSearch<'_> {
         let held = self.holding_wheels(f64::INFINITY, |held| held.directly(guess))?;
         let mut best = held.map_or_else(|| self.descend_directly(guess), Ok)?;
         if !self.problem.is_smooth() && !self.settles_without_promise(&mut best)? {
-            self.cross_kinks(&mut best)?;
-            if !best.has_no_promise(self.settings.goal_tolerance) {
+            while self.cross_kink(&mut best, LEAST_PROMISE)? {}
+            if !best.has_no_promise() {
                 self.hop(&mut best, PATIENCE, 0)?;
             }
         }
@@ -202,9 +202,9 @@ impl LocalSearch<'_> {
     fn descend_directly(&mut self, guess: &DVector<f64>) -> Result<Candidate, Interruption> {
         let (from, radius) = self.on_coarser_controls(guess)?;
         let mut best = self.descend(&from, radius)?;
-        if !best.is_feasible(self.settings.goal_tolerance) {
+        if !best.is_feasible() {
             let next = self.around(guess, &SMOOTHING, START_RADIUS)?;
-            keep_better(&mut best, next, self.settings.goal_tolerance);
+            keep_better(&mut best, next);
         }
         Ok(best)
     }
@@ -231,26 +231,25 @@ impl LocalSearch<'_> {
         guess: &DVector<f64>,
         other_heading: Option<f64>,
     ) -> Result<Candidate, Interruption> {
-        let tolerance = self.settings.goal_tolerance;
         let slowest = (1.0 + LARGEST_LAG) * guess[guess.len() - 1];
-        let arrived = |best: &Candidate| best.is_feasible(tolerance) && best.final_time() <= slowest;
+        let arrived = |best: &Candidate| best.is_feasible() && best.final_time() <= slowest;
         let mut best = self.near(guess)?;
-        if !arrived(&best) && self.goal_heading != other_heading {
-            self.aim(other_heading);
-            keep_better(&mut best, self.near(guess)?, tolerance);
-            self.aim(best.goal_heading);
+        if !arrived(&best) && self.problem.goal_heading() != other_heading {
+            self.problem.aim(other_heading);
+            keep_better(&mut best, self.near(guess)?);
+            self.problem.aim(best.goal_heading);
         }
         if !arrived(&best) {
-            let held = self.holding_wheels(best.time_to_beat(tolerance), |held| held.warmly(guess, other_heading))?;
+            let held = self.holding_wheels(best.time_to_beat(), |held| held.warmly(guess, other_heading))?;
             if let Some(held) = held {
-                keep_better(&mut best, held, tolerance);
+                keep_better(&mut best, held);
             }
-            self.aim(best.goal_heading);
+            self.problem.aim(best.goal_heading);
         }
         if !arrived(&best) {
-            keep_better(&mut best, self.around(guess, &SMOOTHING[1..], FIRST_RADIUS)?, tolerance);
+            keep_better(&mut best, self.around(guess, &SMOOTHING[1..], FIRST_RADIUS)?);
         }
-        if best.is_feasible(tolerance) {
+        if best.is_feasible() {
             self.settle(&mut best)?;
             return Ok(best);
         }
@@ -260,26 +259,19 @@ impl LocalSearch<'_> {
     /// From a plan that has settled on a kink to a faster one behind it, where the linear model promises a worthwhile share of the final
     /// time: its torques lead across, and the final time stays. Whether that gains anything.
     fn cross_kink(&mut self, best: &mut Candidate, worthwhile: f64) -> Result<bool, Interruption> {
-        let tolerance = self.settings.goal_tolerance;
         let is_worthwhile = best.promised_decrease().is_some_and(|share| share >= worthwhile);
-        let known = best.stationarity.as_ref().filter(|_| is_worthwhile && best.is_feasible(tolerance));
+        let known = best.stationarity.as_ref().filter(|_| is_worthwhile && best.is_feasible());
         let Some(known) = known else { return Ok(false) };
         let (mut across, final_time) = (known.measure.promised_point.clone(), best.final_time());
         across[best.decision.len() - 1] = final_time;
         let time_to_beat = (1.0 - worthwhile) * final_time;
         let next = self.descend_until(&across, (START_RADIUS, None), (SMALLEST_PREDICTION, time_to_beat))?;
-        let gains = next.gains_on(best, CRITICALITY_TOLERANCE, tolerance);
+        let gains = next.gains_on(best, CRITICALITY_TOLERANCE);
         if gains {
             *best = next;
             self.settle(best)?;
         }
         Ok(gains)
-    }
-
-    /// From a plan that has settled on a kink across this one and others, as long as that gains.
-    fn cross_kinks(&mut self, best: &mut Candidate) -> Result<(), Interruption> {
-        while self.cross_kink(best, LEAST_PROMISE)? {}
-        Ok(())
     }
 
     /// One descent near a plan of a similar problem.
@@ -290,11 +282,10 @@ impl LocalSearch<'_> {
     /// Whether a plan settles on a local optimum without promise, from which hops gain little. What misses the goal is left where it is: a
     /// penalty that grows leads it to where hops do not meet the goal either.
     fn settles_without_promise(&mut self, best: &mut Candidate) -> Result<bool, Interruption> {
-        let tolerance = self.settings.goal_tolerance;
-        if best.is_feasible(tolerance) {
+        if best.is_feasible() {
             self.settle(best)?;
         }
-        Ok(best.has_no_promise(tolerance))
+        Ok(best.has_no_promise())
     }
 
     /// Continues from the point that the criticality measure found, while it finds a better one: the certificate would find it
@@ -304,7 +295,6 @@ impl LocalSearch<'_> {
         if best.stationarity.is_some() {
             return Ok(());
         }
-        let tolerance = self.settings.goal_tolerance;
         let mut penalty_parameter = STRICT_PENALTY;
         loop {
             let known = self.measured(best, penalty_parameter)?;
@@ -318,8 +308,8 @@ impl LocalSearch<'_> {
             let near = (known.measure.radius, Some(&known.measure.accepted));
             let next = self.descend_until(&better, near, (SMALLEST_PREDICTION, f64::INFINITY))?;
             // Less than what descents end with is no gain.
-            let gains = next.gains_on(best, SMALLEST_PREDICTION, tolerance);
-            keep_better(best, next, tolerance);
+            let gains = next.gains_on(best, SMALLEST_PREDICTION);
+            keep_better(best, next);
             if !gains {
                 if penalty_parameter >= LARGEST_PENALTY {
                     return Ok(());
@@ -356,13 +346,12 @@ impl LocalSearch<'_> {
             let result =
                 minimise_sequentially(&mut self.problem, from, (&settings, None), &mut self.budget, &mut |_, _| {});
             self.problem.set_slip_smoothing(0.0);
-            self.iterations += result.iterations;
             result.ending?;
             merit = self.merit(&result.x, &result.constraints);
             decision = result.x;
             first_radius = FIRST_RADIUS;
         }
-        Ok(Candidate { merit, ..Candidate::new(decision, f64::INFINITY, true, self.goal_heading) })
+        Ok(Candidate { merit, ..Candidate::new(decision, self.problem.goal_heading()) })
     }
 }
 
@@ -390,10 +379,10 @@ mod tests {
         let guess = TorqueSchedule { final_time: 2.0, left: there_and_back(0.5), right: there_and_back(0.45) };
         let mut best = search.near(&decision_from_schedule(&guess)).unwrap();
         search.settle(&mut best).unwrap();
-        assert!(best.is_feasible(settings.goal_tolerance) && !best.has_no_promise(settings.goal_tolerance));
+        assert!(best.is_feasible() && !best.has_no_promise());
         let settled = best.final_time();
         search.cross_kink(&mut best, WORTH_CROSSING).unwrap();
-        assert!(best.is_feasible(settings.goal_tolerance) && best.stationarity.is_some());
+        assert!(best.is_feasible() && best.stationarity.is_some());
         [settled, best.final_time()]
     }
 

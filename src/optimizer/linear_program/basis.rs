@@ -24,12 +24,6 @@ pub(super) struct Basis {
 }
 
 impl Basis {
-    pub(super) fn clear(&mut self) {
-        self.tight.clear();
-        self.basic.clear();
-        self.is_inverted = false;
-    }
-
     /// Adds a pair; the matrix is not inverted.
     pub(super) fn push(&mut self, row: usize, column: usize) {
         self.tight.push(row);
@@ -46,7 +40,7 @@ impl Basis {
             if self.invert(program) && largest(&self.inverse) * largest(program.matrix) < 1.0 / DEPENDENT {
                 return;
             }
-            self.clear();
+            *self = Self::default();
         }
         let mut rest = program.matrix.select_rows(&rows).select_columns(&columns);
         let smallest = DEPENDENT * rest.amax();

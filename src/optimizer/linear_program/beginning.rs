@@ -1,12 +1,12 @@
 //! Where the simplex begins: at a vertex of its own, or at that of the last program.
 
-use super::{ElasticSolver, RowPlace};
+use super::{Basis, ElasticSolver, RowPlace};
 use crate::optimizer::elastic_program::ElasticProgram;
 
 impl ElasticSolver {
     /// All rows violated or slack as at x = 0.
     pub(super) fn begin_cold(&mut self, program: &ElasticProgram) {
-        self.basis.clear();
+        self.basis = Basis::default();
         let place = |target: &f64| if *target < 0.0 { RowPlace::High } else { RowPlace::Low };
         self.place = program.target.iter().map(place).collect();
     }
