@@ -15,7 +15,7 @@ use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::prox::{project_onto_disc, project_onto_half_line};
 use super::solution::{ContactImpulse, ContactSolution};
-use super::utilization::{WheelFriction, divided};
+use super::utilization::WheelFriction;
 
 /// The direction of a slip is undetermined where it shifts the argument of the prox map by less than this share of the
 /// friction radius: directions of larger slips are accurate to 2e-12, and for smaller ones the friction radii give the
@@ -134,9 +134,9 @@ pub(super) fn friction_radius<const N: usize>(
 
 /// Friction impulse per contact (left, right, front) of a solution.
 ///
-/// While both wheels stick, only the sum of their lateral impulses is physical: it is split so that the wheel that uses more of its
-/// grip uses as little as possible, by convention ([`WheelFriction::lateral_split`]). Two wheels with slips of undetermined direction
-/// share it in the same way: rounding dominates these directions, and their effect is below the accuracy of the solution.
+/// While both wheels stick, only the sum of their lateral impulses is physical: it is split in proportion to the
+/// remaining friction capacity, by convention. Two wheels with slips of undetermined direction share it in the same way:
+/// rounding dominates these directions, and their effect is below the accuracy of the solution.
 #[inline]
 pub fn contact_impulses<const N: usize>(
     operator: &DelassusOperator<N>,
@@ -152,6 +152,21 @@ pub fn contact_impulses<const N: usize>(
     split(operator, pattern, impulse, impact_slip, normal_impulse)
 }
 
+/// As [`contact_impulses`], but what two sticking wheels share is split so that both keep within their utilisation: what people are shown.
+/// Near full friction that has half of the digits, too few to judge a solution by.
+pub fn contact_impulses_by_utilization<const N: usize>(
+    operator: &DelassusOperator<N>,
+    solution: &ContactSolution<N>,
+) -> [ContactImpulse; 3] {
+    let mut parts = contact_impulses(operator, solution);
+    if solution.pattern.wheels == WheelPattern::BothStick {
+        let (longitudinal, lateral) = ([solution.impulse[0], solution.impulse[1]], solution.impulse[AXLE]);
+        let radius = [0, 1].map(|wheel| friction_radius(operator, wheel, &solution.normal_impulse));
+        [parts[0][1], parts[1][1]] = WheelFriction { longitudinal, lateral, radius }.lateral_split();
+    }
+    parts
+}
+
 /// Friction impulse per contact, with the directions of the slips as they are.
 #[inline]
 pub(super) fn split<const N: usize>(
@@ -162,18 +177,18 @@ pub(super) fn split<const N: usize>(
     normal_impulse: &Vector3<f64>,
 ) -> [ContactImpulse; 3] {
     let lateral = impulse[AXLE];
+    let by_shares =
+        |left: f64, right: f64| if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral };
+    let capacity = |wheel: usize| lateral_capacity(operator, wheel, impulse, normal_impulse);
     let share = |wheel: usize| lateral_share(operator, wheel, impact_slip, normal_impulse);
-    let [left, right] = match pattern.wheels {
-        WheelPattern::RightSlips(_) => [lateral, 0.0],
-        WheelPattern::LeftSlips(_) => [0.0, lateral],
-        WheelPattern::BothStick => {
-            let radius = [0, 1].map(|wheel| friction_radius(operator, wheel, normal_impulse));
-            WheelFriction { longitudinal: [impulse[0], impulse[1]], lateral, radius }.lateral_split()
-        }
-        WheelPattern::BothSlip => divided(lateral, [share(0), share(1)]),
+    let left_lateral = match pattern.wheels {
+        WheelPattern::RightSlips(_) => lateral,
+        WheelPattern::LeftSlips(_) => 0.0,
+        WheelPattern::BothStick => by_shares(capacity(0), capacity(1)),
+        WheelPattern::BothSlip => by_shares(share(0), share(1)),
     };
     let front = if N == 5 { [impulse[ROWS[2][0]], impulse[ROWS[2][1]]] } else { [0.0, 0.0] };
-    [[impulse[0], left], [impulse[1], right], front]
+    [[impulse[0], left_lateral], [impulse[1], lateral - left_lateral], front]
 }
 
 /// Whether both wheels slip so slowly that the friction radii determine their shares of the lateral impulse more accurately
@@ -193,6 +208,18 @@ fn slip_directions_are_undetermined<const N: usize>(
 #[inline]
 fn wheel_slip_speed<const N: usize>(wheel: usize, impact_slip: &SVector<f64, N>) -> f64 {
     (impact_slip[wheel] * impact_slip[wheel] + impact_slip[AXLE] * impact_slip[AXLE]).sqrt()
+}
+
+/// What a sticking wheel can still take sideways, N s.
+#[inline]
+fn lateral_capacity<const N: usize>(
+    operator: &DelassusOperator<N>,
+    wheel: usize,
+    impulse: &SVector<f64, N>,
+    normal_impulse: &Vector3<f64>,
+) -> f64 {
+    let radius = friction_radius(operator, wheel, normal_impulse);
+    project_onto_half_line(radius * radius - impulse[wheel] * impulse[wheel]).sqrt()
 }
 
 /// Friction radius over slip speed: both wheels share the lateral slip, so this is their share of the lateral impulse.

@@ -77,7 +77,9 @@ impl WheelFriction {
     pub fn lateral_split(&self) -> [f64; 2] {
         let share = self.utilization();
         // A wheel without normal force has none to use; the other one takes what full friction leaves.
-        divided(self.lateral, self.roots(if share.is_finite() { share } else { 1.0 }))
+        let [left, right] = self.roots(if share.is_finite() { share } else { 1.0 });
+        let of_left = if left + right > 0.0 { self.lateral * left / (left + right) } else { 0.5 * self.lateral };
+        [of_left, self.lateral - of_left]
     }
 
     fn lengthwise_shares(&self) -> [f64; 2] {
@@ -112,13 +114,6 @@ impl WheelFriction {
         let discriminant = (half * half - p * p * constant).max(0.0);
         (constant / (half + discriminant.sqrt())).sqrt()
     }
-}
-
-/// A value divided in proportion to two shares, >= 0.
-#[inline]
-pub(super) fn divided(value: f64, [left, right]: [f64; 2]) -> [f64; 2] {
-    let of_left = if left + right > 0.0 { value * left / (left + right) } else { 0.5 * value };
-    [of_left, value - of_left]
 }
 
 #[cfg(test)]

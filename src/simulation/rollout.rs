@@ -275,7 +275,7 @@ fn contact_samples<const N: usize>(
     step: &Step<N>,
     dt: f64,
 ) -> PerContact<ContactSample> {
-    let impulse = natural_map::contact_impulses(&model.operator, &step.contact);
+    let impulse = natural_map::contact_impulses_by_utilization(&model.operator, &step.contact);
     let [left, right, axle] = jacobian.wheel_slip(&step.end_velocity);
     let [front_longitudinal, front_lateral] = jacobian.front_slip(&step.end_velocity);
     let slip = [[left, axle], [right, axle], [front_longitudinal, front_lateral]];

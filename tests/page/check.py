@@ -378,8 +378,9 @@ def reporting(name: str, browser: Browser) -> Iterator[None]:
 
 def main() -> None:
     of_service: list[Callable[[Browser, Service], None]] = [
-        forward_drive_by_clicks, goal_is_dragged, keyboard_alone, scrubbing, cancelling, another_search_takes_over, faults_of_fields, links_and_snippets,
-        hostile_strings, documents, infeasible_in_words, everyone, still_or_moving, *plans.CHECKS, *editing.CHECKS,
+        forward_drive_by_clicks, goal_is_dragged, keyboard_alone, scrubbing, cancelling, another_search_takes_over,
+        faults_of_fields, links_and_snippets, hostile_strings, documents, infeasible_in_words, everyone, still_or_moving,
+        *plans.CHECKS, *editing.CHECKS,
     ]  # fmt: skip
     wanted = sys.argv[3:]
     with sync_playwright() as playwright:

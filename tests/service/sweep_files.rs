@@ -130,7 +130,7 @@ fn all_faults_of_a_file_are_named_at_once() {
         "#/axes/0/field `axes[0].field` is `maneuver.goal.x_m`, must be a field of `request`, where `maneuver` is a number",
         "#/axes/1/field `axes[1].field` is `a..b`, must be a path",
         "#/axes/1/values `axes[1].values` is 0 items long",
-        "#/axes/2/values",
+        "#/axes/2/count `axes[2].count` is absent, must be `field` with `values`, `field` with `from`, `to` and `count`",
         "#/axes/4/count `axes[4].count` is 1, must be between 2 and",
         "#/axes/5/paired/1 `axes[5].paired[1]` is 2 items long, must be as long as the first: 1 items",
         "#/axes/6/to `axes[6].to` is 9007199254740992, must be between -9007199254740991 and 9007199254740991",

@@ -42,7 +42,8 @@ pub(super) fn table(accepted: &AcceptedAssess, assessment: &Assessment) -> Strin
 fn write_errors(table: &mut String, assessment: &Assessment) {
     let [along, across, distance, heading, speed] = ["along m", "across m", "distance m", "heading rad", "speed m/s"];
     let headings = format!(" {along:>11} {across:>11} {distance:>11} {heading:>11} {speed:>11}");
-    line(table, &format!("\n{:<width$}{headings}", "end errors", width = NAME_WIDTH + 2));
+    table.push('\n');
+    line(table, &format!("{:<width$}{headings}", "end errors", width = NAME_WIDTH + 2));
     write_row(table, "without changes", &assessment.nominal.error, 5);
     if assessment.refused_count == assessment.sample_count {
         line(table, "  no sample has a motion");
