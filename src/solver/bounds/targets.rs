@@ -237,3 +237,84 @@ fn rotated(vector: Vector2<f64>, heading: f64) -> Vector2<f64> {
     let (sin, cos) = heading.sin_cos();
     Vector2::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y)
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    use super::*;
+    use crate::shooting::{Goal, ReferencePoint};
+    use crate::solver::settings::SolveParameters;
+
+    const COMPONENTS: [StateComponent; 6] = [
+        StateComponent::X,
+        StateComponent::Y,
+        StateComponent::Heading,
+        StateComponent::VelocityX,
+        StateComponent::VelocityY,
+        StateComponent::YawRate,
+    ];
+
+    /// A goal, some of whose components are free.
+    fn drawn_input(rng: &mut Xoshiro256PlusPlus) -> SolveInput {
+        let mut parameters = SolveParameters::forward_drive();
+        let mut goal = Goal::at_rest(0.0, 5.0, 0.0);
+        for component in COMPONENTS {
+            let size = 10.0_f64.powf(rng.random_range(-2.0..1.0));
+            let value = rng.random_bool(0.7).then(|| rng.random_range(-size..size));
+            goal.set(component, value);
+        }
+        parameters.maneuver.goal = goal;
+        if rng.random_bool(0.5) {
+            parameters.maneuver.reference_point = ReferencePoint::AxleMidpoint;
+        }
+        parameters.settings.goal_tolerance = 10.0_f64.powf(rng.random_range(-6.0..-2.0));
+        SolveInput::new(parameters).unwrap()
+    }
+
+    /// The end that misses each component that is asked for by all of the tolerance.
+    fn drawn_end(rng: &mut Xoshiro256PlusPlus, input: &SolveInput) -> State {
+        let mut end = State::default().to_vector();
+        for component in COMPONENTS {
+            let miss =
+                if rng.random_bool(0.5) { input.settings.goal_tolerance } else { -input.settings.goal_tolerance };
+            let asked = input.maneuver.goal.value(component);
+            end[component.index()] = asked.map_or_else(|| rng.random_range(-3.0..3.0), |value| value + miss);
+        }
+        State::from_vector(&end)
+    }
+
+    #[test]
+    fn intervals_hold_all_ends_within_the_tolerance() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let holds = |(low, high): Interval, value: f64| low <= value && value <= high;
+        let planar = |state: &State| Vector2::new(state.velocity.x, state.velocity.y);
+        for _ in 0..3000 {
+            let input = drawn_input(&mut rng);
+            let targets = Targets::new(&input, &Capacity::new(&input, Grid::Continuous), Grid::Continuous);
+            let end = drawn_end(&mut rng, &input);
+            let center = end.moved_by(targets.offset);
+            // Along what turning adds, where the interval has least to spare, and along any other direction.
+            let (turning, angle) = (planar(&center) - planar(&end), rng.random_range(0.0..TAU));
+            let any = Vector2::new(angle.cos(), angle.sin());
+            for direction in turning.try_normalize(0.0).into_iter().chain([any]) {
+                let velocity = direction.dot(&planar(&center));
+                assert!(holds(targets.end_velocity(direction), velocity), "{:?} {end:?}", input.maneuver.goal);
+                let (from, to) = (targets.start.configuration, center.configuration);
+                let way = direction.dot(&Vector2::new(to.x - from.x, to.y - from.y));
+                assert!(holds(targets.displacement(direction), way), "{:?} {end:?}", input.maneuver.goal);
+            }
+            // Of the points at a distance the one that turning makes fastest, and the slowest one.
+            let along = rotated(planar(&end), -end.configuration.heading).try_normalize(0.0).unwrap_or(any);
+            for distance in [0.0, 0.5] {
+                let arm = distance * Vector2::new(along.y, -along.x);
+                for arm in [arm, -arm] {
+                    let speed = planar(&end.moved_by(arm)).norm();
+                    let asked = targets.end_speed_at(distance);
+                    assert!(asked.is_none_or(|asked| holds(asked, speed)), "{:?} {end:?}", input.maneuver.goal);
+                }
+            }
+        }
+    }
+}
