@@ -3,8 +3,6 @@
 //! Under the exact law a descent stops on such a kink, most of all where slip breaks a limit at once. Rollouts that hold the wheels have
 //! none: there the grip is a limit like others, and a descent follows it. What they lead to is a plan of the exact law too.
 
-use nalgebra::DVector;
-
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, keep_best, keep_better};
 use super::local_search::LocalSearch;
 use crate::optimizer::{ElasticSolver, Interruption, Problem};
@@ -34,11 +32,15 @@ impl LocalSearch<'_> {
         };
         keep_best(&mut self.best, known.map(Candidate::not_judged));
         let found = found?;
-        if !found.is_feasible() || found.final_time() >= time_to_beat {
+        if found.time_to_beat() >= time_to_beat {
             return Ok(None);
         }
         self.problem.aim(found.goal_heading);
-        let mut plan = self.judged(&found.decision)?;
+        // As it is, under the exact law.
+        let stop = self.budget.spend()?;
+        let constraints = self.problem.evaluate(&found.decision, stop)?;
+        let mut plan = self.candidate(found.decision.clone(), &constraints);
+        self.note(&plan);
         keep_better(&mut plan, self.near(&found.decision)?);
         Ok(Some(plan))
     }
@@ -51,14 +53,5 @@ impl LocalSearch<'_> {
             self.settle(best)?;
         }
         Ok(())
-    }
-
-    /// A decision as it is, under the law of the problem.
-    fn judged(&mut self, decision: &DVector<f64>) -> Result<Candidate, Interruption> {
-        let stop = self.budget.spend()?;
-        let constraints = self.problem.evaluate(decision, stop)?;
-        let judged = self.candidate(decision.clone(), &constraints);
-        self.note(&judged);
-        Ok(judged)
     }
 }
