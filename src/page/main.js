@@ -61,6 +61,7 @@ const floor = new Floor(byId("floor", SVGSVGElement), referenceRobot, (which, mo
 
 listen(["request"], ({ request }) => {
   form.show(request);
+  search.showRequest(request);
   problem.judgeAgain(() => ask("validate", request));
   choice.selectedIndex = presets.findIndex((/** @type {Preset} */ preset) => written(preset.request) === written(request));
   showStale();

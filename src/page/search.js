@@ -73,6 +73,12 @@ export class Search {
     }
   }
 
+  /** The button is greyed for the maneuver that is searched; another one may be asked for. @param {SolveRequest} request */
+  showRequest(request) {
+    const isAsked = this.#running && this.#asked === written(request);
+    setAttributes(this.#solve, { "aria-disabled": isAsked ? "true" : undefined });
+  }
+
   /** @param {boolean} isRunning */
   #show(isRunning) {
     if (!isRunning && document.activeElement === this.#cancel) this.#solve.focus();
