@@ -335,11 +335,15 @@ pub(crate) fn refused(fault: &str) -> ExitCode {
 
 fn refuse(problem: &Problem) -> ExitCode {
     tell(&format_args!("error: {problem}"));
-    // A single fault is the problem's own detail.
+    tell_faults(problem);
+    ExitCode::from(EXIT_BAD_INPUT)
+}
+
+/// Says what is wrong, fault by fault; a single one is the problem's own detail.
+fn tell_faults(problem: &Problem) {
     for error in problem.errors().iter().filter(|_| problem.errors().len() > 1) {
         tell(&format_args!("  {}: {}", error.pointer, error.message));
     }
-    ExitCode::from(EXIT_BAD_INPUT)
 }
 
 /// Writes the JSON answer and the files, where they are asked for, and prints the table, where standard output is for nothing else.

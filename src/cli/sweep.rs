@@ -19,7 +19,7 @@ use slipdrive::sweep::{
 use tokio::sync::oneshot;
 
 use super::progress_of_rows::ProgressOfRows;
-use super::{is_standard_stream, refused, say};
+use super::{is_standard_stream, refused, say, tell_faults};
 use crate::config::{SweepArguments, thread_count};
 use crate::shutdown::Signals;
 use crate::{EXIT_BAD_INPUT, tell};
@@ -100,10 +100,7 @@ fn counted(sweep: &Sweep, arguments: &SweepArguments) -> anyhow::Result<ExitCode
 pub(super) fn refused_rows(faults: &RowFaults) -> ExitCode {
     for (row, problem) in &faults.first {
         tell(&format_args!("error: row {row}: {problem}"));
-        // A single fault is the problem's own detail.
-        for error in problem.errors().iter().filter(|_| problem.errors().len() > 1) {
-            tell(&format_args!("  {}: {}", error.pointer, error.message));
-        }
+        tell_faults(problem);
     }
     let others = faults.count - faults.first.len() as u64;
     if others > 0 {

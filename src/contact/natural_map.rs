@@ -15,7 +15,7 @@ use super::one_step_problem::OneStepProblem;
 use super::pattern::{ContactMode, ContactPattern, WheelPattern};
 use super::prox::{project_onto_disc, project_onto_half_line};
 use super::solution::{ContactImpulse, ContactSolution};
-use super::utilization::WheelFriction;
+use super::utilization::{WheelFriction, share_of_left};
 
 /// The direction of a slip is undetermined where it shifts the argument of the prox map by less than this share of the
 /// friction radius: directions of larger slips are accurate to 2e-12, and for smaller ones the friction radii give the
@@ -177,15 +177,13 @@ pub(super) fn split<const N: usize>(
     normal_impulse: &Vector3<f64>,
 ) -> [ContactImpulse; 3] {
     let lateral = impulse[AXLE];
-    let by_shares =
-        |left: f64, right: f64| if left + right > 0.0 { lateral * left / (left + right) } else { 0.5 * lateral };
     let capacity = |wheel: usize| lateral_capacity(operator, wheel, impulse, normal_impulse);
     let share = |wheel: usize| lateral_share(operator, wheel, impact_slip, normal_impulse);
     let left_lateral = match pattern.wheels {
         WheelPattern::RightSlips(_) => lateral,
         WheelPattern::LeftSlips(_) => 0.0,
-        WheelPattern::BothStick => by_shares(capacity(0), capacity(1)),
-        WheelPattern::BothSlip => by_shares(share(0), share(1)),
+        WheelPattern::BothStick => share_of_left(lateral, [capacity(0), capacity(1)]),
+        WheelPattern::BothSlip => share_of_left(lateral, [share(0), share(1)]),
     };
     let front = if N == 5 { [impulse[ROWS[2][0]], impulse[ROWS[2][1]]] } else { [0.0, 0.0] };
     [[impulse[0], left_lateral], [impulse[1], lateral - left_lateral], front]

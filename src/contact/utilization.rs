@@ -77,8 +77,7 @@ impl WheelFriction {
     pub fn lateral_split(&self) -> [f64; 2] {
         let share = self.utilization();
         // A wheel without normal force has none to use; the other one takes what full friction leaves.
-        let [left, right] = self.roots(if share.is_finite() { share } else { 1.0 });
-        let of_left = if left + right > 0.0 { self.lateral * left / (left + right) } else { 0.5 * self.lateral };
+        let of_left = share_of_left(self.lateral, self.roots(if share.is_finite() { share } else { 1.0 }));
         [of_left, self.lateral - of_left]
     }
 
@@ -114,6 +113,12 @@ impl WheelFriction {
         let discriminant = (half * half - p * p * constant).max(0.0);
         (constant / (half + discriminant.sqrt())).sqrt()
     }
+}
+
+/// What the left wheel has of a value that both share in proportion to these, >= 0; a half where both are 0.
+#[inline]
+pub(super) fn share_of_left(value: f64, [left, right]: [f64; 2]) -> f64 {
+    if left + right > 0.0 { value * left / (left + right) } else { 0.5 * value }
 }
 
 #[cfg(test)]

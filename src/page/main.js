@@ -15,7 +15,7 @@ import { groupOf } from "./schema.js";
 import { Search } from "./search.js";
 import { Sheet } from "./sheet.js";
 import { asCurl, asPython, linkTo, requestIn } from "./snippets.js";
-import { change, current, listen, withValue, written } from "./state.js";
+import { change, current, freeOf, listen, withValue, written } from "./state.js";
 import { Timeline } from "./timeline.js";
 import { ask, Refusal, useKey } from "./transport.js";
 
@@ -80,7 +80,7 @@ function showStale() {
 }
 
 /** @param {SolveRequest} request @param {"start" | "goal"} which @param {string} name */
-const isFree = (request, which, name) => which === "goal" && (request.maneuver?.goal?.free?.includes(name) ?? false);
+const isFree = (request, which, name) => which === "goal" && freeOf(request).includes(name);
 
 async function run() {
   if (!problem.isReadable()) return search.forget();

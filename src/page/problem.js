@@ -21,6 +21,12 @@ export class Problem {
 
   /** @param {string} title @param {unknown} error */
   show(title, error) {
+    this.#draw(title, error);
+    this.#root.scrollIntoView({ block: "nearest" });
+  }
+
+  /** @param {string} title @param {unknown} error */
+  #draw(title, error) {
     const refusal = error instanceof Refusal ? error.problem : undefined;
     if (refusal?.code === "unauthenticated") byId("access", HTMLDetailsElement).open = true;
     const faults = this.form.showErrors(refusal?.errors ?? []).map(({ message, control }) => {
@@ -34,7 +40,6 @@ export class Problem {
     this.#faulty = refusal?.errors?.length ? title : "";
     this.#root.replaceChildren(html("h2", {}, title), html("p", {}, words), ...list);
     this.#root.hidden = false;
-    this.#root.scrollIntoView({ block: "nearest" });
   }
 
   /** Faults of fields that are mended go, also those beside other fields. @param {() => Promise<unknown>} judge */
@@ -46,7 +51,8 @@ export class Problem {
       const error = await judge().then(() => null, (refusal) => refusal);
       if (mine !== this.#later) return;
       this.clear();
-      if (error) this.show(title, error);
+      // What is being typed stays in view.
+      if (error) this.#draw(title, error);
     }, JUDGED_AGAIN_MS));
   }
 

@@ -352,7 +352,7 @@ mod tests {
         let (problem, _) = problem_on(&input, &simulator, input.settings.step_count);
         let mut race = Race::new(&input, &problem, (SearchResult::default(), 10), &control);
         let diverged = Candidate::new(DVector::from_element(1, 1.0), None);
-        race.optima.push(Candidate { merit: f64::NAN, ..diverged });
+        race.optima.push(Candidate { goal_error: f64::NAN, merit: f64::NAN, ..diverged });
         race.finals();
         assert_eq!(race.found.rollouts, 0);
     }
@@ -360,7 +360,8 @@ mod tests {
     #[test]
     fn an_optimum_is_found_again_by_its_merit() {
         let smoothed = |merit: f64| {
-            let local = Candidate { merit, ..Candidate::new(DVector::from_element(1, 1.0), None) };
+            let local = Candidate::new(DVector::from_element(1, 1.0), None).judged((0.0, 0.0), true);
+            let local = Candidate { merit, ..local };
             Smoothed::new((1, 1), Strategy::Smoothed, local)
         };
         assert_eq!(times_found(&[]), 0);
