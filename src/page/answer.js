@@ -20,12 +20,15 @@ export function showFacts({ shown, trajectory }, byDefault) {
   const { request, answer } = shown.solve ?? {};
   const end = trajectory.time_s.at(-1) ?? 0;
   const facts = answer
-    ? factsOf(answer, { ...byDefault, ...request?.solver }, request?.solver?.starts === 1)
+    ? factsOf(answer, { ...byDefault, ...request?.solver })
     : [["Final time", "final-time", `${end.toFixed(4)} s`]];
   byId("headline", HTMLElement).textContent = answer ? headline(answer) : "A simulated motion";
   byId("facts", HTMLElement).replaceChildren(
     ...facts.map(([name, id, value]) => html("div", {}, html("dt", {}, name), html("dd", { id }, value))),
   );
+  const narrowed = answer && request ? narrowedBy(request, answer) : "";
+  byId("narrow", HTMLElement).hidden = !narrowed;
+  byId("narrowed", HTMLElement).textContent = narrowed;
   byId("words", HTMLElement).replaceChildren(...(answer?.reason ? [html("p", {}, answer.reason.message)] : []));
 }
 
@@ -42,10 +45,9 @@ function headline({ status, final_time_s, replay_confirmed }) {
 /**
  * @param {import("./state.js").Solution} answer
  * @param {Tolerances} tolerances
- * @param {boolean} isOfOneStart
  * @returns {[string, string, string][]}
  */
-function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }, tolerances, isOfOneStart) {
+function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }, tolerances) {
   const { lower_bound_s, solve_time_s } = report;
   const stopped = stop_reason === "finished" ? "" : `, ${stop_reason.replaceAll("_", " ")}`;
   /** @type {[string, string, string][]} */
@@ -56,13 +58,25 @@ function factsOf({ status, stop_reason, final_time_s, replay_confirmed, report }
     ["Replay miss", "replay-miss", missOf(report, tolerances)],
     ["No plan is faster than", "bound", lower_bound_s == null ? "not known" : `${lower_bound_s.toFixed(4)} s`],
   ];
-  if (isOfOneStart) ofPlan.push(["Starts", "starts", "one: more may find a faster plan"]);
   return [
     ...ofMotion,
     ["Status", "plan-status", `${status.replaceAll("_", " ")}${stopped}`],
     ...(isMet(status) ? ofPlan : []),
     ["Solved in", "solve-time", `${(1000 * solve_time_s).toFixed(0)} ms`],
   ];
+}
+
+/**
+ * What the request asks less of than the service does by itself, where that may be why the plan is no better.
+ * @param {import("./state.js").SolveRequest} request
+ * @param {import("./state.js").Solution} answer
+ */
+function narrowedBy({ solver, grid }, { stop_reason, replay_confirmed }) {
+  const words = [];
+  if (stop_reason !== "finished") return "";
+  if (solver?.starts === 1 && solver.method !== "nelder_mead") words.push("One start was asked for: more may find a faster plan.");
+  if (grid?.steps && !replay_confirmed) words.push(`${grid.steps} steps were asked for: finer ones may be confirmed.`);
+  return words.join(" ");
 }
 
 /**

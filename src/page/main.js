@@ -277,6 +277,12 @@ byId("redraw", HTMLElement).addEventListener("click", () => {
   showPictures();
 });
 byId("alone", HTMLElement).addEventListener("click", () => showBeside(null));
+byId("widen", HTMLElement).addEventListener("click", () => {
+  const { request } = current();
+  // What is left out the service chooses itself.
+  change({ request: withValue(withValue(request, ["solver", "starts"], undefined), ["grid", "steps"], undefined) });
+  run();
+});
 offerFiles(
   () => {
     problem.clear();

@@ -39,7 +39,7 @@ pub(super) fn goal_missed(
         ("motion_diverges", "every motion that was tried diverges, and the start", help)
     } else {
         let for_search = help_for_search(input, miss, (exceeded, stop_reason));
-        ("goal_missed", "the best plan", with_fitting_wheel_rates(input, &for_search))
+        ("goal_missed", "the best plan", with_fitting_wheel_rates(input, miss.abs(), &for_search))
     };
     let beside = exceeded.map(|used| format!(", where it {}", excess(used))).unwrap_or_default();
     let missed_by = Reason::told(miss.abs(), tolerance);
@@ -57,7 +57,7 @@ pub(super) fn limit_missed(input: &SolveInput, used: &LimitUse, stop_reason: Sto
         StopReason::RolloutLimit => MORE_ROLLOUTS,
         StopReason::Finished => WIDER_LIMIT,
     };
-    let help = with_fitting_wheel_rates(input, for_search);
+    let help = with_fitting_wheel_rates(input, 0.0, for_search);
     let message = format!("the best plan that meets the goal {}; {help} would help", excess(used));
     let LimitUse { limit, value, largest, time, .. } = *used;
     let (code, field) = (Reason::LIMIT_EXCEEDED, limit.to_owned());
@@ -86,9 +86,12 @@ const MORE_ROLLOUTS: &str = "a larger `solver.rollout_limit`";
 const MORE_TIME_OR_WIDER_LIMIT: &str = "more time (`solver.time_limit_s` or the deadline) or a wider limit";
 const WIDER_LIMIT: &str = "more `solver.starts`, more `grid.control_intervals` or a wider limit";
 
-/// First another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0.
-fn with_fitting_wheel_rates(input: &SolveInput, for_search: &str) -> String {
-    let Some(slip) = slip_by_wheel_rates(input) else { return for_search.to_owned() };
+/// First another goal where this one asks for slip, as those do that give a speed and leave the wheel rates at 0, or give them with few
+/// digits. A slip far below what is missed is not its cause.
+fn with_fitting_wheel_rates(input: &SolveInput, miss: f64, for_search: &str) -> String {
+    let Some(slip) = slip_by_wheel_rates(input).filter(|slip| *slip > 0.1 * miss.min(NEAR_MISS)) else {
+        return for_search.to_owned();
+    };
     format!(
         "a goal whose wheel rates fit its velocity or are free (as asked, a wheel slips by {} m/s), else {for_search}",
         Reason::told(slip, 0.0)
@@ -190,6 +193,12 @@ mod tests {
         assert!(!limit_missed(&input, &used, StopReason::Finished).message.contains(advice));
         input.maneuver.goal.set(StateComponent::VelocityY, Some(0.15));
         assert!(limit_missed(&input, &used, StopReason::Finished).message.contains(advice));
+        // Six digits of a fitting rate: all tolerances together would allow the slip.
+        let rounded = |input: &SolveInput, miss| with_fitting_wheel_rates(input, miss, "more time").contains(advice);
+        input.maneuver.goal.set(StateComponent::VelocityY, Some(2e-6));
+        assert!(rounded(&input, 4e-6) && !rounded(&input, 5.0));
+        input.maneuver.goal.set(StateComponent::VelocityY, Some(0.9e-6));
+        assert!(!rounded(&input, 2e-6));
     }
 
     #[test]

@@ -32,9 +32,11 @@ pub(super) fn excluded_end(input: &SolveInput) -> Option<Reason> {
         .find_map(|end| end.leaves_aisle(input).or_else(|| end.exceeds_rates(input)).or_else(|| end.slips(input)))
 }
 
-/// The slip speed of a wheel that other wheel rates at the goal would take away, m/s; none where no wheel slips there so.
+/// The slip speed of a wheel that other wheel rates at the goal would take away, m/s; none where no wheel slips there so. Above the tolerance
+/// itself such a slip is a burden, even where the tolerances of all components together allow it.
 pub(in crate::solver) fn slip_by_wheel_rates(input: &SolveInput) -> Option<f64> {
-    End::goal(input).slip(input).filter(|slip| !slip.is_across).map(|slip| slip.speed)
+    let Slip { along, across, slack } = End::goal(input).slip(input)?;
+    (across <= slack && along > input.settings.goal_tolerance).then_some(along)
 }
 
 /// Whether wheels roll at every end of a step. With restitution one that sticks may slip at both ends.
@@ -42,14 +44,14 @@ fn may_not_slip(input: &SolveInput) -> bool {
     input.maneuver.forbids_slip() && input.robot.parameters().tangential_restitution == 0.0
 }
 
-/// A slip that an end asks for.
+/// The slip that an end asks for, m/s.
 struct Slip {
-    /// The largest of both wheels, along or across, m/s.
-    speed: f64,
-    /// What tolerances may be of it, m/s.
+    /// The larger of both wheels; 0 where wheel rates are left open.
+    along: f64,
+    /// Of both wheels: no wheel rates mend that.
+    across: f64,
+    /// What tolerances may be of it.
     slack: f64,
-    /// Whether it is across: no wheel rates mend that.
-    is_across: bool,
 }
 
 impl End {
@@ -180,8 +182,12 @@ impl End {
 
     /// A wheel that slips where none may.
     fn slips(&self, input: &SolveInput) -> Option<Reason> {
-        let Slip { speed, slack, is_across } = self.slip(input).filter(|_| may_not_slip(input))?;
-        let (how, help) = if is_across {
+        let Slip { along, across, slack } = self.slip(input).filter(|_| may_not_slip(input))?;
+        let speed = along.max(across);
+        if speed <= slack {
+            return None;
+        }
+        let (how, help) = if across > slack {
             ("the wheels slip sideways", "a heading along the velocity, or a free one at the goal")
         } else {
             ("a wheel slips", "wheel rates that fit the velocity, or free ones at the goal")
@@ -202,14 +208,12 @@ impl End {
         Some(self.reason(["start_slips", "goal_slips"], ("maneuver.slip", message), (speed, slack)))
     }
 
-    /// None where tolerances allow it, or where it is left open.
+    /// None where the velocity is left open.
     fn slip(&self, input: &SolveInput) -> Option<Slip> {
         let (slip, play) = self.wheel_slip(input)?;
         let [left, right, across] = slip.map(f64::abs);
         let along = if self.has(&WHEEL_RATES) { left.max(right) } else { 0.0 };
-        let slack = input.settings.goal_tolerance * play;
-        let slip = Slip { speed: along.max(across), slack, is_across: across > slack };
-        (slip.speed > slack).then_some(slip)
+        Some(Slip { along, across, slack: input.settings.goal_tolerance * play })
     }
 
     /// The slip of the wheels (left and right along, both across), m/s, with rates of 0 where none are given, and how many tolerances may be
