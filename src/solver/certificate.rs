@@ -50,7 +50,7 @@ pub(super) fn certified(
             Some(replayed) => replayed.clone(),
             None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
         };
-        let sensitivity = sensitivity(input, (&motion.schedule, step_count), result.weighed.as_ref(), cut)?;
+        let sensitivity = sensitivity(input, (&motion.schedule, step_count), cut)?;
         let start = input.maneuver.start_at_center_of_mass(input.robot.parameters());
         let rollout = Rollout { start: &start, schedule: &motion.schedule, step_count };
         let indeterminate_steps = simulator.indeterminate_steps(&rollout, cut)?;

@@ -116,7 +116,7 @@ fn use_all_intervals(
 mod tests {
     use super::*;
     use crate::shooting::{Goal, Maneuver, ManeuverLimits};
-    use crate::solver::sensitivity::Weighed;
+    use crate::solver::sensitivity::friction_shift;
     use crate::solver::settings::{Refinement, SolveParameters};
     use crate::solver::{Solution, Status, solve};
     use crate::stop::Stop;
@@ -174,7 +174,7 @@ mod tests {
             let input = steadiest(control_count);
             let Solution { status, schedule, .. } = solve(&input, &RunControl::unattended()).unwrap();
             assert_eq!((status, schedule.control_count()), (Status::Converged, control_count));
-            Weighed::new(&input, (&schedule, 160), Stop::never()).unwrap().shift().unwrap().relative(&input.settings)
+            friction_shift(&input, (&schedule, 160), Stop::never()).unwrap().unwrap().relative(&input.settings)
         });
         assert!(fine <= 1.001 * coarse, "{fine} in place of {coarse} tolerances");
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::SVector;
 
-use super::bounds::{may_stand_still, slip_by_wheel_rates};
+use super::bounds::{fields_of_torque_at_rest, may_stay_at_start, slip_by_wheel_rates};
 use super::course::steps_on_course;
 use super::settings::{Method, SolveInput};
 use super::solution::{Reason, StopReason};
@@ -52,12 +52,7 @@ pub(super) fn goal_missed(
 
 /// The limit that a plan exceeds most, and what would help.
 pub(super) fn limit_missed(input: &SolveInput, used: &LimitUse, stop_reason: StopReason) -> Reason {
-    let for_search = match stop_reason {
-        StopReason::Stopped => MORE_TIME_OR_WIDER_LIMIT,
-        StopReason::RolloutLimit => MORE_ROLLOUTS,
-        StopReason::Finished => WIDER_LIMIT,
-    };
-    let help = with_fitting_wheel_rates(input, 0.0, for_search);
+    let help = with_fitting_wheel_rates(input, 0.0, &help_for_search(input, 0.0, (Some(used), stop_reason)));
     let message = format!("the best plan that meets the goal {}; {help} would help", excess(used));
     let LimitUse { limit, value, largest, time, .. } = *used;
     let (code, field) = (Reason::LIMIT_EXCEEDED, limit.to_owned());
@@ -103,8 +98,8 @@ fn help_for_search(input: &SolveInput, miss: f64, (exceeded, stop_reason): (Opti
     let settings = &input.settings;
     let requirements = input.maneuver.goal.constrained().count();
     let on_course = steps_on_course(input.robot.parameters(), &input.maneuver);
-    if input.starts_at_rest() && miss.abs() > NEAR_MISS && may_stand_still(&input.robot, input.torque_at_rest()) {
-        let fields = input.fields_of_torque_at_rest();
+    if miss.abs() > NEAR_MISS && may_stay_at_start(input) {
+        let fields = fields_of_torque_at_rest(input);
         return format!("less `robot.front_friction_coefficient`, which can hold the robot fast, or larger {fields}");
     }
     let help = match stop_reason {

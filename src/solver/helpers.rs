@@ -1,5 +1,6 @@
 //! Threads that share the work of a solve. The solver starts none: its caller may lend some.
 
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -49,60 +50,56 @@ pub(crate) fn in_parts<T: Send>(
     count: usize,
     run: &(dyn Fn(usize, Stop) -> Option<T> + Sync),
 ) -> Vec<Option<T>> {
-    let slots = Mutex::new((0..count).map(|_| Slot::Open).collect());
-    let parts = Parts { control, run, slots, is_cancelled: AtomicBool::new(false) };
+    let parts = Slots { open: (0..count).collect(), outcomes: (0..count).map(|_| None).collect() };
+    let parts = Parts { control, run, slots: Mutex::new(parts), is_cancelled: AtomicBool::new(false) };
     control.share(&parts);
-    let outcome_of = |slot| if let Slot::Done(outcome) = slot { Some(outcome) } else { None };
-    parts.slots.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter().map(outcome_of).collect()
+    parts.slots.into_inner().unwrap_or_else(PoisonError::into_inner).outcomes
 }
 
 struct Parts<'a, T> {
     control: &'a RunControl<'a>,
     run: &'a (dyn Fn(usize, Stop) -> Option<T> + Sync),
-    slots: Mutex<Vec<Slot<T>>>,
+    slots: Mutex<Slots<T>>,
     /// Set when a part panics: the others are no longer needed.
     is_cancelled: AtomicBool,
 }
 
-/// What a part has come to.
-enum Slot<T> {
-    Open,
-    UnderWay,
-    Done(T),
+struct Slots<T> {
+    /// The parts that nobody has begun, or that were given back.
+    open: BTreeSet<usize>,
+    /// What each of the others came to.
+    outcomes: Vec<Option<T>>,
 }
 
 impl<T> Parts<'_, T> {
-    fn slots(&self) -> MutexGuard<'_, Vec<Slot<T>>> {
+    fn slots(&self) -> MutexGuard<'_, Slots<T>> {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn is_over(&self) -> bool {
         self.is_cancelled.load(Ordering::Relaxed) || self.control.is_stopped()
     }
-
-    fn begin(&self) -> Option<usize> {
-        let mut slots = self.slots();
-        let index = slots.iter().position(|slot| matches!(slot, Slot::Open))?;
-        slots[index] = Slot::UnderWay;
-        Some(index)
-    }
 }
 
 impl<T: Send> SharedWork for Parts<'_, T> {
     fn open_parts(&self) -> usize {
-        if self.is_over() { 0 } else { self.slots().iter().filter(|slot| matches!(slot, Slot::Open)).count() }
+        if self.is_over() { 0 } else { self.slots().open.len() }
     }
 
     fn take_part(&self, recalled: &AtomicBool) -> bool {
         if self.is_over() || recalled.load(Ordering::Relaxed) {
             return false;
         }
-        let Some(index) = self.begin() else { return false };
+        let Some(index) = self.slots().open.pop_first() else { return false };
         let alarm = CancelOnPanic(&self.is_cancelled);
         let outcome = (self.run)(index, self.control.stop().interrupted_by([&self.is_cancelled, recalled]));
         // The part has ended by itself.
         std::mem::forget(alarm);
-        self.slots()[index] = outcome.map_or(Slot::Open, Slot::Done);
+        let mut slots = self.slots();
+        if outcome.is_none() {
+            slots.open.insert(index);
+        }
+        slots.outcomes[index] = outcome;
         true
     }
 }

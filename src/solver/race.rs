@@ -11,8 +11,8 @@ use super::run_control::RunControl;
 use super::search::SearchResult;
 use super::settings::{Method, SolveInput};
 use super::starts::{ONE_IN, Start, Strategy, spun, starts};
-use super::strategies::Heat;
-use crate::optimizer::Interruption;
+use super::strategies::laws_of;
+use crate::optimizer::{FIRST_RADIUS, Interruption};
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 
 /// Rounds of spins end as soon as so many of them in a row lead to no better plan.
@@ -119,7 +119,10 @@ impl<'a> Race<'a> {
         let mut arrived: Vec<_> = [rough, sharper].into_iter().flat_map(|rough| self.first_law(rough)).collect();
         arrived.retain(|arrived| arrived.local.merit <= slowest);
         let is_first = self.smoothed.is_empty();
-        let arrived = self.heat(&arrived, Heat::OtherLaws);
+        // A smooth motion has one law.
+        if !self.problem.is_smooth() {
+            arrived = self.heat(&arrived, |search, from, laws| search.through(from, &laws[1..]));
+        }
         self.smoothed.extend(arrived);
         best_first(&mut self.smoothed, |smoothed| &smoothed.local);
         if let Some(best) = self.smoothed.first().filter(|_| is_first) {
@@ -133,18 +136,24 @@ impl<'a> Race<'a> {
     fn first_law(&mut self, mut rough: Vec<Smoothed>) -> Vec<Smoothed> {
         best_first(&mut rough, |rough| &rough.local);
         rough.truncate(rough.len() - rough.len() / ONE_IN);
-        let mut arrived = self.heat(&rough, Heat::FirstLaw);
+        let mut arrived = self.heat(&rough, |search, from, laws| search.through(from, &laws[..1]));
         arrived.dedup_by(|next, kept| kept.takes_in(next));
         arrived
     }
 
-    /// Where a heat leads these, best first; none of them once the search is interrupted.
-    fn heat(&mut self, entrants: &[Smoothed], heat: Heat) -> Vec<Smoothed> {
+    /// Where a further heat leads these, from where the last one led, by the smoothed laws of their starts; best first, and none of them
+    /// once the search is interrupted.
+    fn heat(
+        &mut self,
+        entrants: &[Smoothed],
+        go_on: impl Fn(&mut LocalSearch, &Candidate, &[f64]) -> Result<Candidate, Interruption> + Sync,
+    ) -> Vec<Smoothed> {
         if self.found.is_interrupted() {
             return Vec::new();
         }
         let locals = self.round(entrants, |Smoothed { number, strategy, local, .. }, search| {
-            search.go_on(local, (heat, *strategy), *number)
+            let _phase = search.begin(*number, local.goal_heading);
+            Ok(Candidate { times_found: local.times_found, ..go_on(search, local, laws_of(*strategy))? })
         });
         let mut arrived: Vec<_> = locals.into_iter().map(|(from, local)| Smoothed { local, ..from.clone() }).collect();
         best_first(&mut arrived, |arrived| &arrived.local);
@@ -158,7 +167,7 @@ impl<'a> Race<'a> {
         groups.truncate(self.input.settings.start_count.div_ceil(ONE_IN));
         groups.retain(|group| !std::mem::replace(&mut self.smoothed[group.start].has_gone_on, true));
         let chosen: Vec<_> = groups.into_iter().map(|group| representative(&mut self.smoothed[group])).collect();
-        let arrived = self.heat(&chosen, Heat::Descend);
+        let arrived = self.heat(&chosen, |search, from, _| search.descend(&from.decision, FIRST_RADIUS));
         self.optima.extend(arrived.into_iter().map(|arrived| arrived.local));
         self.secure_best();
     }

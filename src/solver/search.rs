@@ -7,7 +7,7 @@ use super::certificate::Replayed;
 use super::local_search::LocalSearch;
 use super::race::Race;
 use super::run_control::RunControl;
-use super::sensitivity::Weighed;
+use super::sensitivity::friction_shift;
 use super::settings::{Choice, SolveInput, SolverSettings};
 use super::solution::{DistinctOptimum, RefinementOutcome, StopReason};
 use crate::optimizer::Interruption;
@@ -31,8 +31,6 @@ pub(super) struct SearchResult {
     /// The best decision and the first of each other group of local optima, in the order in which they are wanted.
     pub(super) plans: Vec<Candidate>,
     pub(super) refinement: RefinementOutcome,
-    /// The fastest local optimum, rolled out with less friction.
-    pub(super) weighed: Option<Weighed>,
     /// The best decision's replay, where the refinement has made it.
     pub(super) replayed: Option<Replayed>,
 }
@@ -76,17 +74,18 @@ impl SearchResult {
 
     /// How far less friction shifts the ends of the local optima; the steadiest comes first where it is asked for.
     fn weigh(&mut self, input: &SolveInput, optima: &[Candidate], stop: Stop) -> Result<(), Stopped> {
-        let weighed = |candidate: &Candidate| {
-            Weighed::new(input, (&schedule_from_decision(&candidate.decision), self.step_count), stop)
-        };
-        let groups = distinct(optima, Candidate::final_time).into_iter();
-        let fastest_of_groups: Vec<_> = groups.map(|group| weighed(&optima[group.start])).collect::<Result<_, _>>()?;
+        let step_count = self.step_count;
+        let shift =
+            |plan: &Candidate| friction_shift(input, (&schedule_from_decision(&plan.decision), step_count), stop);
+        for (optimum, group) in self.distinct_optima.iter_mut().zip(distinct(optima, Candidate::final_time)) {
+            optimum.friction_shift = shift(&optima[group.start])?;
+        }
         if input.settings.choice == Choice::Steadiest {
             let fastest = self.plans.first().map_or(0.0, Candidate::final_time);
             let latest = (1.0 + input.settings.choose_within) * fastest;
             let mut ranked = Vec::with_capacity(self.plans.len());
             for plan in &self.plans {
-                let shift = if plan.final_time() <= latest { weighed(plan)?.shift() } else { None };
+                let shift = if plan.final_time() <= latest { shift(plan)? } else { None };
                 ranked.push((shift.map_or(f64::INFINITY, |shift| shift.relative(&input.settings)), plan));
             }
             // Those that are too slow, or leave the model, stay sorted by their final times.
@@ -95,10 +94,6 @@ impl SearchResult {
             self.best = plans.first().cloned().or(self.best.take());
             self.plans = plans;
         }
-        for (optimum, weighed) in self.distinct_optima.iter_mut().zip(&fastest_of_groups) {
-            optimum.friction_shift = weighed.shift();
-        }
-        self.weighed = fastest_of_groups.into_iter().next();
         Ok(())
     }
 }

@@ -61,61 +61,47 @@ impl EndShift {
     }
 }
 
-/// All changes of a plan, smaller values first. What the search has found out about it is not rolled out again.
+/// All changes of a plan, smaller values first.
 ///
 /// # Errors
 /// When it was stopped before the end.
 pub(super) fn sensitivity(
     input: &SolveInput,
-    (schedule, step_count): (&TorqueSchedule, usize),
-    weighed: Option<&Weighed>,
+    plan: (&TorqueSchedule, usize),
     stop: Stop,
 ) -> Result<Vec<Sensitivity>, Stopped> {
-    let Weighed { planned, end, less_friction } = match weighed.filter(|weighed| weighed.is_of(schedule, step_count)) {
-        Some(weighed) => weighed,
-        None => &Weighed::new(input, (schedule, step_count), stop)?,
-    };
+    let planned = planned(input, plan, stop)?;
     let changes = CHANGES.into_iter().flat_map(|(parameter, size)| [(parameter, -size), (parameter, size)]);
-    let outcome_of = |change| {
-        if change == LESS_FRICTION { Ok(less_friction.clone()) } else { sensitivity_to((planned, end), change, stop) }
-    };
-    changes.map(outcome_of).collect()
+    changes.map(|change| sensitivity_to(&planned, change, stop)).collect()
 }
 
-/// A plan with its own end, and with what less friction does to it.
-#[derive(Debug)]
-pub(super) struct Weighed {
-    planned: Undisturbed,
-    /// At the axle midpoint.
-    end: State,
-    less_friction: Sensitivity,
+/// The shift of a plan's end under less friction, which no rule refuses.
+///
+/// # Errors
+/// When it was stopped before the end.
+pub(super) fn friction_shift(
+    input: &SolveInput,
+    plan: (&TorqueSchedule, usize),
+    stop: Stop,
+) -> Result<Option<EndShift>, Stopped> {
+    Ok(sensitivity_to(&planned(input, plan, stop)?, LESS_FRICTION, stop)?.outcome.ok())
 }
 
-impl Weighed {
-    /// # Errors
-    /// When it was stopped before the end.
-    pub(super) fn new(input: &SolveInput, plan: (&TorqueSchedule, usize), stop: Stop) -> Result<Self, Stopped> {
-        let SolveInput { bare_robot, payload, maneuver, .. } = input;
-        let start = (maneuver.reference_point, &maneuver.start);
-        let planned = Undisturbed::new((*bare_robot, *payload), start, plan);
-        let (end, _) = planned.unchanged().end(stop)?;
-        let less_friction = sensitivity_to((&planned, &end), LESS_FRICTION, stop)?;
-        Ok(Self { planned, end, less_friction })
-    }
-
-    /// The shift of the plan's end under less friction, which no rule refuses.
-    pub(super) fn shift(&self) -> Option<EndShift> {
-        self.less_friction.outcome.as_ref().ok().copied()
-    }
-
-    fn is_of(&self, schedule: &TorqueSchedule, step_count: usize) -> bool {
-        self.planned.step_count == step_count && self.planned.schedule == *schedule
-    }
+/// A plan, of so many steps, with its own end, which is at the axle midpoint.
+fn planned(
+    SolveInput { bare_robot, payload, maneuver, .. }: &SolveInput,
+    plan: (&TorqueSchedule, usize),
+    stop: Stop,
+) -> Result<(Undisturbed, State), Stopped> {
+    let start = (maneuver.reference_point, &maneuver.start);
+    let planned = Undisturbed::new((*bare_robot, *payload), start, plan);
+    let (end, _) = planned.unchanged().end(stop)?;
+    Ok((planned, end))
 }
 
-/// What a change does to a plan with this end, which is at the axle midpoint.
+/// What a change does to a plan with this end.
 fn sensitivity_to(
-    (planned, end): (&Undisturbed, &State),
+    (planned, end): &(Undisturbed, State),
     (parameter, change): (ChangedParameter, f64),
     stop: Stop,
 ) -> Result<Sensitivity, Stopped> {
@@ -139,17 +125,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_known_of_another_plan_does_not_count() {
+    fn plans_are_weighed_by_less_friction() {
         let (input, never) = (SolveInput::forward_drive(), Stop::never());
-        let plan = |torque: f64| TorqueSchedule { final_time: 1.0, left: vec![torque], right: vec![-torque] };
-        let of =
-            |schedule, steps, known: Option<&Weighed>| sensitivity(&input, (schedule, steps), known, never).unwrap();
-        let (schedule, other) = (plan(0.3), plan(0.6));
-        let alone = of(&schedule, 50, None);
-        assert_eq!((alone.len(), alone[0].parameter, alone[0].change), (14, ChangedParameter::Friction, -0.1));
-        for (known, steps) in [(&schedule, 50), (&schedule, 60), (&other, 50)] {
-            let weighed = Weighed::new(&input, (known, steps), never).unwrap();
-            assert_eq!(of(&schedule, 50, Some(&weighed)), alone);
-        }
+        let schedule = TorqueSchedule { final_time: 1.0, left: vec![0.3], right: vec![-0.3] };
+        let all = sensitivity(&input, (&schedule, 50), never).unwrap();
+        assert_eq!((all.len(), all[0].parameter, all[0].change), (14, ChangedParameter::Friction, -0.1));
+        assert_eq!(friction_shift(&input, (&schedule, 50), never).unwrap(), all[0].outcome.clone().ok());
     }
 }

@@ -6,7 +6,7 @@ use super::course::first_steps;
 use crate::motion::{
     PAPER_STEP_COUNT, ROUNDING, STEP_LIMIT, SimulateInput, TIME_RULE, check_schedule, rules_of_schedule,
 };
-use crate::robot::{Payload, PerWheel, Robot, RobotParameters, Velocity, check_robot, joined};
+use crate::robot::{Payload, Robot, RobotParameters, check_robot, joined};
 use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
 use crate::shooting::{Aisle, AisleCorners, Maneuver, PathLimits, limited_point};
 use crate::simulation::{ContactMethod, TorqueSchedule};
@@ -264,31 +264,6 @@ impl SolveInput {
     /// Whether the start meets the goal, in no time and without motion.
     pub(super) fn starts_at_goal(&self) -> bool {
         self.maneuver.goal_error(&self.maneuver.start).amax() <= self.settings.goal_tolerance
-    }
-
-    pub(super) fn starts_at_rest(&self) -> bool {
-        self.maneuver.start.velocity == Velocity::default()
-    }
-
-    /// The largest torques at rest, N m: within their limits and what the motor has there.
-    pub(super) fn torque_at_rest(&self) -> PerWheel<f64> {
-        let PerWheel { left, right } = self.maneuver.torque_limit;
-        let stall = self.stall_torque();
-        PerWheel::new(left.min(stall), right.min(stall))
-    }
-
-    /// The fields that bound them.
-    pub(super) fn fields_of_torque_at_rest(&self) -> &'static str {
-        let PerWheel { left, right } = self.maneuver.torque_limit;
-        if self.stall_torque() <= left.min(right) {
-            "`robot.motor_stall_torque_n_m`"
-        } else {
-            "`maneuver.torque_limit_left_n_m`, `maneuver.torque_limit_right_n_m`"
-        }
-    }
-
-    fn stall_torque(&self) -> f64 {
-        self.robot.parameters().motor.map_or(f64::INFINITY, |motor| motor.stall_torque)
     }
 
     /// The point that limits of speeds and accelerations speak of, relative to the chassis centre of mass, (right, forward), m.

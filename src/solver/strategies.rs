@@ -5,7 +5,7 @@ use nalgebra::DVector;
 use super::candidate::{CRITICALITY_TOLERANCE, Candidate, LARGEST_LAG, LEAST_PROMISE, is_distinct, keep_better};
 use super::hops::PATIENCE;
 use super::local_search::{LARGEST_PENALTY, LocalSearch, SMALLEST_PREDICTION, STRICT_PENALTY};
-use super::run_control::Phase;
+use super::run_control::{Phase, RunningPhase};
 use super::segments::with_intervals;
 use super::settings::Method;
 use super::starts::{Start, Strategy};
@@ -27,27 +27,14 @@ const WORTH_CROSSING: f64 = 5e-3;
 /// Fewest control intervals of the grids on which held wheels begin.
 const FEWEST_INTERVALS: usize = 10;
 
-/// What comes after a start's first look at its merit.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Heat {
-    /// Under the first smoothed law of its strategy, thoroughly.
-    FirstLaw,
-    /// Through the other smoothed laws.
-    OtherLaws,
-    /// Under the exact law.
-    Descend,
-}
-
-impl LocalSearch<'_> {
+impl<'a> LocalSearch<'a> {
     /// Searches from one start of several: to a local optimum, which is also kept when it is the best so far, or only through the
     /// smoothed laws, to a merit by which such starts are compared.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
     pub(super) fn run_from(&mut self, start: &Start, number: (usize, usize)) -> Result<Candidate, Interruption> {
-        let _phase = self.control.enter(Phase::Start { number: number.0 });
-        self.start = number;
-        self.problem.aim(start.goal_heading);
+        let _phase = self.begin(number, start.goal_heading);
         let guess = decision_from_schedule(&start.schedule);
         // Guesses of callers may need more, and no descent follows on Nelder-Mead.
         let needs_all = start.strategy == Strategy::Warm || self.settings.method == Method::NelderMead;
@@ -111,31 +98,19 @@ impl LocalSearch<'_> {
         Ok(plan.clone())
     }
 
-    /// A further heat of a start of several, from where the last one led.
+    /// A part of the search from one start of several.
+    pub(super) fn begin(&mut self, number: (usize, usize), goal_heading: Option<f64>) -> RunningPhase<'a> {
+        self.start = number;
+        self.problem.aim(goal_heading);
+        self.control.enter(Phase::Start { number: number.0 })
+    }
+
+    /// On through smoothed laws, thoroughly.
     ///
     /// # Errors
     /// When the budget ended the search; the best point so far is kept.
-    pub(super) fn go_on(
-        &mut self,
-        from: &Candidate,
-        (heat, strategy): (Heat, Strategy),
-        number: (usize, usize),
-    ) -> Result<Candidate, Interruption> {
-        let _phase = self.control.enter(Phase::Start { number: number.0 });
-        self.start = number;
-        self.problem.aim(from.goal_heading);
-        let through = |search: &mut Self, laws: &[f64]| {
-            search.coarsely(|search| search.smoothed(&from.decision, laws, (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT)))
-        };
-        let laws = laws_of(strategy);
-        let led_to = match heat {
-            Heat::FirstLaw => through(self, &laws[..1]),
-            // A smooth motion has one law.
-            Heat::OtherLaws if self.problem.is_smooth() => Ok(from.clone()),
-            Heat::OtherLaws => through(self, &laws[1..]),
-            Heat::Descend => self.descend(&from.decision, FIRST_RADIUS),
-        }?;
-        Ok(Candidate { times_found: from.times_found, ..led_to })
+    pub(super) fn through(&mut self, from: &Candidate, laws: &[f64]) -> Result<Candidate, Interruption> {
+        self.coarsely(|search| search.smoothed(&from.decision, laws, (FIRST_RADIUS, SMOOTHED_ITERATION_LIMIT)))
     }
 
     /// Improves a local optimum, unless it has no promise, by hops, others in each round. Before them kinks are crossed in the first round,
@@ -356,7 +331,7 @@ impl LocalSearch<'_> {
 }
 
 /// The smoothings that starts of this strategy go through, if they do.
-fn laws_of(strategy: Strategy) -> &'static [f64] {
+pub(super) fn laws_of(strategy: Strategy) -> &'static [f64] {
     if strategy == Strategy::Sharper { &SMOOTHING[1..] } else { &SMOOTHING }
 }
 

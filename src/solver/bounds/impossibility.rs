@@ -4,7 +4,7 @@
 //! are left to the search.
 
 use super::excluded_ends::{End, excluded_end};
-use super::standstill::stands_still;
+use super::standstill::{fields_of_torque_at_rest, stays_at_start};
 use super::{Grid, LowerBound, Wanted, lower_bounds};
 use crate::shooting::{LONGEST_FINAL_TIME, StateComponent};
 use crate::solver::settings::SolveInput;
@@ -22,7 +22,7 @@ pub(in crate::solver) fn impossibility(input: &SolveInput) -> Option<Reason> {
 /// Without torque, or with less than friction holds, a robot at rest stays where it is.
 fn cannot_move(input: &SolveInput) -> Option<Reason> {
     let maneuver = &input.maneuver;
-    (input.starts_at_rest() && stands_still(&input.robot, input.torque_at_rest())).then(|| {
+    stays_at_start(input).then(|| {
         let error = maneuver.goal_error(&maneuver.start);
         let worst = StateComponent::ALL[error.iamax()];
         unreachable_goal(input, worst, "no_torque")
@@ -62,7 +62,7 @@ fn unreachable_goal(input: &SolveInput, component: StateComponent, code: &'stati
     let tolerance = input.settings.goal_tolerance;
     let missed_by = Reason::told(error.abs(), tolerance);
     let (cause, help) = if code == "no_torque" {
-        ("no torque drives the robot there", input.fields_of_torque_at_rest())
+        ("no torque drives the robot there", fields_of_torque_at_rest(input))
     } else {
         ("no friction moves the robot there", "`robot.wheel_friction_coefficient`")
     };

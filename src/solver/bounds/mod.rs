@@ -35,7 +35,7 @@ use self::first_time::{Cover, Floor, first_time_beyond};
 pub(super) use self::grid_error::Grid;
 use self::grid_error::{GridError, KnownRates};
 pub(super) use self::impossibility::impossibility;
-pub(super) use self::standstill::may_stand_still;
+pub(super) use self::standstill::{fields_of_torque_at_rest, may_stay_at_start};
 use self::targets::Targets;
 use super::settings::SolveInput;
 use super::solution::LowerBoundAssumption;

@@ -10,17 +10,52 @@ use nalgebra::{SMatrix, Vector3};
 
 use crate::contact::DelassusOperator;
 use crate::motion::ROUNDING;
-use crate::robot::{BodyVector, PerWheel, Robot};
+use crate::robot::{BodyVector, PerWheel, Robot, Velocity};
+use crate::solver::settings::SolveInput;
+
+/// Whether it is proved that the robot starts at rest and stays there whatever its motors do.
+pub(super) fn stays_at_start(input: &SolveInput) -> bool {
+    starts_at_rest(input) && stands_still(&input.robot, torque_at_rest(input))
+}
+
+/// Whether the robot starts at rest and may stay there whatever its motors do; there may be other motions.
+pub(in crate::solver) fn may_stay_at_start(input: &SolveInput) -> bool {
+    starts_at_rest(input) && may_stand_still(&input.robot, torque_at_rest(input))
+}
+
+fn starts_at_rest(input: &SolveInput) -> bool {
+    input.maneuver.start.velocity == Velocity::default()
+}
+
+/// The largest torques at rest, N m: within their limits and what the motor has there.
+fn torque_at_rest(input: &SolveInput) -> PerWheel<f64> {
+    let (PerWheel { left, right }, stall) = (input.maneuver.torque_limit, stall_torque(input));
+    PerWheel::new(left.min(stall), right.min(stall))
+}
+
+/// The fields that bound them.
+pub(in crate::solver) fn fields_of_torque_at_rest(input: &SolveInput) -> &'static str {
+    let PerWheel { left, right } = input.maneuver.torque_limit;
+    if stall_torque(input) <= left.min(right) {
+        "`robot.motor_stall_torque_n_m`"
+    } else {
+        "`maneuver.torque_limit_left_n_m`, `maneuver.torque_limit_right_n_m`"
+    }
+}
+
+fn stall_torque(input: &SolveInput) -> f64 {
+    input.robot.parameters().motor.map_or(f64::INFINITY, |motor| motor.stall_torque)
+}
 
 /// Whether it is proved that a robot at rest stays there under all torques within their limits.
-pub(super) fn stands_still(robot: &Robot, torque_limit: PerWheel<f64>) -> bool {
+fn stands_still(robot: &Robot, torque_limit: PerWheel<f64>) -> bool {
     // Without torque nothing can be gained, however many motions friction allows.
     (torque_limit.left == 0.0 && torque_limit.right == 0.0)
         || may_stand_still(robot, torque_limit) && has_unique_motions(robot)
 }
 
-/// Whether rest is a motion under all torques within their limits; there may be others.
-pub(in crate::solver) fn may_stand_still(robot: &Robot, PerWheel { left, right }: PerWheel<f64>) -> bool {
+/// Whether rest is a motion under all torques within their limits.
+fn may_stand_still(robot: &Robot, PerWheel { left, right }: PerWheel<f64>) -> bool {
     [right, -right].into_iter().all(|right| is_held(robot, [left, right]))
 }
 
