@@ -34,6 +34,10 @@ const [schema, limits, presets] = await Promise.all([ask("openapi.json"), ask("l
 /** @type {Record<string, number>} */
 const referenceRobot = presets[0].request.robot;
 
+const choice = byId("preset", HTMLSelectElement);
+const asTyped = html("option", {}, "As typed");
+/** @type {SolveRequest | undefined} The last request that is no preset's. */
+let own;
 /** The request that the shown answer belongs to; empty where it is none of the form's, but of simulated torques. */
 let solved = "";
 
@@ -63,7 +67,7 @@ listen(["request"], ({ request }) => {
   form.show(request);
   search.showRequest(request);
   problem.judgeAgain(() => ask("validate", request));
-  choice.selectedIndex = presets.findIndex((/** @type {Preset} */ preset) => written(preset.request) === written(request));
+  showChoice(request);
   showStale();
 });
 listen(["request", "plan", "compared"], (state) => floor.show(state));
@@ -74,6 +78,14 @@ listen(["time"], (state) => {
   figures.showTime(state.time);
   showMoment(byId("moment", HTMLElement), state.plan, state.time);
 });
+
+/** Which preset this is, or else that it is the caller's own, to which the way back from a preset leads. @param {SolveRequest} request */
+function showChoice(request) {
+  const index = presets.findIndex((/** @type {Preset} */ preset) => written(preset.request) === written(request));
+  if (index < 0) own = request;
+  asTyped.hidden = !own;
+  choice.selectedIndex = index < 0 ? presets.length : index;
+}
 
 function showStale() {
   byId("stale", HTMLElement).hidden = !solved || solved === written(current().request);
@@ -240,16 +252,15 @@ function openLink(fragment) {
   }
 }
 
-/** @param {Preset} preset */
+/** @param {{ request: SolveRequest }} preset */
 const begin = ({ request }) => {
   problem.clear();
   const { view: _, ...rest } = request;
   replace(rest);
 };
 
-const choice = byId("preset", HTMLSelectElement);
-choice.append(...presets.map((/** @type {Preset} */ { name, title }) => html("option", { value: name }, title)));
-choice.addEventListener("change", () => begin(presets[choice.selectedIndex]));
+choice.append(...presets.map((/** @type {Preset} */ { name, title }) => html("option", { value: name }, title)), asTyped);
+choice.addEventListener("change", () => begin(presets[choice.selectedIndex] ?? { request: own ?? {} }));
 byId("key", HTMLInputElement).addEventListener("input", (event) =>
   useKey(/** @type {HTMLInputElement} */ (event.target).value),
 );

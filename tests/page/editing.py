@@ -2,7 +2,7 @@
 
 from playwright.sync_api import Browser, expect
 from service import Service
-from visit import Visit, fragment_of
+from visit import Visit, accessible, fragment_of
 
 
 def faulty_text_stays(browser: Browser, service: Service) -> None:
@@ -80,6 +80,20 @@ def what_is_typed_outlives_a_reload(browser: Browser, service: Service) -> None:
     visit.close()
 
 
+def a_preset_leaves_a_way_back(browser: Browser, service: Service) -> None:
+    visit = Visit(browser, service)
+    page = visit.page
+    expect(page.locator("#preset")).to_have_value("forward-drive")
+    expect(page.locator("#preset option:not([hidden])")).to_have_count(3)
+    page.fill("#maneuver-goal-y_m", "3.21")
+    expect(page.locator("#preset")).to_have_value("As typed")
+    page.select_option("#preset", "half-turn")
+    expect(page.locator("#maneuver-goal-y_m")).not_to_have_value("3.21")
+    page.select_option("#preset", "As typed")
+    expect(page.locator("#maneuver-goal-y_m")).to_have_value("3.21")
+    visit.close()
+
+
 def enter_solves(browser: Browser, service: Service) -> None:
     visit = Visit(browser, service)
     with visit.page.expect_response("**/solve"):
@@ -105,6 +119,25 @@ def only_what_moves_changes(browser: Browser, service: Service) -> None:
     assert (value("x_m"), value("y_m")) == ("-0.1", "2.3456")
     page.press("#handle-goal", "ArrowRight")
     assert (value("x_m"), value("y_m")) == ("-0.1", "2.45")
+    visit.close()
+
+
+def narrow_search_is_widened(browser: Browser, service: Service) -> None:
+    """What the preset of the paper's case brings, another goal need not keep."""
+    narrow = {"maneuver": {"goal": {"y_m": 5}}, "grid": {"steps": 200}, "solver": {"starts": 1, "time_limit_s": 2}}
+    visit = Visit(browser, service, fragment_of(narrow))
+    page = visit.page
+    answer = visit.solve()
+    assert not answer["replay_confirmed"]
+    expect(page.locator("#narrow")).to_contain_text("One start was asked for")
+    expect(page.locator("#narrow")).to_contain_text("200 steps were asked for")
+    accessible(visit, "a narrow search")
+    page.click("#widen")
+    wider = visit.answered()
+    assert wider["final_time_s"] < answer["final_time_s"] and wider["report"]["starts_tried"] > 1, wider["report"]
+    expect(page.locator("#narrow")).to_be_hidden()
+    assert (page.input_value("#solver-starts"), page.input_value("#solver-time_limit_s")) == ("", "2")
+    expect(page.locator("#stale")).to_be_hidden()
     visit.close()
 
 
@@ -145,5 +178,6 @@ def solve_is_at_hand(browser: Browser, service: Service) -> None:
 
 CHECKS = [
     faulty_text_stays, wheel_angle_is_typed_again, what_is_typed_outlives_the_api,
-    what_is_typed_outlives_a_reload, enter_solves, only_what_moves_changes, handle_that_is_held_stays, solve_is_at_hand,
+    what_is_typed_outlives_a_reload, a_preset_leaves_a_way_back, enter_solves, only_what_moves_changes, narrow_search_is_widened,
+    handle_that_is_held_stays, solve_is_at_hand,
 ]  # fmt: skip
