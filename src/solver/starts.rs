@@ -105,7 +105,7 @@ fn sharpen(starts: &mut [Start]) {
 /// Draws spins of plans from a stream of the seed, under as much torque as the wheels bring to the floor under their loads at rest: more
 /// spins them up, which makes slower plans of strong motors.
 fn spinning(input: &SolveInput, stream: u64) -> impl FnMut(&Start) -> Start {
-    let torque = Rolling::new(input, 1.0).torque;
+    let torque = Rolling::new(input, 1.0).largest_torques();
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(input.settings.seed.wrapping_add(stream));
     move |plan| Spins::drawn(&mut rng).of(plan, torque)
 }
@@ -143,7 +143,7 @@ fn straight(input: &SolveInput) -> Start {
     let y = maneuver.goal.value(StateComponent::Y).unwrap_or(start.y) - start.y;
     let ahead = y * start.heading.cos() - x * start.heading.sin();
     let mut segments = Vec::new();
-    rolling.drive(x.hypot(y).copysign(ahead), &mut segments);
+    rolling.go(&rolling.drive, x.hypot(y).copysign(ahead), &mut segments);
     let segments = or_coasting(segments, input.robot.parameters().natural_time());
     Start {
         schedule: schedule_from_segments(&segments, input.settings.control_count),

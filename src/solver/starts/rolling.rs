@@ -18,24 +18,28 @@ pub(super) struct Pose {
     pub(super) heading: f64,
 }
 
-/// Inertias and torques of rolling without slip, from which the legs are computed.
+/// A way to roll: straight on, or about the axle midpoint.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Roll {
+    /// The largest ones forwards or to the left, N m.
+    pub(super) torque: PerWheel<f64>,
+    /// From the force of both rims to what accelerates: 1, or half the track, m.
+    lever: f64,
+    /// kg, or kg m2 about the axle midpoint.
+    inertia: f64,
+    /// What the speed or yaw rate may be, m/s or rad/s.
+    top_speed: f64,
+}
+
+/// Rolling without slip, from which the legs are computed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rolling {
-    /// The largest of each wheel, N m: those of a turn.
-    pub(super) torque: PerWheel<f64>,
-    /// Of a drive, N m. They differ where the centre of mass is off the middle, so that the robot goes straight: a long drive that turns
-    /// a little ends far from its goal.
-    drive_torque: PerWheel<f64>,
+    /// Its torques differ where the centre of mass is off the middle, so that the robot goes straight: a long drive that turns a little
+    /// ends far from its goal.
+    pub(super) drive: Roll,
+    pub(super) turn: Roll,
     /// m
     wheel_radius: f64,
-    half_track: f64,
-    /// kg
-    mass: f64,
-    /// About the axle midpoint, kg m2.
-    yaw_inertia: f64,
-    /// What speed and yaw rate may be, m/s and rad/s.
-    top_speed: f64,
-    top_yaw_rate: f64,
 }
 
 impl Rolling {
@@ -52,84 +56,79 @@ impl Rolling {
         let torque = PerWheel::new(limited(limit.left), limited(limit.right));
         let spin = 2.0 * robot.wheel_spin_inertia / robot.wheel_radius.powi(2);
         let mass = robot.total_mass() + spin;
-        let drive_torque = straightened(torque, robot.chassis_mass * robot.center_of_mass_right / (mass * half_track));
+        let straight = straightened(torque, robot.chassis_mass * robot.center_of_mass_right / (mass * half_track));
         let rim_speed = robot.wheel_radius * top_wheel_rate(robot.motor, limits, torque);
-        Self {
-            torque,
-            drive_torque,
-            wheel_radius: robot.wheel_radius,
-            half_track,
-            mass,
-            yaw_inertia: robot.rolling_yaw_inertia(),
-            top_speed: rim_speed.min(limits.speed.unwrap_or(f64::INFINITY)),
-            top_yaw_rate: (rim_speed / half_track).min(limits.yaw_rate.unwrap_or(f64::INFINITY)),
-        }
-        .gentle(limits)
+        let top_speed = rim_speed.min(limits.speed.unwrap_or(f64::INFINITY));
+        let drive = Roll { torque: straight, lever: 1.0, inertia: mass, top_speed };
+        let top_speed = (rim_speed / half_track).min(limits.yaw_rate.unwrap_or(f64::INFINITY));
+        let torque = PerWheel::new(-torque.left, torque.right);
+        let turn = Roll { torque, lever: half_track, inertia: robot.rolling_yaw_inertia(), top_speed };
+        Self { drive, turn, wheel_radius: robot.wheel_radius }.gentle(limits)
     }
 
     /// With as much of the torques as the limits of the accelerations allow.
     fn gentle(mut self, limits: &ManeuverLimits) -> Self {
         let largest = |limit: Option<f64>, rate: f64| limit.map_or(1.0, |limit| (limit / rate).min(1.0));
-        let along = self.force() / self.mass;
+        let [along, about] = [self.drive, self.turn].map(|roll| self.effort(&roll) / roll.inertia);
         let share = largest(limits.acceleration, along)
             .min(largest(limits.deceleration, along))
-            .min(largest(limits.yaw_acceleration, self.moment() / self.yaw_inertia));
-        self.torque = times(self.torque, (share, share));
-        self.drive_torque = times(self.drive_torque, (share, share));
+            .min(largest(limits.yaw_acceleration, about));
+        self.drive.torque = times(self.drive.torque, (share, share));
+        self.turn.torque = times(self.turn.torque, (share, share));
         self
     }
 
+    /// The largest torques of each wheel, N m.
+    pub(super) fn largest_torques(&self) -> PerWheel<f64> {
+        PerWheel::new(-self.turn.torque.left, self.turn.torque.right)
+    }
+
     /// With the largest torques in drives, too, which then turn where the centre of mass is off the middle.
-    pub(super) fn with_largest_torques(self) -> Self {
-        Self { drive_torque: self.torque, ..self }
+    pub(super) fn with_largest_torques(mut self) -> Self {
+        self.drive.torque = self.largest_torques();
+        self
     }
 
-    /// Of a drive at the floor, N.
-    fn force(&self) -> f64 {
-        (self.drive_torque.left + self.drive_torque.right) / self.wheel_radius
+    /// What accelerates at full effort, N or N m.
+    fn effort(&self, roll: &Roll) -> f64 {
+        (roll.torque.left.abs() + roll.torque.right.abs()) / self.wheel_radius * roll.lever
     }
 
-    /// Of a turn about the axle midpoint, N m.
-    fn moment(&self) -> f64 {
-        (self.torque.left + self.torque.right) / self.wheel_radius * self.half_track
+    /// From rest to rest: full effort over half the way, full braking over the rest; at the top speed in between. Positive ways are
+    /// forwards, m, or to the left, rad.
+    pub(super) fn go(&self, roll: &Roll, way: f64, segments: &mut Vec<Segment>) {
+        let half = (way.abs() * roll.inertia / self.effort(roll)).sqrt();
+        if half > 0.0 {
+            // The speed in the middle is the way over a half; at the top speed the effort is as much shorter.
+            let at_top_speed = way.abs() / roll.top_speed;
+            let effort = half * (half / at_top_speed).min(1.0);
+            let sign = way.signum();
+            segments.push(Segment { duration: effort, torque: times(roll.torque, (sign, sign)) });
+            if effort < half {
+                segments.push(Segment { duration: at_top_speed - effort, torque: PerWheel::new(0.0, 0.0) });
+            }
+            segments.push(Segment { duration: effort, torque: times(roll.torque, (-sign, -sign)) });
+        }
     }
 
-    /// Full effort over half the distance, full braking over the rest; at the top speed in between.
-    pub(super) fn drive(&self, distance: f64, segments: &mut Vec<Segment>) {
-        let sign = distance.signum();
-        let torque = times(self.drive_torque, (sign, sign));
-        let half = (distance.abs() * self.mass / self.force()).sqrt();
-        push_trapezoid((half, distance.abs() / self.top_speed), torque, segments);
-    }
-
-    /// Positive angles turn left: the right wheel drives forward.
-    pub(super) fn turn(&self, angle: f64, segments: &mut Vec<Segment>) {
-        let sign = angle.signum();
-        let torque = times(self.torque, (-sign, sign));
-        let half = (angle.abs() * self.yaw_inertia / self.moment()).sqrt();
-        push_trapezoid((half, angle.abs() / self.top_yaw_rate), torque, segments);
+    /// From a speed to rest; the way.
+    fn stop(&self, roll: &Roll, speed: f64, segments: &mut Vec<Segment>) -> f64 {
+        if speed.abs() <= ROUNDING {
+            return 0.0;
+        }
+        let duration = speed.abs() * roll.inertia / self.effort(roll);
+        let sign = -speed.signum();
+        segments.push(Segment { duration, torque: times(roll.torque, (sign, sign)) });
+        speed * duration / 2.0
     }
 
     /// Brakes a moving state to rest; returns where the axle then stands.
     pub(super) fn brake(&self, state: &State, segments: &mut Vec<Segment>) -> Pose {
-        let q = &state.configuration;
+        let (q, u) = (&state.configuration, &state.velocity);
         let forward = Vector2::new(-q.heading.sin(), q.heading.cos());
-        let speed = forward.dot(&Vector2::new(state.velocity.x, state.velocity.y));
-        let yaw_rate = state.velocity.yaw_rate;
-        let mut pose = Pose { position: Vector2::new(q.x, q.y), heading: q.heading };
-        if speed.abs() > ROUNDING {
-            let duration = speed.abs() * self.mass / self.force();
-            let sign = -speed.signum();
-            segments.push(Segment { duration, torque: times(self.drive_torque, (sign, sign)) });
-            pose.position += forward * (speed * duration / 2.0);
-        }
-        if yaw_rate.abs() > ROUNDING {
-            let duration = yaw_rate.abs() * self.yaw_inertia / self.moment();
-            let sign = -yaw_rate.signum();
-            segments.push(Segment { duration, torque: times(self.torque, (-sign, sign)) });
-            pose.heading += yaw_rate * duration / 2.0;
-        }
-        pose
+        let way = self.stop(&self.drive, forward.dot(&Vector2::new(u.x, u.y)), segments);
+        let turned = self.stop(&self.turn, u.yaw_rate, segments);
+        Pose { position: Vector2::new(q.x, q.y) + forward * way, heading: q.heading + turned }
     }
 }
 
@@ -154,21 +153,6 @@ fn top_wheel_rate(motor: Option<Motor>, limits: &ManeuverLimits, torque: PerWhee
         motor.free_speed * (1.0 - share).max(1.0 - AMPLITUDES[0])
     };
     motor.map_or(f64::INFINITY, of_motor).min(limits.wheel_rate.unwrap_or(f64::INFINITY))
-}
-
-/// Full effort and full braking of a half each; where that passes the top speed, at which the way takes `at_top_speed`, coasting in
-/// between. Times in s.
-fn push_trapezoid((half, at_top_speed): (f64, f64), torque: PerWheel<f64>, segments: &mut Vec<Segment>) {
-    if half > 0.0 {
-        let braking = PerWheel::new(-torque.left, -torque.right);
-        // The speed in the middle is the way over a half; at the top speed the effort is as much shorter.
-        let effort = half * (half / at_top_speed).min(1.0);
-        segments.push(Segment { duration: effort, torque });
-        if effort < half {
-            segments.push(Segment { duration: at_top_speed - effort, torque: PerWheel::new(0.0, 0.0) });
-        }
-        segments.push(Segment { duration: effort, torque: braking });
-    }
 }
 
 #[cfg(test)]

@@ -27,14 +27,8 @@ pub(super) fn rolling_plans(input: &SolveInput) -> Vec<Start> {
     plans.into_iter().map(|(_, start)| start).collect()
 }
 
-/// Turning or driving from rest to rest.
-#[derive(Debug, Clone, Copy)]
-enum Leg {
-    /// rad, positive to the left.
-    Turn(f64),
-    /// m, positive forwards.
-    Drive(f64),
-}
+/// A turn, rad, positive to the left, and a drive after it, m, positive forwards, each from rest to rest.
+type Leg = (f64, f64);
 
 /// What lies between braking from the motion of the start and gaining that of the goal.
 struct Route<'a> {
@@ -72,7 +66,7 @@ impl<'a> Route<'a> {
                 let heading = self.start.heading + turn;
                 let second_turn = if heading_is_free { 0.0 } else { wrapped_angle(self.goal.heading - heading) };
                 for second in either_way(second_turn) {
-                    plans.push(self.plan(&[Leg::Turn(turn), Leg::Drive(direction * leg.norm()), Leg::Turn(second)]));
+                    plans.push(self.plan(&[(turn, direction * leg.norm()), (second, 0.0)]));
                 }
             }
         }
@@ -95,25 +89,21 @@ impl<'a> Route<'a> {
     }
 
     fn fastest_through(&self, headings: impl Iterator<Item = (f64, f64)>) -> Option<(f64, Start)> {
-        let timed = headings
-            .filter_map(|headings| self.legs_through(headings))
-            .map(|legs| (duration(&self.segments(&legs)), legs));
-        timed.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, legs)| self.plan(&legs))
+        let plans = headings.filter_map(|headings| self.legs_through(headings)).map(|legs| self.plan(&legs));
+        plans.min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Two drives with these headings; none if they are parallel.
-    fn legs_through(&self, (one, other): (f64, f64)) -> Option<[Leg; 5]> {
+    fn legs_through(&self, (one, other): (f64, f64)) -> Option<[Leg; 3]> {
         let forward = |heading: f64| Vector2::new(-heading.sin(), heading.cos());
         let leg = self.goal.position - self.start.position;
         let across = forward(one).perp(&forward(other));
         let (there, back) = (leg.perp(&forward(other)) / across, forward(one).perp(&leg) / across);
         (there.is_finite() && back.is_finite()).then(|| {
             [
-                Leg::Turn(wrapped_angle(one - self.start.heading)),
-                Leg::Drive(there),
-                Leg::Turn(wrapped_angle(other - one)),
-                Leg::Drive(back),
-                Leg::Turn(wrapped_angle(self.goal.heading - other)),
+                (wrapped_angle(one - self.start.heading), there),
+                (wrapped_angle(other - one), back),
+                (wrapped_angle(self.goal.heading - other), 0.0),
             ]
         })
     }
@@ -121,7 +111,7 @@ impl<'a> Route<'a> {
     /// Time in s and plan.
     fn plan(&self, legs: &[Leg]) -> (f64, Start) {
         let segments = self.segments(legs);
-        let turned: f64 = legs.iter().map(|leg| if let Leg::Turn(angle) = leg { *angle } else { 0.0 }).sum();
+        let turned: f64 = legs.iter().map(|(turn, _)| turn).sum();
         let winding = self.start.heading + turned - self.goal.heading;
         let goal_heading = self.input.maneuver.goal.value(StateComponent::Heading);
         let goal_heading = goal_heading.map(|goal| goal + (winding / TAU).round() * TAU);
@@ -131,11 +121,9 @@ impl<'a> Route<'a> {
 
     fn segments(&self, legs: &[Leg]) -> Vec<Segment> {
         let mut segments = self.first.clone();
-        for leg in legs {
-            match *leg {
-                Leg::Turn(angle) => self.rolling.turn(angle, &mut segments),
-                Leg::Drive(distance) => self.rolling.drive(distance, &mut segments),
-            }
+        for &(turn, drive) in legs {
+            self.rolling.go(&self.rolling.turn, turn, &mut segments);
+            self.rolling.go(&self.rolling.drive, drive, &mut segments);
         }
         segments.extend(&self.last);
         or_coasting(segments, self.input.robot.parameters().natural_time())
@@ -199,11 +187,9 @@ mod tests {
         let input = input(0.3, -0.2);
         let route = Route::new(&input, AMPLITUDES[0]);
         let (mut position, mut heading) = (route.start.position, route.start.heading);
-        for leg in route.legs_through((0.4, -0.7)).unwrap() {
-            match leg {
-                Leg::Turn(angle) => heading += angle,
-                Leg::Drive(distance) => position += distance * Vector2::new(-heading.sin(), heading.cos()),
-            }
+        for (turn, drive) in route.legs_through((0.4, -0.7)).unwrap() {
+            heading += turn;
+            position += drive * Vector2::new(-heading.sin(), heading.cos());
         }
         assert!((position - route.goal.position).norm() < 1e-12, "{position} in place of {}", route.goal.position);
         assert!((heading - route.goal.heading).abs() < 1e-12);
