@@ -3,14 +3,17 @@
 mod disturbed;
 mod limit_uses;
 mod schedule_check;
+mod sensitivity;
 mod simulate;
 
 pub use disturbed::{ChangedParameter, Disturbed, Undisturbed};
 pub use limit_uses::LimitUse;
+pub use sensitivity::{EndShift, Sensitivity};
 pub use simulate::{SimulateInput, SimulateParameters, Simulation, simulate};
 
 pub(crate) use limit_uses::{limit_uses, most_exceeded, motion_with_limits};
 pub(crate) use schedule_check::{TIME_RULE, check_schedule, rules_of_schedule};
+pub(crate) use sensitivity::{finite_or_largest, friction_shift, sensitivity};
 
 /// The paper's number of steps.
 pub const PAPER_STEP_COUNT: usize = 200;

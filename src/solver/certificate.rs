@@ -8,11 +8,12 @@ use super::goal_miss::{goal_missed, limit_missed};
 use super::local_search::{LocalSearch, STRICT_PENALTY};
 use super::run_control::{NoProgress, RunControl};
 use super::search::SearchResult;
-use super::sensitivity::{Sensitivity, sensitivity};
 use super::settings::{Refinement, SolveInput, SolverSettings};
 use super::solution::{DistinctOptimum, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason};
 use crate::contact::ContactName;
-use crate::motion::{LimitUse, limit_uses, most_exceeded, motion_with_limits};
+use crate::motion::{
+    LimitUse, Sensitivity, finite_or_largest, limit_uses, most_exceeded, motion_with_limits, sensitivity,
+};
 use crate::optimizer::{Interruption, larger, largest_magnitude, sign_violations};
 use crate::robot::State;
 use crate::shooting::{LIMIT_TOLERANCE, LONGEST_FINAL_TIME, SHORTEST_FINAL_TIME, ShootingProblem, StateComponent};
@@ -50,7 +51,7 @@ pub(super) fn certified(
             Some(replayed) => replayed.clone(),
             None => replay(input, simulator, (&motion.schedule, step_count), cut)?,
         };
-        let sensitivity = sensitivity(input, (&motion.schedule, step_count), cut)?;
+        let sensitivity = sensitivity(&input.undisturbed((&motion.schedule, step_count)), cut)?;
         let start = input.maneuver.start_at_center_of_mass(input.robot.parameters());
         let rollout = Rollout { start: &start, schedule: &motion.schedule, step_count };
         let indeterminate_steps = simulator.indeterminate_steps(&rollout, cut)?;
@@ -348,11 +349,6 @@ impl Replay {
         let miss = (position / settings.replay_tolerance_position).max(heading / settings.replay_tolerance_heading);
         miss.max(self.limit_excess / REPLAY_EXCESS)
     }
-}
-
-/// The miss of a motion that diverges on the fine grid becomes the largest number.
-pub(super) fn finite_or_largest(value: f64) -> f64 {
-    if value.is_finite() { value } else { f64::MAX }
 }
 
 #[cfg(test)]

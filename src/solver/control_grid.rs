@@ -115,8 +115,9 @@ fn use_all_intervals(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::friction_shift;
     use crate::shooting::{Goal, Maneuver, ManeuverLimits};
-    use crate::solver::sensitivity::friction_shift;
+    use crate::solver::search::unsteadiness;
     use crate::solver::settings::{Refinement, SolveParameters};
     use crate::solver::{Solution, Status, solve};
     use crate::stop::Stop;
@@ -174,7 +175,8 @@ mod tests {
             let input = steadiest(control_count);
             let Solution { status, schedule, .. } = solve(&input, &RunControl::unattended()).unwrap();
             assert_eq!((status, schedule.control_count()), (Status::Converged, control_count));
-            friction_shift(&input, (&schedule, 160), Stop::never()).unwrap().unwrap().relative(&input.settings)
+            let shift = friction_shift(&input.undisturbed((&schedule, 160)), Stop::never()).unwrap().unwrap();
+            unsteadiness(shift, &input.settings)
         });
         assert!(fine <= 1.001 * coarse, "{fine} in place of {coarse} tolerances");
     }

@@ -18,7 +18,6 @@ mod refinement;
 mod run_control;
 mod search;
 mod segments;
-mod sensitivity;
 mod settings;
 mod solution;
 mod starts;
@@ -26,7 +25,6 @@ mod strategies;
 
 pub use helpers::{Alone, Helpers, SharedWork};
 pub use run_control::{NoProgress, Phase, ProgressObserver, RunControl, SolveProgress};
-pub use sensitivity::{EndShift, Sensitivity};
 pub use settings::{Choice, Method, Refinement, SolveInput, SolveParameters, SolverSettings};
 pub use solution::{
     DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, Status, StopReason,

@@ -7,9 +7,9 @@ use super::certificate::Replayed;
 use super::local_search::LocalSearch;
 use super::race::Race;
 use super::run_control::RunControl;
-use super::sensitivity::friction_shift;
 use super::settings::{Choice, SolveInput, SolverSettings};
 use super::solution::{DistinctOptimum, RefinementOutcome, StopReason};
+use crate::motion::{EndShift, friction_shift};
 use crate::optimizer::Interruption;
 use crate::shooting::{ShootingProblem, schedule_from_decision};
 use crate::stop::{Stop, Stopped};
@@ -75,8 +75,9 @@ impl SearchResult {
     /// How far less friction shifts the ends of the local optima; the steadiest comes first where it is asked for.
     fn weigh(&mut self, input: &SolveInput, optima: &[Candidate], stop: Stop) -> Result<(), Stopped> {
         let step_count = self.step_count;
-        let shift =
-            |plan: &Candidate| friction_shift(input, (&schedule_from_decision(&plan.decision), step_count), stop);
+        let shift = |plan: &Candidate| {
+            friction_shift(&input.undisturbed((&schedule_from_decision(&plan.decision), step_count)), stop)
+        };
         for (optimum, group) in self.distinct_optima.iter_mut().zip(distinct(optima, Candidate::final_time)) {
             optimum.friction_shift = shift(&optima[group.start])?;
         }
@@ -86,7 +87,7 @@ impl SearchResult {
             let mut ranked = Vec::with_capacity(self.plans.len());
             for plan in &self.plans {
                 let shift = if plan.final_time() <= latest { shift(plan)? } else { None };
-                ranked.push((shift.map_or(f64::INFINITY, |shift| shift.relative(&input.settings)), plan));
+                ranked.push((shift.map_or(f64::INFINITY, |shift| unsteadiness(shift, &input.settings)), plan));
             }
             // Those that are too slow, or leave the model, stay sorted by their final times.
             ranked.sort_by(|(a, _), (b, _)| a.total_cmp(b));
@@ -134,6 +135,14 @@ pub(super) fn further_optima(
     race.release_torques();
     *result = SearchResult { best, ..race.found };
     feasible(race.optima)
+}
+
+/// A shift of the end in units of the replay's tolerances; none is larger than that of a motion that leaves the model.
+pub(super) fn unsteadiness(shift: EndShift, settings: &SolverSettings) -> f64 {
+    if shift.separates {
+        return f64::INFINITY;
+    }
+    (shift.distance / settings.replay_tolerance_position).max(shift.angle / settings.replay_tolerance_heading)
 }
 
 /// Those that meet the goal, fastest first.

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 
 use super::course::first_steps;
 use crate::motion::{
-    PAPER_STEP_COUNT, ROUNDING, STEP_LIMIT, SimulateInput, TIME_RULE, check_schedule, rules_of_schedule,
+    PAPER_STEP_COUNT, ROUNDING, STEP_LIMIT, SimulateInput, TIME_RULE, Undisturbed, check_schedule, rules_of_schedule,
 };
 use crate::robot::{Payload, Robot, RobotParameters, check_robot, joined};
 use crate::rules::{BoundedField, Checks, Rule, RuleSet, Violations};
@@ -254,6 +254,12 @@ impl SolveInput {
             step_count,
             contact_method,
         }
+    }
+
+    /// The motion of a plan of so many steps, by which changes are judged.
+    pub(super) fn undisturbed(&self, plan: (&TorqueSchedule, usize)) -> Undisturbed {
+        let start = (self.maneuver.reference_point, &self.maneuver.start);
+        Undisturbed::new((self.bare_robot, self.payload), start, plan)
     }
 
     /// What the plan must keep on the way, beside the normal forces.

@@ -2,9 +2,8 @@
 
 use nalgebra::SVector;
 
-use super::sensitivity::{EndShift, Sensitivity};
 use super::settings::Method;
-use crate::motion::LimitUse;
+use crate::motion::{EndShift, LimitUse, Sensitivity};
 use crate::robot::State;
 use crate::simulation::{ContactModeSpan, NormalLoad, Separation, TorqueSchedule, Trajectory};
 

@@ -5,12 +5,10 @@ use std::sync::{Arc, Mutex};
 use nalgebra::SVector;
 use serde_json::json;
 use slipdrive::contact::{ContactMode, PerContact};
-use slipdrive::motion::ChangedParameter;
+use slipdrive::motion::{ChangedParameter, EndShift, Sensitivity};
 use slipdrive::robot::PerWheel;
 use slipdrive::simulation::ContactSample;
-use slipdrive::solver::{
-    DistinctOptimum, EndShift, LowerBoundAssumption, Replay, RunControl, Sensitivity, Solution, SolveInput, StopReason,
-};
+use slipdrive::solver::{DistinctOptimum, LowerBoundAssumption, Replay, RunControl, Solution, SolveInput, StopReason};
 
 use crate::support::{FakeSolver, TestServer, small_solution};
 

@@ -6,12 +6,12 @@ use super::accept::AcceptedSolve;
 use super::{Progressed, Solved, StopReason};
 use crate::contract::convert::{contacts, count, same_values};
 use crate::contract::message;
+use crate::motion::Sensitivity;
 use crate::robot::{Payload, State};
 use crate::service::Done;
 use crate::shooting::{Goal, StateComponent};
 use crate::solver::{
-    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Sensitivity, Solution,
-    SolveProgress, Status,
+    DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, SolveProgress, Status,
 };
 
 same_values!(Status = Status { Converged, Feasible, NotConverged, Infeasible });

@@ -3,10 +3,11 @@
 use super::Solved;
 use crate::contract::message;
 use crate::jobs::table::{line, row, separations, word, write_limits, write_timeline};
+use crate::motion::Sensitivity;
 use crate::service::Done;
 use crate::shooting::Goal;
 use crate::simulation::TorqueSchedule;
-use crate::solver::{REPLAY_EXCESS, Reason, Replay, Report, Sensitivity, Solution, Status};
+use crate::solver::{REPLAY_EXCESS, Reason, Replay, Report, Solution, Status};
 
 /// What a certificate says that was cut off.
 const NOT_REACHED: &str = "not computed in time";
@@ -107,7 +108,7 @@ fn replay_miss(replay: &Replay) -> String {
 mod tests {
     use super::*;
     use crate::motion::ChangedParameter;
-    use crate::solver::EndShift;
+    use crate::motion::EndShift;
 
     #[test]
     fn worse_direction_of_each_parameter_has_a_line() {

@@ -3,11 +3,8 @@
 //! Each change is one rollout of the same torques by Coulomb's law, whatever law the search held the wheels by. Starts and ends
 //! are those of the axle midpoint, which stays in its place where the centre of mass does not.
 
-use super::certificate::finite_or_largest;
-use super::settings::{SolveInput, SolverSettings};
-use crate::motion::{ChangedParameter, Undisturbed};
+use super::{ChangedParameter, Undisturbed};
 use crate::robot::State;
-use crate::simulation::TorqueSchedule;
 use crate::stop::{Stop, Stopped};
 
 /// Each parameter with the size of its changes, in its unit.
@@ -51,57 +48,28 @@ pub struct EndShift {
     pub separates: bool,
 }
 
-impl EndShift {
-    /// In units of the replay's tolerances; none is larger than that of a motion that leaves the model.
-    pub(super) fn relative(&self, settings: &SolverSettings) -> f64 {
-        if self.separates {
-            return f64::INFINITY;
-        }
-        (self.distance / settings.replay_tolerance_position).max(self.angle / settings.replay_tolerance_heading)
-    }
-}
-
 /// All changes of a plan, smaller values first.
 ///
 /// # Errors
 /// When it was stopped before the end.
-pub(super) fn sensitivity(
-    input: &SolveInput,
-    plan: (&TorqueSchedule, usize),
-    stop: Stop,
-) -> Result<Vec<Sensitivity>, Stopped> {
-    let planned = planned(input, plan, stop)?;
+pub(crate) fn sensitivity(planned: &Undisturbed, stop: Stop) -> Result<Vec<Sensitivity>, Stopped> {
+    let (end, _) = planned.unchanged().end(stop)?;
     let changes = CHANGES.into_iter().flat_map(|(parameter, size)| [(parameter, -size), (parameter, size)]);
-    changes.map(|change| sensitivity_to(&planned, change, stop)).collect()
+    changes.map(|change| sensitivity_to((planned, &end), change, stop)).collect()
 }
 
 /// The shift of a plan's end under less friction, which no rule refuses.
 ///
 /// # Errors
 /// When it was stopped before the end.
-pub(super) fn friction_shift(
-    input: &SolveInput,
-    plan: (&TorqueSchedule, usize),
-    stop: Stop,
-) -> Result<Option<EndShift>, Stopped> {
-    Ok(sensitivity_to(&planned(input, plan, stop)?, LESS_FRICTION, stop)?.outcome.ok())
-}
-
-/// A plan, of so many steps, with its own end, which is at the axle midpoint.
-fn planned(
-    SolveInput { bare_robot, payload, maneuver, .. }: &SolveInput,
-    plan: (&TorqueSchedule, usize),
-    stop: Stop,
-) -> Result<(Undisturbed, State), Stopped> {
-    let start = (maneuver.reference_point, &maneuver.start);
-    let planned = Undisturbed::new((*bare_robot, *payload), start, plan);
+pub(crate) fn friction_shift(planned: &Undisturbed, stop: Stop) -> Result<Option<EndShift>, Stopped> {
     let (end, _) = planned.unchanged().end(stop)?;
-    Ok((planned, end))
+    Ok(sensitivity_to((planned, &end), LESS_FRICTION, stop)?.outcome.ok())
 }
 
-/// What a change does to a plan with this end.
+/// What a change does to a plan with this end, which is at the axle midpoint.
 fn sensitivity_to(
-    (planned, end): &(Undisturbed, State),
+    (planned, end): (&Undisturbed, &State),
     (parameter, change): (ChangedParameter, f64),
     stop: Stop,
 ) -> Result<Sensitivity, Stopped> {
@@ -120,16 +88,25 @@ fn sensitivity_to(
     Ok(Sensitivity { parameter, change, outcome })
 }
 
+/// What a motion that diverges makes of a distance becomes the largest number.
+pub(crate) fn finite_or_largest(value: f64) -> f64 {
+    if value.is_finite() { value } else { f64::MAX }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::robot::RobotParameters;
+    use crate::shooting::ReferencePoint;
+    use crate::simulation::TorqueSchedule;
 
     #[test]
     fn plans_are_weighed_by_less_friction() {
-        let (input, never) = (SolveInput::forward_drive(), Stop::never());
         let schedule = TorqueSchedule { final_time: 1.0, left: vec![0.3], right: vec![-0.3] };
-        let all = sensitivity(&input, (&schedule, 50), never).unwrap();
+        let start = (ReferencePoint::default(), &State::default());
+        let planned = Undisturbed::new((RobotParameters::default(), None), start, (&schedule, 50));
+        let all = sensitivity(&planned, Stop::never()).unwrap();
         assert_eq!((all.len(), all[0].parameter, all[0].change), (14, ChangedParameter::Friction, -0.1));
-        assert_eq!(friction_shift(&input, (&schedule, 50), never).unwrap(), all[0].outcome.clone().ok());
+        assert_eq!(friction_shift(&planned, Stop::never()).unwrap(), all[0].outcome.clone().ok());
     }
 }
