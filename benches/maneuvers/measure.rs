@@ -87,7 +87,8 @@ impl Answer {
         let Solved { solution, stop_reason, .. } = &done.output;
         let report = &solution.report;
         let (simulated_goal_error, simulation_difference) = simulated(case, accepted, solution, answer)?;
-        let forces = report.separations.iter().map(|separation| separation.normal_force);
+        let separations = solution.trajectory.separations();
+        let forces = separations.iter().map(|separation| separation.normal_force);
         Ok(Self {
             case: case.name.clone(),
             status: solution.status.as_str(),
@@ -105,8 +106,8 @@ impl Answer {
             replay_miss_rad: report.replay.map_or(f64::NAN, |replay| replay.miss_heading),
             lower_bound_s: report.lower_bound.unwrap_or(f64::NAN),
             predicted_decrease: report.predicted_decrease / solution.schedule.final_time,
-            worst_contact_residual: report.worst_contact_residual,
-            separations: report.separations.len(),
+            worst_contact_residual: solution.trajectory.worst_contact_residual,
+            separations: separations.len(),
             deepest_separation_n: forces.fold(0.0, f64::min),
             reason: solution.reason.as_ref().map(|reason| reason.message.clone()),
             digest: digest_of_values(&json::write(answer))?,

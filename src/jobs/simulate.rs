@@ -117,17 +117,16 @@ impl Kind for Simulate {
 
     fn answer(_accepted: &AcceptedSimulation, done: &Done<Simulation>) -> SimulateResponse {
         // The same request gives the same bytes: the duration goes to the log only.
-        let Simulation { trajectory, contact_modes, separations, slip_reversals, indeterminate_steps, limits } =
-            &done.output;
+        let Simulation { trajectory, indeterminate_steps, limits } = &done.output;
         SimulateResponse {
             end_state: Some((&trajectory.end_state).into()),
             trajectory: Some(trajectory.into()),
             contacts: Some(contacts(&trajectory.contact)),
-            contact_modes: contact_modes.iter().map(Into::into).collect(),
-            separations: separations.iter().map(Into::into).collect(),
+            contact_modes: trajectory.contact_modes().iter().map(Into::into).collect(),
+            separations: trajectory.separations().iter().map(Into::into).collect(),
             worst_contact_residual: trajectory.worst_contact_residual,
             indeterminate_steps: count(*indeterminate_steps),
-            slip_reversals: count(*slip_reversals),
+            slip_reversals: count(trajectory.slip_reversals()),
             limits: limits.iter().map(at_root).map(|used| (&used).into()).collect(),
         }
     }
@@ -150,8 +149,8 @@ impl Kind for Simulate {
         if trajectory.diverges() {
             row(&mut table, "motion", "diverges");
         }
-        row(&mut table, "separations", &separations(&simulation.separations));
-        row(&mut table, "slip reversals", &simulation.slip_reversals.to_string());
+        row(&mut table, "separations", &separations(&trajectory.separations()));
+        row(&mut table, "slip reversals", &trajectory.slip_reversals().to_string());
         row(&mut table, "indeterminate", &format!("{} steps", simulation.indeterminate_steps));
         row(&mut table, "contact residual", &format!("{:.1e}", trajectory.worst_contact_residual));
         table.push_str("\nend state\n");
@@ -161,7 +160,7 @@ impl Kind for Simulate {
         }
         let limits: Vec<_> = simulation.limits.iter().map(at_root).collect();
         write_limits(&mut table, &limits);
-        write_timeline(&mut table, &simulation.contact_modes);
+        write_timeline(&mut table, &trajectory.contact_modes());
         table
     }
 }

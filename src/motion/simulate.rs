@@ -4,7 +4,7 @@ use super::{LimitUse, PAPER_STEP_COUNT, TIME_RULE, check_schedule, limit_uses, r
 use crate::robot::{Payload, Robot, RobotParameters, State, check_robot, joined};
 use crate::rules::{Checks, Rule, RuleSet, Violations};
 use crate::shooting::{Aisle, AisleCorners, ManeuverLimits, PathLimits, ReferencePoint, check_state, rules_of_state};
-use crate::simulation::{ContactMethod, ContactModeSpan, Rollout, Separation, Simulator, TorqueSchedule, Trajectory};
+use crate::simulation::{ContactMethod, Rollout, Simulator, TorqueSchedule, Trajectory};
 use crate::stop::{Stop, Stopped};
 
 const STEP_RULE: Rule = Rule::at_least(1.0, "");
@@ -140,12 +140,6 @@ impl SimulateInput {
 pub struct Simulation {
     /// The motion.
     pub trajectory: Trajectory,
-    /// Contact modes over time.
-    pub contact_modes: Vec<ContactModeSpan>,
-    /// Steps in which a contact would have had to pull.
-    pub separations: Vec<Separation>,
-    /// Slip reversals.
-    pub slip_reversals: usize,
     /// Steps for whose friction problem a second solution was found, in the motion by the exact contact solver.
     pub indeterminate_steps: usize,
     /// How far each limit that was given is used.
@@ -167,12 +161,5 @@ pub fn simulate(input: &SimulateInput, stop: Stop) -> Result<Simulation, Stopped
     let limits = limit_uses(&simulator, &limits, &rollout, stop)?;
     let indeterminate_steps = simulator.indeterminate_steps(&rollout, stop)?;
     trajectory.move_states_by(offset);
-    Ok(Simulation {
-        contact_modes: trajectory.contact_modes(),
-        separations: trajectory.separations(),
-        slip_reversals: trajectory.slip_reversals(),
-        indeterminate_steps,
-        limits,
-        trajectory,
-    })
+    Ok(Simulation { trajectory, indeterminate_steps, limits })
 }

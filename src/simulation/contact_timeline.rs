@@ -89,6 +89,11 @@ impl Trajectory {
         })
     }
 
+    /// The smallest load; none without motion.
+    pub fn least_normal_load(&self) -> Option<NormalLoad> {
+        self.normal_loads().min_by(|a, b| a.share.total_cmp(&b.share))
+    }
+
     /// Counts opposite slip of one contact before and after at most one sticking step.
     ///
     /// There the derivative of any fixed-step scheme is wrong (`docs/model.md`). Contacts without friction force do

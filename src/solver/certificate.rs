@@ -225,12 +225,12 @@ impl Motion {
             used.replay_excess = Some(on_replay.excess);
         }
         let replay = replayed.map(|replayed| replayed.replay);
-        let separations = self.trajectory.separations();
+        let has_separations = !self.trajectory.separations().is_empty();
         let reason = self.missed(input, result.stop_reason);
         let keeps_law = self.trajectory.worst_contact_residual <= LAW_ERROR;
         let status = if reason.is_some() {
             Status::NotConverged
-        } else if optimality.is_stationary && keeps_law && separations.is_empty() && self.keeps_contacts(input) {
+        } else if optimality.is_stationary && keeps_law && !has_separations && self.keeps_contacts(input) {
             Status::Converged
         } else {
             Status::Feasible
@@ -239,27 +239,21 @@ impl Motion {
         Solution {
             status,
             stop_reason: result.stop_reason,
-            replay_confirmed: reason.is_none() && separations.is_empty() && is_replayed,
+            replay_confirmed: reason.is_none() && !has_separations && is_replayed,
             reason,
             goal_error: self.goal_error,
-            contact_modes: self.trajectory.contact_modes(),
             report: Report {
                 method: input.settings.method,
                 step_count: result.step_count,
                 refinement: result.refinement,
-                control_count: self.schedule.control_count(),
                 iterations: result.iterations,
                 rollouts: result.rollouts,
                 starts_tried: result.starts_tried,
                 distinct_optima: result.distinct_optima,
-                worst_contact_residual: self.trajectory.worst_contact_residual,
                 predicted_decrease: optimality.measure,
                 lower_bound: bound.map(|bound| bound.time.min(LONGEST_FINAL_TIME)),
                 lower_bound_assumption: bound.map(|bound| bound.assumption),
-                separations,
-                least_normal_load: self.trajectory.normal_loads().min_by(|a, b| a.share.total_cmp(&b.share)),
                 indeterminate_steps: shown.as_ref().map_or(result.step_count, |shown| shown.indeterminate_steps),
-                slip_reversals: self.trajectory.slip_reversals(),
                 switching_sign_violations: optimality.sign_violations,
                 replay,
                 limits: self.limits,

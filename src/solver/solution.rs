@@ -5,7 +5,7 @@ use nalgebra::SVector;
 use super::settings::Method;
 use crate::motion::{EndShift, LimitUse, Sensitivity};
 use crate::robot::State;
-use crate::simulation::{ContactModeSpan, NormalLoad, Separation, TorqueSchedule, Trajectory};
+use crate::simulation::{TorqueSchedule, Trajectory};
 
 /// How good the plan is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -165,8 +165,6 @@ pub struct Report {
     pub step_count: usize,
     /// How the grid was chosen.
     pub refinement: RefinementOutcome,
-    /// Torques per wheel.
-    pub control_count: usize,
     /// Iterations of the optimiser, over all starts.
     pub iterations: u64,
     /// Rollouts spent.
@@ -175,8 +173,6 @@ pub struct Report {
     pub starts_tried: usize,
     /// Local optima seen, fastest first.
     pub distinct_optima: Vec<DistinctOptimum>,
-    /// Largest residual of the contact law, relative to m g dt.
-    pub worst_contact_residual: f64,
     /// Criticality measure: decrease of the final time that the linear model still predicts, s, at most that time; where the goal is
     /// missed, coming nearer to it counts as a decrease too.
     pub predicted_decrease: f64,
@@ -184,14 +180,8 @@ pub struct Report {
     pub lower_bound: Option<f64>,
     /// What the bound rests on.
     pub lower_bound_assumption: Option<LowerBoundAssumption>,
-    /// Steps in which a contact separates (negative normal force).
-    pub separations: Vec<Separation>,
-    /// The smallest normal force on the way; none without motion.
-    pub least_normal_load: Option<NormalLoad>,
     /// Steps for whose friction problem a second solution was found; all where the certificate was cut off.
     pub indeterminate_steps: usize,
-    /// Slip reversals, where derivatives are wrong.
-    pub slip_reversals: usize,
     /// Torques that contradict the sign of the switching function: off the limit at which they would gain.
     pub switching_sign_violations: usize,
     /// The plan on a finer grid; none where the certificate was cut off.
@@ -219,8 +209,6 @@ pub struct Solution {
     pub goal_error: SVector<f64, { State::LEN }>,
     /// The motion; its states are those of the reference point.
     pub trajectory: Trajectory,
-    /// Contact modes over time.
-    pub contact_modes: Vec<ContactModeSpan>,
     /// The report on the plan.
     pub report: Report,
 }

@@ -87,7 +87,7 @@ fn plans_keep_the_least_load_of_every_contact() {
         parameters.settings.start_count = 2;
         let input = SolveInput::new(parameters).unwrap();
         let solution = solve(&input, &RunControl::unattended()).unwrap();
-        let load = solution.report.least_normal_load.unwrap();
+        let load = solution.trajectory.least_normal_load().unwrap();
         // The search keeps loads to a millionth of the weight; a fast plan uses what is allowed.
         assert!(load.share >= share - 1e-6 && load.share < share + 0.02, "{load:?} of {share}");
         assert_eq!(load.contact, ContactName::Front);

@@ -32,7 +32,7 @@ fn forward_drive_is_as_fast_as_the_paper() {
     assert_eq!((solution.status, solution.stop_reason), (Status::Converged, StopReason::Finished));
     assert!(solution.schedule.final_time <= PAPER_FINAL_TIME, "{}", solution.schedule.final_time);
     assert!(solution.goal_error.amax() <= 1e-6);
-    assert!(solution.report.worst_contact_residual <= 1e-10);
+    assert!(solution.trajectory.worst_contact_residual <= 1e-10);
     assert!(solution.report.lower_bound.unwrap() < solution.schedule.final_time);
 }
 
@@ -48,7 +48,7 @@ fn first_guess_goes_straight_to_the_goal() {
 fn right_wheel_slides_while_braking_as_in_the_paper() {
     let solution = solved(&SolveInput::forward_drive());
     let (total, trajectory) = (solution.schedule.final_time, &solution.trajectory);
-    for span in &solution.contact_modes {
+    for span in solution.trajectory.contact_modes() {
         let slides = span.mode.left == ContactMode::Slip || span.mode.right == ContactMode::Slip;
         assert!(!slides || span.start >= 0.45 * total, "slips from {} s", span.start);
         let right_slides = span.mode.right == ContactMode::Slip;

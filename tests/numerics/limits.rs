@@ -58,7 +58,7 @@ fn symmetric_drive_without_slip_rolls_bang_bang() {
     assert!((expected - 2.813_894).abs() < 1e-6, "{expected}");
     let solution = converged(parameters);
     assert!((solution.schedule.final_time - expected).abs() < 1e-5, "{}", solution.schedule.final_time);
-    assert!(solution.contact_modes.iter().all(|span| span.degrees_of_freedom == 2));
+    assert!(solution.trajectory.contact_modes().iter().all(|span| span.degrees_of_freedom == 2));
 }
 
 #[test]
@@ -212,7 +212,7 @@ fn grip_margins_are_kept_and_cost_time() {
     let used = half.report.limits.iter().find(|used| used.limit.ends_with("grip_utilization")).unwrap();
     // The limit binds: the plan of the whole grip uses more.
     assert!((used.largest - 0.5).abs() < 1e-5, "{used:?}");
-    assert!(half.contact_modes.iter().all(|span| span.degrees_of_freedom == 2));
+    assert!(half.trajectory.contact_modes().iter().all(|span| span.degrees_of_freedom == 2));
 }
 
 #[test]

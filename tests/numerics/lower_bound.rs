@@ -54,7 +54,7 @@ fn optimised_coarse_plans_stay_above_the_bound() {
             continue;
         };
         let solution = solve(&input, &RunControl::unattended()).unwrap();
-        if solution.status == Status::NotConverged || !solution.report.separations.is_empty() {
+        if solution.status == Status::NotConverged || !solution.trajectory.separations().is_empty() {
             continue;
         }
         assert_ne!(solution.status, Status::Infeasible, "seed {seed}: {:?}", solution.reason);

@@ -18,7 +18,6 @@ fn numbered() -> Solution {
     solution.goal_error = SVector::from_fn(|row, _| 1e-3 * (row + 1) as f64);
     let report = &mut solution.report;
     report.predicted_decrease = 0.11;
-    report.worst_contact_residual = 0.12;
     (report.lower_bound, report.lower_bound_assumption) = (Some(0.13), Some(LowerBoundAssumption::Friction));
     let shift = EndShift { distance: 0.21, angle: 0.22, separates: true };
     report.distinct_optima = vec![DistinctOptimum { final_time: 0.23, count: 24, friction_shift: Some(shift) }];
@@ -42,6 +41,8 @@ fn numbered() -> Solution {
         longitudinal_slip: first + 0.4,
         mode: ContactMode::Slip,
     };
+    solution.trajectory.worst_contact_residual = 0.12;
+    (solution.trajectory.time, solution.trajectory.degrees_of_freedom) = (vec![0.0, 1.0], vec![5]);
     solution.trajectory.contact = vec![PerContact { left: sample(1.0), right: sample(2.0), front: sample(3.0) }];
     solution
 }

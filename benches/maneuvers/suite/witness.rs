@@ -82,7 +82,7 @@ impl Witness {
         ensure!(end == self.final_time_s, "the simulation ends at {end} s instead of {} s", self.final_time_s);
         let residual = simulation.trajectory.worst_contact_residual;
         ensure!(residual <= CONTACT_RESIDUAL_TOLERANCE, "the contact law is missed by {residual:e}");
-        let separations = simulation.separations.len();
+        let separations = simulation.trajectory.separations().len();
         ensure!(separations == 0, "{separations} steps with a separation");
         Ok(())
     }

@@ -10,6 +10,7 @@ use crate::motion::Sensitivity;
 use crate::robot::{Payload, State};
 use crate::service::Done;
 use crate::shooting::{Goal, StateComponent};
+use crate::simulation::{TorqueSchedule, Trajectory};
 use crate::solver::{
     DistinctOptimum, LowerBoundAssumption, Reason, RefinementOutcome, Replay, Report, Solution, SolveProgress, Status,
 };
@@ -31,7 +32,6 @@ pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message
         schedule,
         goal_error: error,
         trajectory,
-        contact_modes,
         report: given_report,
     } = solution;
     let is_full = accepted.view == message::View::Full;
@@ -42,13 +42,13 @@ pub(super) fn solution(accepted: &AcceptedSolve, done: &Done<Solved>) -> message
         reason: reason.as_ref().map(Into::into),
         final_time_s: schedule.final_time,
         torque_schedule: Some(schedule.into()),
-        contact_modes: contact_modes.iter().map(Into::into).collect(),
+        contact_modes: trajectory.contact_modes().iter().map(Into::into).collect(),
         end_state: Some((&trajectory.end_state).into()),
         goal_error: Some(goal_error(error, &accepted.input.maneuver.goal)),
         trajectory: is_full.then(|| trajectory.into()),
         contacts: is_full.then(|| contacts(&trajectory.contact)),
         robot: accepted.input.payload.filter(Payload::is_load).map(|_| joined_robot(accepted)),
-        report: Some(report(given_report, done.duration.as_secs_f64())),
+        report: Some(report(given_report, (schedule, trajectory), done.duration.as_secs_f64())),
         applied_limits: accepted.time_limit.map(|limit| message::AppliedLimits { time_limit_s: limit.as_secs_f64() }),
         solver_version: env!("CARGO_PKG_VERSION").to_owned(),
         input_hash: accepted.input_hash.clone(),
@@ -93,24 +93,23 @@ fn goal_error(error: &SVector<f64, { State::LEN }>, goal: &Goal) -> message::Goa
     }
 }
 
-fn report(report: &Report, solve_time_s: f64) -> message::Report {
+fn report(
+    report: &Report,
+    (schedule, trajectory): (&TorqueSchedule, &Trajectory),
+    solve_time_s: f64,
+) -> message::Report {
     let Report {
         method,
         step_count,
         refinement,
-        control_count,
         iterations,
         rollouts,
         starts_tried,
         distinct_optima,
-        worst_contact_residual,
         predicted_decrease,
         lower_bound,
         lower_bound_assumption,
-        separations,
-        least_normal_load: given_load,
         indeterminate_steps,
-        slip_reversals,
         switching_sign_violations,
         replay: given_replay,
         limits,
@@ -119,22 +118,22 @@ fn report(report: &Report, solve_time_s: f64) -> message::Report {
     message::Report {
         method: message::Method::from(*method).into(),
         steps: count(*step_count),
-        control_intervals: count(*control_count),
+        control_intervals: count(schedule.control_count()),
         iterations: *iterations,
         rollouts: *rollouts,
         solve_time_s,
         starts_tried: count(*starts_tried),
         distinct_optima: distinct_optima.iter().map(optimum).collect(),
-        worst_contact_residual: *worst_contact_residual,
+        worst_contact_residual: trajectory.worst_contact_residual,
         predicted_decrease_s: *predicted_decrease,
         lower_bound_s: lower_bound.unwrap_or(f64::NAN),
         lower_bound_assumption: lower_bound_assumption
             .map_or(message::LowerBoundAssumption::Unspecified, Into::into)
             .into(),
-        separations: separations.iter().map(Into::into).collect(),
-        least_normal_load: given_load.as_ref().map(Into::into),
+        separations: trajectory.separations().iter().map(Into::into).collect(),
+        least_normal_load: trajectory.least_normal_load().as_ref().map(Into::into),
         indeterminate_steps: count(*indeterminate_steps),
-        slip_reversals: count(*slip_reversals),
+        slip_reversals: count(trajectory.slip_reversals()),
         switching_sign_violations: count(*switching_sign_violations),
         replay: given_replay.as_ref().map(replay),
         refinement: message::Refinement::from(*refinement).into(),

@@ -14,7 +14,7 @@ const NOT_REACHED: &str = "not computed in time";
 
 /// Status, final time, goal errors, replay, use of limits, sensitivity and the timeline of contact modes.
 pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
-    let Solution { status, replay_confirmed, reason, schedule, report, contact_modes, .. } = &solved.output.solution;
+    let Solution { status, replay_confirmed, reason, schedule, report, trajectory, .. } = &solved.output.solution;
     let mut table = String::new();
     let is_there = *status == Status::Converged && schedule.final_time == 0.0;
     let nothing_to_do = if is_there { ": the start is the goal" } else { "" };
@@ -33,7 +33,7 @@ pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
             &format!("{} steps ({})", report.step_count, word::<message::Refinement>(report.refinement)),
         );
         row(&mut table, "replay miss", &report.replay.as_ref().map_or(NOT_REACHED.to_owned(), replay_miss));
-        row(&mut table, "separations", &separations(&report.separations));
+        row(&mut table, "separations", &separations(&trajectory.separations()));
     }
     let effort = format!(
         "{} rollouts, {} iterations, {} starts in {:.3} s",
@@ -50,7 +50,7 @@ pub(super) fn of_solution(solved: &Done<Solved>, goal: &Goal) -> String {
     }
     write_limits(&mut table, &report.limits);
     write_sensitivity(&mut table, &report.sensitivity);
-    write_timeline(&mut table, contact_modes);
+    write_timeline(&mut table, &trajectory.contact_modes());
     table
 }
 

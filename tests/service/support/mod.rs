@@ -52,7 +52,6 @@ pub(crate) fn small_solution(stop_reason: StopReason) -> Solution {
         schedule: TorqueSchedule { final_time: 1.5, left: vec![1.0, -1.0], right: vec![1.0, -1.0] },
         goal_error: SVector::zeros(),
         trajectory: Trajectory { time: vec![0.0], state: vec![State::default()], ..Trajectory::default() },
-        contact_modes: Vec::new(),
         report: small_report(),
     }
 }
@@ -62,19 +61,14 @@ fn small_report() -> Report {
         method: Method::SequentialLinear,
         step_count: 200,
         refinement: RefinementOutcome::Fixed,
-        control_count: 2,
         iterations: 1,
         rollouts: 2,
         starts_tried: 1,
         distinct_optima: Vec::new(),
-        worst_contact_residual: 0.0,
         predicted_decrease: 0.0,
         lower_bound: Some(1.0),
         lower_bound_assumption: Some(LowerBoundAssumption::Friction),
-        separations: Vec::new(),
-        least_normal_load: None,
         indeterminate_steps: 0,
-        slip_reversals: 0,
         switching_sign_violations: 0,
         replay: Some(Replay {
             step_count: 3200,
@@ -102,8 +96,7 @@ impl<F: Fn(&SolveInput, &RunControl<'_>) -> Solution + Send + Sync> ManeuverSolv
 
     fn simulate(&self, _input: &SimulateInput, _stop: Stop<'_>) -> Result<Simulation, Stopped> {
         let trajectory = Trajectory { time: vec![0.0], state: vec![State::default()], ..Trajectory::default() };
-        let (contact_modes, separations, limits) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Simulation { trajectory, contact_modes, separations, slip_reversals: 0, indeterminate_steps: 0, limits })
+        Ok(Simulation { trajectory, indeterminate_steps: 0, limits: Vec::new() })
     }
 }
 
