@@ -37,18 +37,25 @@ impl ElasticSolver {
         near.max_by(|a, b| a.pivot.total_cmp(&b.pivot)).copied()
     }
 
-    /// The place of the kink at which D, with this slope at first, stops to rise; those before it along the edge come before it, and the
-    /// others, which are most of them, in no order.
+    /// The place of the kink at which D, with this slope at first, stops to rise; those before it along the edge come before it. By
+    /// quickselect, in which falls are added up: few kinks are passed, and the others need no order.
     fn place_where_rise_ends(&mut self, mut rise: f64) -> Option<usize> {
-        // Of equal steps the larger fall first.
-        let order = |a: &Kink, b: &Kink| a.step.total_cmp(&b.step).then_with(|| b.fall.total_cmp(&a.fall));
-        (0..self.kinks.len()).find(|&place| {
-            let next =
-                (place..self.kinks.len()).min_by(|a, b| order(&self.kinks[*a], &self.kinks[*b])).unwrap_or(place);
-            self.kinks.swap(place, next);
-            rise -= self.kinks[place].fall;
-            rise <= 0.0
-        })
+        let (mut start, mut end) = (0, self.kinks.len());
+        while start < end {
+            let (middle, fall) = split(&mut self.kinks[start..end]);
+            let middle = start + middle;
+            if rise <= fall {
+                end = middle;
+                continue;
+            }
+            rise -= fall + self.kinks[middle].fall;
+            if rise <= 0.0 {
+                return Some(middle);
+            }
+            start = middle + 1;
+        }
+        // The rise ends before this one, but for the rounding of sums.
+        (end < self.kinks.len()).then_some(end)
     }
 
     /// Gradients closer to zero are rounding.
@@ -93,4 +100,23 @@ impl ElasticSolver {
         }
         self.kinks = kinks;
     }
+}
+
+/// Puts the kinks before that in the middle first and that one next; its place, and by how much the slope falls before it.
+fn split(kinks: &mut [Kink]) -> (usize, f64) {
+    let last = kinks.len() - 1;
+    kinks.swap(last / 2, last);
+    let pivot = kinks[last];
+    let (mut middle, mut fall) = (0, 0.0);
+    for place in 0..last {
+        let kink = kinks[place];
+        // By steps, and of equal steps the larger fall first.
+        if kink.step.total_cmp(&pivot.step).then_with(|| pivot.fall.total_cmp(&kink.fall)).is_lt() {
+            fall += kink.fall;
+            kinks.swap(middle, place);
+            middle += 1;
+        }
+    }
+    kinks.swap(middle, last);
+    (middle, fall)
 }
